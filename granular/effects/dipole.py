@@ -1,0 +1,41 @@
+"""Repulsion of two magnetic dipoles whose moments are normal to the plane.
+
+Force on i from j: (3/4) q_i q_j / r^4 along the line of centres; energy q_i q_j / (4 r^3), in
+natural units, with q the moment over that of the first species [D, eq. 2.7; Yung, Landecker and
+Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1/r; it is 1/r^4.
+"""
+
+from __future__ import annotations
+
+from granular.compiled import compiled
+from granular.schema import Section
+
+STRENGTH = 0.75
+ENERGY = STRENGTH / 3.0
+
+
+class Dipole(Section):
+    """Dipole repulsion between all grains. It has no parameters: the grains' moments fix it."""
+
+
+@compiled
+def pair_force(r: float) -> float:
+    """Repulsion [F*] of two grains of the first species at the distance r [D]."""
+    return STRENGTH / (r * r * r * r)
+
+
+@compiled
+def pair_energy(r: float) -> float:
+    """Energy [F* D] of two grains of the first species at the distance r [D]."""
+    return ENERGY / (r * r * r)
+
+
+@compiled
+def head_on_stiffness(speed: float, charge: float) -> float:
+    """Square of the angular frequency [1/tau^2] at the closest approach of two alike grains.
+
+    Both come at ``speed`` [D/tau]; ``charge`` is their moment and mass over the first species'.
+    From q^2/(4 r^3) = q v^2 and 6 q/r^5.
+    """
+    cube = charge / (4.0 * speed * speed)
+    return 6.0 * charge / cube ** (5.0 / 3.0) if speed > 0.0 else 0.0

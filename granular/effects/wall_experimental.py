@@ -1,0 +1,41 @@
+"""The experimental wall: a power law fitted to measurements.
+
+Force on a grain at the distance w: (1/2) q / w^3.5 along the normal; energy (1/5) q / w^2.5
+[D, eq. 2.8, in the reading that reproduces the published forces: as printed its dimensions do not
+match].
+"""
+
+from __future__ import annotations
+
+import math
+
+from granular.compiled import compiled
+
+STRENGTH = 0.5
+ENERGY = STRENGTH / 2.5
+STIFFNESS = STRENGTH * 3.5
+
+
+@compiled
+def force(w: float) -> float:
+    """Force [F*] on a grain of the first species at the distance w [D]; NaN behind the wall."""
+    return STRENGTH / (w * w * w * math.sqrt(w))
+
+
+@compiled
+def energy(w: float) -> float:
+    """Energy [F* D] at the distance w [D]."""
+    return ENERGY / (w * w * math.sqrt(w))
+
+
+@compiled
+def stiffness(w: float) -> float:
+    """-d(force)/dw [F*/D] at the distance w [D]."""
+    w2 = w * w
+    return STIFFNESS / (w2 * w2 * math.sqrt(w))
+
+
+@compiled
+def turning_stiffness(speed: float) -> float:
+    """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
+    return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8

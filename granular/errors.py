@@ -1,0 +1,97 @@
+"""Typed errors. Each message is one line that names the value, the limit and the remedy."""
+
+from __future__ import annotations
+
+
+class GranularError(Exception):
+    """Base of every error that the toolkit raises on purpose."""
+
+
+class InputError(GranularError, ValueError):
+    """Something that the user gave cannot be used (the command line exits with 2)."""
+
+
+class SceneError(InputError):
+    """A scene, or a change to it, is not valid."""
+
+
+class RecordError(InputError):
+    """A piston record (a CSV file or arrays) cannot be used."""
+
+
+class StoreError(InputError):
+    """A run directory cannot be read, written or resumed."""
+
+
+class RunError(GranularError, RuntimeError):
+    """A run cannot be trusted from some step on, and was stopped there.
+
+    Attributes
+    ----------
+    step : int
+        Steps made before the failure was seen.
+    time : float
+        Time of the failure [s].
+    grain : int or None
+        Index of the grain concerned, where one is.
+    value : float or None
+        The offending value, in the unit that the message names.
+    remedy : str
+        What to change.
+    trajectory : Trajectory or None
+        Everything that was recorded before.
+    """
+
+    def __init__(
+        self,
+        cause: str,
+        *,
+        step: int,
+        time: float,
+        grain: int | None = None,
+        value: float | None = None,
+        remedy: str,
+    ) -> None:
+        self.cause = cause
+        self.step = step
+        self.time = time
+        self.grain = grain
+        self.value = value
+        self.remedy = remedy
+        self.trajectory: object = None
+        where = f"step {step}, t = {time:.9g} s" + ("" if grain is None else f", grain {grain}")
+        super().__init__(f"{where}: {cause}; {remedy}")
+
+
+class NotFiniteError(RunError):
+    """A position, velocity or force became infinite or undefined."""
+
+
+class OutsideError(RunError):
+    """A grain passed through a wall or the piston."""
+
+
+class EnergyError(RunError):
+    """The energy ledger does not close."""
+
+
+class StepError(RunError):
+    """The time step is too long for what happens in the bed."""
+
+
+class NotAtRestError(RunError):
+    """A stage that was to end at rest did not come to rest in time."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a run. What was computed is kept.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        Everything up to the interruption.
+    """
+
+    def __init__(self, trajectory: object) -> None:
+        super().__init__("interrupted")
+        self.trajectory = trajectory

@@ -1,0 +1,101 @@
+"""`evaluate`: forces and energies of one arrangement, without time."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.state import new_measurement, new_state
+from granular.engine.system import natural_system
+from granular.errors import InputError
+from granular.scene import Scene
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Forces and energies of an arrangement, in SI.
+
+    Attributes
+    ----------
+    force : float64 (n, 2)
+        Magnetic force and weight of each grain [N].
+    piston_force : float
+        Of the grains on the piston, upwards [N].
+    wall_forces : dict of str to float
+        Of the grains on each wall, outwards [N].
+    potential_energy : float
+        Of pairs, walls and the grains' weight [J].
+    kinetic_energy : float
+        Of the grains [J].
+    normal_load : float64 (n,)
+        Normal force of each grain on the glass plates [N]; zero without dry friction.
+    """
+
+    force: np.ndarray
+    piston_force: float
+    wall_forces: dict[str, float]
+    potential_energy: float
+    kinetic_energy: float
+    normal_load: np.ndarray
+
+
+def evaluate(
+    scene: Scene,
+    positions: np.ndarray,
+    velocities: np.ndarray | None = None,
+    piston_height: float | None = None,
+) -> Evaluation:
+    """Forces and energies of one arrangement of the scene's grains.
+
+    Parameters
+    ----------
+    scene : Scene
+    positions, velocities : float (n, 2)
+        [m], [m/s]; at rest where no velocities are given. n is the scene's number of grains.
+    piston_height : float, optional
+        [m]; the scene's where not given.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, or a grain stands behind a wall, on another grain, or nowhere.
+    """
+    system = natural_system(scene)
+    scales, constants = system.scales, system.constants
+    place = _field("positions", positions, constants.grains)
+    speed = _field("velocities", velocities, constants.grains)
+    if piston_height is None:
+        piston_height = 0.0 if scene.piston is None else scene.piston.height
+    state = new_state(place / scales.length, speed / scales.velocity, piston_height / scales.length)
+    measurement = new_measurement(state)
+    outside = measure_forces(state, constants, measurement)
+    force = np.stack([state.fx, state.fy], axis=1)[: constants.grains]
+    if outside or not np.isfinite(force).all():
+        raise InputError(
+            "a grain stands behind a wall, above the piston, or on another grain; move it into "
+            "the cell, clear of the others"
+        )
+    potential = sum(potential_energies(state, constants, measurement))
+    kinetic, _ = kinetic_energy(state, constants)
+    totals = state.totals * scales.force
+    return Evaluation(
+        force=force * scales.force,
+        piston_force=float(totals[3]),
+        wall_forces=dict(zip(("left", "right", "bottom", "top"), totals.tolist(), strict=True)),
+        potential_energy=float(potential * scales.energy),
+        kinetic_energy=float(kinetic * scales.energy),
+        normal_load=np.zeros(constants.grains),
+    )
+
+
+def _field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:
+    if values is None:
+        return np.zeros((count, 2))
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != (count, 2):
+        raise InputError(f"{name} has the shape {array.shape}; the scene's is ({count}, 2)")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds a value that is not finite; give finite numbers")
+    return array

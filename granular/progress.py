@@ -1,0 +1,64 @@
+"""A progress bar on standard error."""
+
+from __future__ import annotations
+
+import sys
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from granular.engine.run import Run
+
+
+class ProgressBar:
+    """One line that shows the stage, its time and the piston while a run goes on."""
+
+    def __init__(self, wanted: bool) -> None:
+        self.wanted = wanted
+        self._bar: Any = None
+        self._stage = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def show(self, run: Run) -> None:
+        """Show how far the run is."""
+        if not self.wanted:
+            return
+        from tqdm import tqdm
+
+        scales, progress = run.system.scales, run.progress
+        if self._stage != progress.stage:
+            if self._bar is not None:
+                self._bar.close()
+                self._bar = None
+            self._stage = progress.stage
+            if run.finished:
+                return
+            stage = run.scene.protocol[progress.stage]
+            self._bar = tqdm(
+                desc=f"{run.scene.name}: {stage.name}",
+                total=run.expected_seconds(),
+                unit="s",
+                unit_scale=True,
+                file=sys.stderr,
+                leave=True,
+                bar_format="{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]",
+            )
+        if self._bar is None:
+            return
+        if run.scene.piston is not None:
+            self._bar.set_postfix_str(f"piston at {run.state.piston[0]:.3f} D", refresh=False)
+        reached = (run.time - progress.start) * scales.time
+        if self._bar.total is not None:
+            reached = min(reached, self._bar.total)
+        self._bar.update(reached - self._bar.n)

@@ -1,0 +1,18 @@
+"""The piston (if there is one) stands still."""
+
+from __future__ import annotations
+
+from granular.engine.motion import Motion
+from granular.protocol.stage import Timed
+from granular.scales import Scales
+
+
+class Hold(Timed):
+    """The piston stays where it is. Without duration and ``until``: as long as the run."""
+
+    @property
+    def needs_piston(self) -> bool:
+        return False
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(free=False, start=height / scales.length, speed=0.0)

@@ -1,0 +1,29 @@
+"""The piston is raised (or lowered) at once and held there."""
+
+from __future__ import annotations
+
+from granular.engine.motion import Motion
+from granular.protocol.stage import Stage
+from granular.scales import Scales
+from granular.schema import quantity
+
+
+class Lift(Stage):
+    """The nudge of [D, 5.3]: the piston is set ``by`` higher, faster than the grains can follow.
+
+    Attributes
+    ----------
+    by : float
+        How far [m]; negative lowers it.
+    """
+
+    by: float = quantity("m")
+
+    def jump(self) -> float:
+        return self.by
+
+    def span(self, height: float) -> float | None:
+        return 0.0
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(free=False, start=height / scales.length, speed=0.0)

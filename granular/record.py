@@ -1,0 +1,208 @@
+"""The piston record: its motion as plain arrays in SI, from a run or from a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from granular.errors import RecordError, SceneError
+from granular.schema import unknown
+from granular.units import unit_size
+
+UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
+_HEADER = re.compile(r"\s*([^\[\(]*?)\s*(?:[\[\(]\s*([^\]\)]*?)\s*[\]\)])?\s*")
+_LEAST_SAMPLES = 2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PistonRecord:
+    """The motion of a piston.
+
+    Attributes
+    ----------
+    time, height : float64 (n,)
+        [s], strictly increasing; [m].
+    velocity, force : float64 (n,) or None
+        [m/s]; the force on the piston, upwards [N].
+    extra : mapping of str to float64 (n,)
+        Further columns, as they were given.
+
+    Raises
+    ------
+    RecordError
+        For fewer than two samples, lengths that differ, values that are not finite, or times that
+        do not increase.
+    """
+
+    time: np.ndarray
+    height: np.ndarray
+    velocity: np.ndarray | None = None
+    force: np.ndarray | None = None
+    extra: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in UNITS:
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, self._checked(name, values))
+        object.__setattr__(
+            self, "extra", {key: self._checked(key, one) for key, one in self.extra.items()}
+        )
+        later = np.diff(self.time) > 0.0
+        if not later.all():
+            sample = int(np.argmin(later)) + 1
+            before, after = self.time[sample - 1], self.time[sample]
+            what = "is there twice" if before == after else f"comes after {before:g} s"
+            raise RecordError(
+                f"time of sample {sample}, {after:g} s, {what}; times must increase: sort the "
+                "samples and drop doubles"
+            )
+
+    def _checked(self, name: str, values: np.ndarray) -> np.ndarray:
+        try:
+            array = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise RecordError(f"{name}: holds something that is not a number") from None
+        if array.ndim != 1 or len(array) != len(np.atleast_1d(self.time)):
+            raise RecordError(
+                f"{name}: has the shape {array.shape}; one value a sample of time, "
+                f"{len(np.atleast_1d(self.time))}, is wanted"
+            )
+        if len(array) < _LEAST_SAMPLES:
+            raise RecordError(
+                f"{name}: {len(array)} samples; at least {_LEAST_SAMPLES} make a record"
+            )
+        if not np.isfinite(array).all():
+            sample = int(np.argmin(np.isfinite(array)))
+            raise RecordError(
+                f"{name} of sample {sample} is {array[sample]}; values must be finite: drop such "
+                "samples"
+            )
+        array.flags.writeable = False
+        return array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @classmethod
+    def from_csv(cls, path: str | Path, units: Mapping[str, str] | None = None) -> PistonRecord:
+        """Read a record from a CSV file.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file with a header line that names the columns ``time`` and ``height``, and
+            ``velocity``, ``force`` and others where they are there. A unit may stand behind each
+            name: ``height [mm]``; SI without. Commas, semicolons or tabs separate.
+        units : mapping of str to str, optional
+            Units of the columns, instead of those in the header.
+
+        Raises
+        ------
+        RecordError
+            If the file cannot be read as such; the message names line and column.
+        """
+        columns, named = _read_csv(Path(path))
+        named.update(units or {})
+        for name in named:
+            if name not in columns:
+                raise RecordError(unknown(name, tuple(columns), "column"))
+        for name in ("time", "height"):
+            if name not in columns:
+                raise RecordError(
+                    f"{path}: no column {name!r}; there are {', '.join(columns)}: name the columns "
+                    "in the first line"
+                )
+        values = {name: column * _size(name, named.get(name)) for name, column in columns.items()}
+        try:
+            return cls(
+                time=values.pop("time"),
+                height=values.pop("height"),
+                velocity=values.pop("velocity", None),
+                force=values.pop("force", None),
+                extra=values,
+            )
+        except RecordError as error:
+            raise RecordError(f"{path}: {error}") from None
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the record to a CSV file that `from_csv` reads back to the same bits."""
+        columns = {
+            f"{name} [{unit}]": getattr(self, name)
+            for name, unit in UNITS.items()
+            if getattr(self, name) is not None
+        } | dict(self.extra)
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+
+    def between(self, start: float, stop: float) -> PistonRecord:
+        """The samples with start <= time <= stop [s]."""
+        chosen = (self.time >= start) & (self.time <= stop)
+        return PistonRecord(
+            self.time[chosen],
+            self.height[chosen],
+            None if self.velocity is None else self.velocity[chosen],
+            None if self.force is None else self.force[chosen],
+            {key: one[chosen] for key, one in self.extra.items()},
+        )
+
+
+def _size(name: str, unit: str | None) -> float:
+    wanted = UNITS.get(name)
+    if unit is None or wanted is None:
+        return 1.0
+    try:
+        size, dimension = unit_size(unit)
+    except SceneError as error:
+        raise RecordError(f"{name}: {error}") from None
+    if dimension != unit_size(wanted)[1]:
+        raise RecordError(f"{name}: the unit {unit!r} does not fit; one of {wanted} is wanted")
+    return size
+
+
+def _read_csv(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise RecordError(f"there is no file {str(path)!r}; check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordError(f"{path}: cannot be read as text: {error}") from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise RecordError(f"{path}: is empty; a header and samples are wanted")
+    delimiter = max(",;\t", key=lines[0].count)
+    header = [
+        match.groups() for match in map(_HEADER.fullmatch, lines[0].split(delimiter)) if match
+    ]
+    names = [name.strip().strip('"').lower() for name, _ in header]
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordError(f"{path}: the column {name!r} is there twice; names must differ")
+    table = np.empty((len(lines) - 1, len(names)))
+    for index, cells in enumerate(csv.reader(lines[1:], delimiter=delimiter)):
+        if len(cells) != len(names):
+            raise RecordError(
+                f"{path}: sample {index} has {len(cells)} values for {len(names)} columns"
+            )
+        for place, cell in enumerate(cells):
+            try:
+                table[index, place] = float(cell)
+            except ValueError:
+                raise RecordError(
+                    f"{path}: {names[place]} of sample {index} is {cell!r}, not a number"
+                ) from None
+    units = {name: unit for name, (_, unit) in zip(names, header, strict=True) if unit}
+    return {name: table[:, place] for place, name in enumerate(names)}, units
+
+
+def sampling_interval(time: np.ndarray) -> float:
+    """Median distance of the samples [s]."""
+    return float(np.median(np.diff(time))) if len(time) > 1 else math.nan

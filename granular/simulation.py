@@ -1,0 +1,296 @@
+"""`simulate`: from a scene to a trajectory."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import json
+import math
+import platform
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numba
+import numpy as np
+
+from granular.engine.ledger import DOUBTFUL
+from granular.engine.run import Run
+from granular.engine.system import System, natural_system
+from granular.errors import InputError, Interrupted, RunError, StoreError
+from granular.methods import method_named
+from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.progress import ProgressBar
+from granular.recorder import Recorder
+from granular.scene import Scene
+from granular.store import Store, clear_unstarted, is_run, read_settings
+from granular.trajectory import Trajectory, finished, load_trajectory
+from granular.variables import (
+    FRAME_HEIGHT,
+    FRAME_TIME,
+    GRAIN_FIELDS,
+    STAGE,
+    TIME,
+    scalar_variables,
+    si_column,
+)
+
+if TYPE_CHECKING:
+    import xarray
+
+COMMIT_SECONDS = 5.0
+"""From checkpoint to checkpoint, in seconds of the wall clock."""
+
+
+def simulate(
+    scene: Scene,
+    dt: float | Literal["auto"] = "auto",
+    t_end: float | None = None,
+    method: str = "stormer-verlet",
+    out: str | Path | None = None,
+    resume: bool = False,
+    threads: int | None = None,
+    progress: bool = True,
+) -> Trajectory:
+    """Run a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    dt : float or "auto"
+        Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
+        `granular.engine.step_size`).
+    t_end : float, optional
+        Stop at this time [s], also within a stage; a last stage that is timed is lengthened up to
+        it. Without: at the end of the protocol.
+    method : str
+        Integration method, one of `granular.methods.METHODS`.
+    out : str or Path, optional
+        Directory to write to while running; it must be empty or not exist yet.
+    resume : bool
+        Go on with the run in ``out`` (or start it, where there is none yet). The bits are those of
+        a run that was never interrupted.
+    threads : int, optional
+        The result has the same bits for any number. Without: as many as pay off.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        If an argument or the scene cannot be run, or ``out`` is in use.
+    RunError
+        If the run cannot be trusted any more; its ``trajectory`` attribute holds what was
+        computed before.
+    Interrupted
+        On Ctrl-C; its ``trajectory`` attribute holds what was computed.
+    """
+    plan = method_named(method)
+    step = _checked_step(dt)
+    _check_end(scene, t_end)
+    count = _thread_count(scene, threads)
+    system = natural_system(scene, threads=count)
+    numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    settings = _settings(scene, step, method)
+    if resume and out is None:
+        raise InputError("resume = True needs out, the directory of the run to go on with")
+    run = Run(scene, system, plan, step, t_end)
+    store = None if out is None else _open_store(Path(out), run, settings, resume)
+    return _Job(run, store, settings).carry_out(progress)
+
+
+class _Job:
+    """A run with its output: what `simulate` does after the arguments are checked."""
+
+    def __init__(self, run: Run, store: Store | None, settings: dict[str, Any]) -> None:
+        self.run, self.store, self.settings = run, store, settings
+        self.begun = self.last_commit = time.perf_counter()
+        self.kept = self._snapshot()
+
+    def carry_out(self, progress: bool) -> Trajectory:
+        run = self.run
+        self._commit(complete=False)
+        with _deferred_interrupt() as interrupted, ProgressBar(progress) as bar:
+            try:
+                while not run.at_end and not interrupted.is_set():
+                    run.advance()
+                    bar.show(run)
+                    if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
+                        self.kept = self._snapshot()
+                        self._commit(complete=False)
+                self.kept = self._snapshot()
+                complete = run.at_end
+                until = run.run_tail() if complete else run.time
+            except RunError as error:
+                error.trajectory = self._result(complete=False, until=run.time)
+                raise
+        trajectory = self._result(complete, until)
+        if not complete:
+            raise Interrupted(trajectory)
+        _warn_of_doubts(trajectory)
+        return trajectory
+
+    def _snapshot(self) -> dict[str, Any]:
+        """State to resume from, with how many records and frames lie before it."""
+        rows, frames = self.run.recorder.counts()
+        written = (0, 0) if self.store is None else (self.store.rows, self.store.frames)
+        return self.run.snapshot() | {"rows": written[0] + rows, "frames": written[1] + frames}
+
+    def _outcome(self, complete: bool, until: float) -> dict[str, Any]:
+        figures = self.run.figures() | {"seconds": time.perf_counter() - self.begun}
+        return {"figures": figures, "complete": complete, "stages": self.run.results(until)}
+
+    def _commit(self, complete: bool, until: float | None = None) -> None:
+        """Write what was recorded, with the last snapshot to resume from."""
+        if self.store is None:
+            return
+        outcome = self._outcome(complete, self.run.time if until is None else until)
+        self.store.write(self.run.recorder)
+        readable = {"readable_rows": self.store.rows, "readable_frames": self.store.frames}
+        self.store.commit(self.kept | readable | {"outcome": np.array(json.dumps(outcome))})
+        self.last_commit = time.perf_counter()
+
+    def _result(self, complete: bool, until: float) -> Trajectory:
+        if self.store is not None:
+            self._commit(complete, until)
+            return load_trajectory(self.store.path)
+        run = self.run
+        data = _dataset(run.scene, run.system, run.recorder)
+        return finished(run.scene, data, self.settings, self._outcome(complete, until), None)
+
+
+def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset:
+    """The recorded data in SI, from memory."""
+    import xarray
+
+    arrays = recorder.arrays(system.constants.grains)
+    rows, scales = arrays["rows"], system.scales
+    columns = {
+        one.name: ("time", si_column(one, rows, scales), one.attributes())
+        for one in (TIME, *scalar_variables(scene))
+    }
+    columns[STAGE.name] = ("time", arrays["stages"], STAGE.attributes())
+    for place, one in enumerate((FRAME_TIME, FRAME_HEIGHT)):
+        values = arrays["frame_times"][:, place] * getattr(scales, one.scale)
+        columns[one.name] = ("frame", values, one.attributes())
+    fields = {
+        one.name: (
+            one.dims,
+            arrays["frames"][:, place] * getattr(scales, one.scale),
+            one.attributes(),
+        )
+        for place, one in enumerate(GRAIN_FIELDS)
+    }
+    return xarray.Dataset(columns | fields)
+
+
+def _checked_step(dt: float | str) -> float | None:
+    if dt == "auto":
+        return None
+    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
+        raise InputError(f"dt = {dt!r}; give a time step above 0 s, or 'auto'")
+    return float(dt)
+
+
+def _check_end(scene: Scene, t_end: float | None) -> None:
+    if t_end is not None and not (isinstance(t_end, int | float) and 0.0 < t_end < math.inf):
+        raise InputError(f"t_end = {t_end!r}; give a time above 0 s")
+    if not scene.protocol:
+        raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
+    height = 1.0 if scene.piston is None else scene.piston.height
+    for place, stage in enumerate(scene.protocol):
+        if stage.span(height) is None and (t_end is None or place < len(scene.protocol) - 1):
+            raise InputError(
+                f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end "
+                "where it is the last"
+            )
+
+
+def _thread_count(scene: Scene, threads: int | None) -> int:
+    available = int(numba.config.NUMBA_NUM_THREADS)
+    if threads is None:
+        return min(available, PARTS) if scene.grains.count > PARTED_FROM else 1
+    if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
+        raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
+    return threads
+
+
+def versions() -> dict[str, str]:
+    """Versions of the toolkit and what it computes with."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in ("granular-damper", "numpy", "numba"):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
+
+
+def _settings(scene: Scene, dt: float | None, method: str) -> dict[str, Any]:
+    return {
+        "scene_digest": scene.digest(),
+        "dt": "auto" if dt is None else dt,
+        "method": method,
+        "versions": versions(),
+    }
+
+
+def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:
+    if not resume:
+        if is_run(path):
+            raise StoreError(f"{path} holds a run; resume it, or give a new directory")
+        return Store.create(path, run.scene, run.system, settings)
+    clear_unstarted(path)
+    if not is_run(path):
+        return Store.create(path, run.scene, run.system, settings)
+    former = read_settings(path)[1]
+    for name in ("scene_digest", "dt", "method"):
+        if former[name] != settings[name]:
+            what = "scene" if name == "scene_digest" else name
+            raise StoreError(
+                f"the run in {path} has another {what}: {former[name]}, not {settings[name]}; "
+                "resume with the same, or give a new directory"
+            )
+    store = Store(path, run.scene, run.system)
+    run.restore(store.resume())
+    return store
+
+
+@contextlib.contextmanager
+def _deferred_interrupt() -> Iterator[threading.Event]:
+    """Let Ctrl-C set an event instead of breaking off in the middle of the bookkeeping."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    former = signal.signal(signal.SIGINT, lambda *_: event.set())
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+def _warn_of_doubts(trajectory: Trajectory) -> None:
+    """Warn where a run is less accurate than a user may take it to be."""
+    settings = trajectory.settings()
+    residual = settings["ledger_residual"]
+    if residual > DOUBTFUL:
+        warnings.warn(
+            f"the energy ledger is off by {residual:.2g} of the energy turned over; a shorter dt "
+            "is more accurate",
+            stacklevel=3,
+        )
+    closest = settings.get("closest_distance", math.inf)
+    least = min(one.diameter for one in trajectory.scene.grains.species)
+    if closest < least:
+        warnings.warn(
+            f"two grains came as close as {closest:.3g} m, less than a diameter ({least:.3g} m), "
+            "and the scene has no contact between grains",
+            stacklevel=3,
+        )
