@@ -7,19 +7,21 @@ import importlib.metadata
 import json
 import math
 import platform
+import re
 import signal
 import threading
 import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
 
 from granular.engine.ledger import DOUBTFUL
 from granular.engine.run import Run
+from granular.engine.step_size import LONGEST, Step
 from granular.engine.system import System, natural_system
 from granular.errors import InputError, Interrupted, RunError, StoreError
 from granular.methods import method_named
@@ -42,13 +44,15 @@ from granular.variables import (
 if TYPE_CHECKING:
     import xarray
 
+_AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
+
 COMMIT_SECONDS = 5.0
 """From checkpoint to checkpoint, in seconds of the wall clock."""
 
 
 def simulate(
     scene: Scene,
-    dt: float | Literal["auto"] = "auto",
+    dt: float | str = "auto",
     t_end: float | None = None,
     method: str = "stormer-verlet",
     out: str | Path | None = None,
@@ -61,9 +65,10 @@ def simulate(
     Parameters
     ----------
     scene : Scene
-    dt : float or "auto"
+    dt : float or str
         Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
-        `granular.engine.step_size`).
+        `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to see what
+        the step does to a result.
     t_end : float, optional
         Stop at this time [s], also within a stage; a last stage that is timed is lengthened up to
         it. Without: at the end of the protocol.
@@ -94,12 +99,12 @@ def simulate(
         On Ctrl-C; its ``trajectory`` attribute holds what was computed.
     """
     plan = method_named(method)
-    step = _checked_step(dt)
+    step = checked_step(dt)
     _check_end(scene, t_end)
     count = _thread_count(scene, threads)
     system = natural_system(scene, threads=count)
     numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
-    settings = _settings(scene, step, method)
+    settings = _settings(scene, dt, method)
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
@@ -192,12 +197,29 @@ def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset
     return xarray.Dataset(columns | fields)
 
 
-def _checked_step(dt: float | str) -> float | None:
-    if dt == "auto":
-        return None
+def checked_step(dt: float | str) -> Step:
+    """A time step in seconds, or a multiple of the automatic one.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if isinstance(dt, str):
+        match = _AUTOMATIC.fullmatch(dt)
+        if match is None:
+            raise InputError(f"dt = {dt!r}; give seconds, 'auto', or a multiple such as 'auto/2'")
+        factor = float(match[2] or 1.0)
+        factor = 1.0 / factor if match[1] == "/" and factor else factor
+        if not 0.0 < factor <= LONGEST:
+            raise InputError(
+                f"dt = {dt!r}; the automatic step may be multiplied by more than 0 and at most "
+                f"{LONGEST:g}"
+            )
+        return Step(None, factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
         raise InputError(f"dt = {dt!r}; give a time step above 0 s, or 'auto'")
-    return float(dt)
+    return Step(float(dt), 1.0)
 
 
 def _check_end(scene: Scene, t_end: float | None) -> None:
@@ -232,10 +254,10 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _settings(scene: Scene, dt: float | None, method: str) -> dict[str, Any]:
+def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
     return {
         "scene_digest": scene.digest(),
-        "dt": "auto" if dt is None else dt,
+        "dt": dt,
         "method": method,
         "versions": versions(),
     }

@@ -34,13 +34,18 @@ class Ledger:
         Energy turned over so far: the greatest kinetic energy and change of potential energy,
         and what was lost and worked.
     worst : float
-        Greatest residual so far, over the energy turned over by then.
+        Greatest residual so far.
     """
 
     start: float
     potential: float
     moved: float = 0.0
     worst: float = 0.0
+
+    @property
+    def closure(self) -> float:
+        """Greatest residual over the energy turned over."""
+        return self.worst / self.moved if self.moved > 0.0 else 0.0
 
     @classmethod
     def opened(cls, row: np.ndarray) -> Ledger:
@@ -50,7 +55,7 @@ class Ledger:
         return cls(start=float(_columns(rows, *ENERGIES).sum()), potential=potential)
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual of each record [F* D], and over the energy turned over by then."""
+        """Residual of each record beyond rounding [F* D], and over the energy moved by then."""
         potential = _columns(rows, "pair", "wall", "weight").sum(axis=1)
         total = _columns(rows, *ENERGIES).sum(axis=1)
         lost, work = _columns(rows, "drag_loss", "work").T
@@ -64,13 +69,13 @@ class Ledger:
         relative = np.divide(excess, moved, out=np.zeros_like(moved), where=moved > 0.0)
         relative[(moved <= 0.0) & (excess > 0.0)] = np.inf
         relative[~np.isfinite(residual)] = np.inf
-        return residual, relative
+        return excess, relative
 
     def check(self, rows: np.ndarray) -> int | None:
         """Enter records; the index of the first one that cannot be trusted, if any."""
         if not len(rows):
             return None
-        relative = self.residuals(rows)[1]
-        self.worst = max(self.worst, float(relative.max()))
+        residual, relative = self.residuals(rows)
+        self.worst = max(self.worst, float(residual.max()))
         bad = np.flatnonzero(relative > WRONG)
         return int(bad[0]) if len(bad) else None

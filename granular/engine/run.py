@@ -12,12 +12,11 @@ import numpy as np
 
 from granular.arrangement import initial_motion
 from granular.engine.forces import measure_forces
-from granular.engine.ledger import Ledger
+from granular.engine.ledger import WRONG, Ledger
 from granular.engine.loop import COLUMNS, OUTSIDE, RESTING, STIFF, Watch, advance, measure
 from granular.engine.motion import Motion
 from granular.engine.state import KEPT, Measurement, State, new_measurement, new_state
-from granular.engine.step_size import REVIEW, Pace, automatic_pace, given_pace, steps_of
-from granular.engine.step_size import STIFF as STIFF_LIMIT
+from granular.engine.step_size import REVIEW, Pace, Step
 from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
 from granular.errors import EnergyError, NotAtRestError, NotFiniteError, OutsideError, RunError
@@ -74,10 +73,10 @@ class Run:
     """The engine's working object: state, progress and recorder, advanced call by call."""
 
     def __init__(
-        self, scene: Scene, system: System, method: Method, dt: float | None, t_end: float | None
+        self, scene: Scene, system: System, method: Method, step: Step, t_end: float | None
     ) -> None:
         self.scene, self.system, self.method = scene, system, method
-        self.dt = dt
+        self.step = step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
         self.kicks, self.drifts = method.tables()
         self.recorder = Recorder()
@@ -149,7 +148,7 @@ class Run:
         scales, progress = self.system.scales, self.progress
         figures: dict[str, Any] = {
             "steps": progress.steps,
-            "ledger_residual": 0.0 if self.ledger is None else self.ledger.worst,
+            "ledger_residual": 0.0 if self.ledger is None else self.ledger.closure,
             "step_times_highest_frequency": progress.stiffest,
         }
         if math.isfinite(progress.closest):
@@ -206,14 +205,12 @@ class Run:
     def _pace(self, row: np.ndarray) -> Pace:
         output, scales = self.scene.output, self.system.scales
         record, frame = output.scalars / scales.time, output.frames / scales.time
-        if self.dt is not None:
-            return given_pace(record, frame, self.dt / scales.time)
         # A grain may still gain what it loses in height.
         gravity = self.system.constants.acting.gravity or 0.0
         top = float(self.state.y[: self.system.constants.grains].max(initial=0.0))
         speed = math.sqrt(row[15] ** 2 + 2.0 * gravity * top) + abs(float(row[2]))
         frequency = max(float(row[16]), collision_frequency(self.system.constants, speed))
-        return automatic_pace(record, frame, frequency)
+        return self.step.pace(record, frame, frequency, scales.time)
 
     @property
     def pace(self) -> Pace:
@@ -227,8 +224,7 @@ class Run:
             if stage.tolerance is not None:
                 rest = stage.tolerance / scales.length
             window = math.ceil(stage.window / scales.time / pace.length)
-        stiff = math.inf if self.dt is not None else STIFF_LIMIT
-        return Watch(stiff, rest, window, self.band, self.seen)
+        return Watch(self.step.stiff, rest, window, self.band, self.seen)
 
     # Advancing ---------------------------------------------------------------------------------
 
@@ -319,13 +315,14 @@ class Run:
                 self._keep(last[None])
             self._end_stage("rest", new_frame=progress.ticks % pace.frames_every != 0)
         elif status == STIFF:
-            self._set_steps(steps_of(pace.length, self.seen[1]))
+            self._set_steps(self.seen[1])
         elif progress.ticks % REVIEW == 0:
-            if self.dt is None and self.system.constants.acting.drag is not None:
-                self._set_steps(steps_of(pace.length, self.seen[0]))
+            if self.step.automatic and self.system.constants.acting.drag is not None:
+                self._set_steps(self.seen[0])
             self.seen[0] = 0.0
 
-    def _set_steps(self, steps: int) -> None:
+    def _set_steps(self, frequency: float) -> None:
+        steps = self.step.steps_of(self.pace.length, frequency)
         self.progress.pace = {**self.progress.pace, "steps": steps}
 
     def _short_tick(self, left: float) -> None:
@@ -455,11 +452,11 @@ class Run:
     def _energy_failure(self, row: np.ndarray) -> EnergyError:
         assert self.ledger is not None
         return EnergyError(
-            f"the energy ledger is off by {self.ledger.worst:.2g} of the energy turned over, "
-            "0.01 is the limit",
+            f"the energy ledger is off by {self.ledger.closure:.2g} of the energy turned over, "
+            f"{WRONG:g} is the limit",
             step=self.progress.steps,
             time=float(row[0]) * self.system.scales.time,
-            value=self.ledger.worst,
+            value=self.ledger.closure,
             remedy="shorten dt (or leave it 'auto')",
         )
 

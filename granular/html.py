@@ -1,0 +1,107 @@
+"""Reports: one HTML file with everything in it, readable on a wide screen and on a phone."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1c2733; --paper: #ffffff; --line: #d5dce3;
+  --soft: #f4f6f8; --accent: #20639b; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6ebf0; --paper: #14191f; --line: #37424d;
+  --soft: #1d242c; --accent: #7db4e6; } }
+* { box-sizing: border-box; }
+body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
+  color: var(--ink); background: var(--paper); margin: 0 auto; padding: 1rem; max-width: 60rem; }
+h1 { font-size: 1.6rem; line-height: 1.2; margin: 0.6rem 0; }
+h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 1px solid var(--line); }
+p.lead { font-size: 1.05rem; }
+figure { margin: 1rem 0; }
+figure svg { width: 100%; height: auto; background: #ffffff; border-radius: 4px; }
+figure img { max-width: 100%; height: auto; }
+figcaption, footer, .small { font-size: 0.87rem; opacity: 0.85; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.92rem; }
+th, td { padding: 0.25rem 0.8rem 0.25rem 0; text-align: left; border-bottom: 1px solid var(--line);
+  vertical-align: top; }
+th { font-weight: 600; }
+.equation { font-size: 1.25rem; padding: 0.6rem 0.8rem; background: var(--soft);
+  border-left: 4px solid var(--accent); overflow-x: auto; margin: 0.8rem 0; }
+.note { background: var(--soft); border-left: 4px solid #d1495b; padding: 0.5rem 0.8rem; }
+pre { background: var(--soft); padding: 0.6rem 0.8rem; overflow-x: auto; font-size: 0.85rem; }
+footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6rem; }
+"""
+
+
+class Page:
+    """An HTML page that grows from top to bottom."""
+
+    def __init__(self, title: str, lead: str = "") -> None:
+        self.title = title
+        self._parts = [f"<h1>{html.escape(title)}</h1>"]
+        if lead:
+            self._parts.append(f'<p class="lead">{html.escape(lead)}</p>')
+
+    def section(self, title: str) -> None:
+        self._parts.append(f"<h2>{html.escape(title)}</h2>")
+
+    def text(self, words: str) -> None:
+        self._parts.append(f"<p>{html.escape(words)}</p>")
+
+    def note(self, words: str) -> None:
+        """A paragraph that must not be overlooked."""
+        self._parts.append(f'<p class="note">{html.escape(words)}</p>')
+
+    def preformatted(self, words: str) -> None:
+        self._parts.append(f"<pre>{html.escape(words)}</pre>")
+
+    def equation(self, mathml: str) -> None:
+        """A formula as MathML, which browsers set without help."""
+        self._parts.append(f'<div class="equation">{mathml}</div>')
+
+    def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>"
+            for row in rows
+        )
+        table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        self._parts.append(f'<div class="scroll">{table}</div>')
+
+    def figure(self, drawing: Figure, caption: str) -> None:
+        """A matplotlib figure, as lines that stay sharp at any size."""
+        buffer = io.StringIO()
+        drawing.savefig(buffer, format="svg", metadata={"Date": None})
+        svg = buffer.getvalue()
+        svg = svg[svg.index("<svg") :]
+        label = html.escape(caption, quote=True)
+        svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+        self._parts.append(f"<figure>{svg}<figcaption>{html.escape(caption)}</figcaption></figure>")
+
+    def footer(self, words: str) -> None:
+        self._parts.append(f"<footer>{html.escape(words)}</footer>")
+
+    def render(self) -> str:
+        """The page as text."""
+        body = "\n".join(self._parts)
+        return (
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{html.escape(self.title)}</title>\n<style>{_STYLE}</style></head>\n"
+            f"<body>\n{body}\n</body></html>\n"
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the page to a file."""
+        Path(path).write_text(self.render(), encoding="utf-8")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number for a table."""
+    return f"{value:.{digits}g}"

@@ -1,0 +1,24 @@
+"""The laws that come with the package, one a file."""
+
+from __future__ import annotations
+
+from granular.errors import InputError
+from granular.schema import unknown
+from reduced_models.law import Law
+from reduced_models.laws.linear import LINEAR
+from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
+
+LAWS = {law.name: law for law in (LINEAR, VAN_DER_POL_LIKE)}
+
+
+def law_named(name: str) -> Law:
+    """The law of that name.
+
+    Raises
+    ------
+    InputError
+        If there is none; the nearest name is given.
+    """
+    if name not in LAWS:
+        raise InputError(unknown(str(name), tuple(LAWS), "law"))
+    return LAWS[name]

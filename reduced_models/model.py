@@ -1,0 +1,333 @@
+"""A reduced model: a law with its parameters, how sure they are, and what they were judged on."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.record import PistonRecord
+from reduced_models.law import Law
+from reduced_models.laws import law_named
+from reduced_models.printing import latex, rounded
+
+if TYPE_CHECKING:
+    import sympy
+
+FORMAT = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class HeightMap:
+    """The affine map of the height: height = shift + scale z.
+
+    Attributes
+    ----------
+    shift, scale : float
+        [m]
+    fitted : bool
+        Whether the map was fitted to the data, or given.
+    """
+
+    shift: float = 0.0
+    scale: float = 1.0
+    fitted: bool = False
+
+    def to_law(self, height: Any) -> Any:
+        """Z of a height."""
+        return (height - self.shift) / self.scale
+
+    def to_height(self, z: Any) -> Any:
+        """Height of a z."""
+        return self.shift + self.scale * z
+
+
+@dataclasses.dataclass(frozen=True)
+class Direction:
+    """A direction in which the parameters can move without the data noticing.
+
+    Attributes
+    ----------
+    powers : mapping of str to float
+        How the parameters change together: each one as t to this power, for a common t.
+    spread : float
+        Standard deviation of log t that the data leave.
+    """
+
+    powers: Mapping[str, float]
+    spread: float
+
+    def __str__(self) -> str:
+        moving = ", ".join(f"{name} ~ t^{power:+.2g}" for name, power in self.powers.items())
+        return f"{moving} (log t is known to +-{self.spread:.2g} only)"
+
+
+@dataclasses.dataclass(frozen=True)
+class AtRest:
+    """What a law says of small motions about its level of rest, with intervals.
+
+    Attributes
+    ----------
+    height, period, damping_ratio : float
+        [m], period of the undamped small swing [s], fraction of critical damping.
+    intervals : mapping of str to (float, float)
+    """
+
+    height: float
+    period: float
+    damping_ratio: float
+    intervals: Mapping[str, tuple[float, float]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Quality:
+    """How well a model describes the data.
+
+    Attributes
+    ----------
+    residual : float
+        Root mean square of height minus model over the record [m].
+    relative : float
+        The same over the rms swing of the record.
+    holdout : float or None
+        Error of the roll-out over the held-out stretch of a model that has not seen it, over the
+        rms swing of the whole record.
+    holdout_from : float or None
+        Time since the record's start at which that stretch begins [s].
+    starts, converged : int
+        Random starts, and how many of them led to the best fit.
+    samples : int
+    """
+
+    residual: float
+    relative: float
+    holdout: float | None
+    holdout_from: float | None
+    starts: int
+    converged: int
+    samples: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ReducedModel:
+    """A law with parameters.
+
+    Attributes
+    ----------
+    law : Law
+    parameters : mapping of str to float
+        In the units of ``law.units``.
+    intervals : mapping of str to (float, float)
+        Confidence intervals of the parameters, and of ``shift`` and ``scale`` where fitted.
+    confidence : float
+        Of the intervals.
+    map : HeightMap
+    initial : (float, float)
+        Height [m] and velocity [m/s] at the record's start.
+    at_rest : AtRest or None
+        None where the law has no level of rest near the record.
+    quality : Quality
+    undetermined : tuple of Direction
+        Directions that the data leave open.
+    domain : mapping of str to (float, float)
+        Range of heights [m] and velocities [m/s] seen.
+    """
+
+    law: Law
+    parameters: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+    confidence: float
+    map: HeightMap
+    initial: tuple[float, float]
+    at_rest: AtRest | None
+    quality: Quality
+    undetermined: tuple[Direction, ...] = ()
+    domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def equation(self) -> sympy.Eq:
+        """The law in z(t), with symbols for the parameters."""
+        return self.law.sympy_equation()
+
+    @property
+    def fitted_equation(self) -> sympy.Eq:
+        """The law in z(t), with the fitted numbers."""
+        return self.law.sympy_equation(self.parameters)
+
+    @property
+    def latex(self) -> str:
+        """The law in LaTeX, with symbols."""
+        return latex(self.equation)
+
+    @property
+    def fitted_latex(self) -> str:
+        """The law in LaTeX, with the fitted numbers to four digits."""
+        return latex(self.law.sympy_equation(rounded(self.parameters)))
+
+    def simulate(
+        self, t: np.ndarray, z0: float | None = None, v0: float | None = None
+    ) -> PistonRecord:
+        """The motion that the law predicts.
+
+        Parameters
+        ----------
+        t : float (n,)
+            Times [s], increasing; the motion starts at the first.
+        z0, v0 : float, optional
+            Height [m] and velocity [m/s] at the start; those of the fitted record if not given.
+
+        Returns
+        -------
+        PistonRecord
+            Height and velocity at ``t``.
+
+        Raises
+        ------
+        InputError
+            If the times do not increase, or the solution blows up.
+        """
+        from reduced_models.rollout import motion
+
+        times = np.asarray(t, dtype=np.float64)
+        if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
+            raise InputError("t must hold at least two increasing times")
+        start = (
+            self.initial[0] if z0 is None else z0,
+            self.initial[1] if v0 is None else v0,
+        )
+        scale = self.map.scale
+        size = max(abs(self.map.to_law(start[0])), abs(start[1] / scale), 1e-300)
+        if self.at_rest is not None:
+            size = max(abs(start[0] - self.at_rest.height) / scale, 1e-6 * size)
+        values = [self.parameters[name] for name in self.law.parameters]
+        z, v = motion(self.law, times, self.map.to_law(start[0]), start[1] / scale, values, size)
+        height, velocity = self.map.to_height(z), scale * v
+        if not np.isfinite(height).all():
+            last = times[int(np.argmin(np.isfinite(height))) - 1]
+            raise InputError(
+                f"the solution of the law {self.law.name!r} blows up behind t = {last:g} s; start "
+                "nearer to rest or ask for a shorter time"
+            )
+        return PistonRecord(times, height, velocity)
+
+    def __str__(self) -> str:
+        lines = [f"{self.law.name}: {self.law.equation}"]
+        if self.law.mapped:
+            lines.append(
+                f"  z = (height - {self.map.shift:.5g} m)/{self.map.scale:.5g} m"
+                + ("" if self.map.fitted else " (given)")
+            )
+        values = dict(self.parameters)
+        if self.map.fitted:
+            values |= {"shift": self.map.shift, "scale": self.map.scale}
+        for name, value in values.items():
+            low, high = self.intervals[name]
+            unit = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
+            lines.append(f"  {name} = {value:.5g} {unit}  [{low:.5g}, {high:.5g}]")
+        lines += [f"  undetermined: {direction}" for direction in self.undetermined]
+        if self.at_rest is not None:
+            lines.append(
+                f"  at rest: height {self.at_rest.height:.5g} m, period "
+                f"{self.at_rest.period:.5g} s, damping ratio {self.at_rest.damping_ratio:.4g}"
+            )
+        quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
+        if self.quality.holdout is not None:
+            quality += f", held-out stretch {100.0 * self.quality.holdout:.3g} %"
+        lines.append(quality)
+        return "\n".join(lines)
+
+    def to_plain(self) -> dict[str, Any]:
+        """The model as plain data (numbers, texts, lists)."""
+        return {
+            "format": FORMAT,
+            "law": self.law.name,
+            "equation": self.law.equation,
+            "latex": self.fitted_latex,
+            "parameters": dict(self.parameters),
+            "units": {name: self.law.units.get(name, "") for name in self.parameters},
+            "intervals": {name: list(pair) for name, pair in self.intervals.items()},
+            "confidence": self.confidence,
+            "map": dataclasses.asdict(self.map),
+            "initial": list(self.initial),
+            "at_rest": None if self.at_rest is None else dataclasses.asdict(self.at_rest),
+            "quality": dataclasses.asdict(self.quality),
+            "undetermined": [dataclasses.asdict(one) for one in self.undetermined],
+            "domain": {name: list(pair) for name, pair in self.domain.items()},
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to a JSON file, which `load_model` reads back to the same bits."""
+        text = json.dumps(_without_nan(self.to_plain()), indent=2)
+        Path(path).write_text(text + "\n", encoding="utf-8")
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Self:
+        """A model from plain data.
+
+        Raises
+        ------
+        InputError
+            If the data are not those of a model.
+        """
+        try:
+            at_rest = plain["at_rest"]
+            return cls(
+                law=law_named(plain["law"]),
+                parameters=plain["parameters"],
+                intervals=_pairs(plain["intervals"]),
+                confidence=plain["confidence"],
+                map=HeightMap(**plain["map"]),
+                initial=(plain["initial"][0], plain["initial"][1]),
+                at_rest=None
+                if at_rest is None
+                else AtRest(**{**at_rest, "intervals": _pairs(at_rest["intervals"])}),
+                quality=Quality(**plain["quality"]),
+                undetermined=tuple(Direction(**one) for one in plain["undetermined"]),
+                domain=_pairs(plain["domain"]),
+            )
+        except (KeyError, TypeError, IndexError) as error:
+            raise InputError(f"the data are not those of a reduced model: {error!r}") from None
+
+
+def _pairs(plain: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    def number(value: float | None, instead: float) -> float:
+        return instead if value is None else float(value)
+
+    return {
+        name: (number(low, -math.inf), number(high, math.inf))
+        for name, (low, high) in plain.items()
+    }
+
+
+def _without_nan(plain: Any) -> Any:
+    """JSON has no infinities: an open end of an interval is written as null."""
+    if isinstance(plain, dict):
+        return {key: _without_nan(value) for key, value in plain.items()}
+    if isinstance(plain, list | tuple):
+        return [_without_nan(value) for value in plain]
+    if isinstance(plain, float) and not math.isfinite(plain):
+        return None
+    return plain
+
+
+def load_model(path: str | Path) -> ReducedModel:
+    """A model from the JSON file that `ReducedModel.save` wrote.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it holds no model.
+    """
+    try:
+        plain = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a model: {error}") from None
+    if not isinstance(plain, dict):
+        raise InputError(f"{path}: holds no model; give the model.json that was saved")
+    return ReducedModel.from_plain(plain)

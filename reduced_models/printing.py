@@ -1,0 +1,76 @@
+"""Equations of motion as LaTeX and as MathML, with dots, and with z'' in front."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import sympy
+
+_MARKS = {"zddot": ("\\ddot{z}", "&#xa8;"), "zdot": ("\\dot{z}", "&#x2d9;")}
+
+
+def rounded(values: Mapping[str, float], digits: int = 4) -> dict[str, float]:
+    """Values cut to a few significant digits."""
+    return {name: float(f"{value:.{digits}g}") for name, value in values.items()}
+
+
+def _terms(side: Any) -> list[Any]:
+    """The terms of a side, the highest derivative first."""
+    import sympy
+
+    t = sympy.Symbol("t")
+    z = sympy.Function("z")(t)
+    dotted = {z.diff(t, 2): sympy.Symbol("zddot"), z.diff(t): sympy.Symbol("zdot")}
+    dotted |= {z: sympy.Symbol("z"), sympy.Symbol("lam"): sympy.Symbol("lambda")}
+    plain = side.subs(dotted)
+    order = [sympy.Symbol("zddot"), sympy.Symbol("zdot"), sympy.Symbol("z")]
+
+    def rank(term: Any) -> tuple[int, str]:
+        for place, symbol in enumerate(order):
+            if term.has(symbol):
+                return place, str(term)
+        return len(order), str(term)
+
+    return sorted(sympy.Add.make_args(plain), key=rank)
+
+
+def latex(equation: sympy.Eq) -> str:
+    """An equation in z(t) as LaTeX."""
+    import sympy
+
+    def side(expression: Any) -> str:
+        text = ""
+        for term in _terms(expression):
+            negative = term.could_extract_minus_sign()
+            sign = " - " if negative else " + "
+            one = sympy.latex(-term if negative else term)
+            text += (sign if text else ("-" if negative else "")) + one
+        for name, (mark, _) in _MARKS.items():
+            text = text.replace(name, mark)
+        return text
+
+    return f"{side(equation.lhs)} = {side(equation.rhs)}"
+
+
+def mathml(equation: sympy.Eq) -> str:
+    """An equation in z(t) as presentation MathML."""
+    from sympy.printing.mathml import MathMLPresentationPrinter
+
+    printer = MathMLPresentationPrinter()
+
+    def side(expression: Any) -> str:
+        text = ""
+        for term in _terms(expression):
+            negative = term.could_extract_minus_sign()
+            if text or negative:
+                text += f"<mo>{'&#x2212;' if negative else '+'}</mo>"
+            text += printer.doprint(-term if negative else term)
+        for name, (_, mark) in _MARKS.items():
+            dot = f"<mover><mi>z</mi><mo>{mark}</mo></mover>"
+            text = text.replace(f"<mi>{name}</mi>", dot)
+        return text
+
+    body = f"<mrow>{side(equation.lhs)}<mo>=</mo>{side(equation.rhs)}</mrow>"
+    return f'<math display="block">{body}</math>'

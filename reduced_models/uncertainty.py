@@ -1,0 +1,200 @@
+"""How sure fitted parameters are: intervals from the linearisation, and what the data leave open.
+
+The residuals of a law that is not quite right follow each other; their variance is then enlarged
+by the integrated autocorrelation time (Sokal 1997, doi:10.1007/978-1-4899-0319-8_6), as if there
+were that many fewer samples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from reduced_models.law import compiled_rate, compiled_slopes
+from reduced_models.model import AtRest, Direction
+
+if TYPE_CHECKING:
+    from reduced_models.fitting import Problem
+
+OPEN = 0.25
+"""A direction is undetermined if the data leave the logarithm along it this uncertain."""
+_SMALL_POWER = 0.05
+_UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
+
+
+@dataclasses.dataclass(frozen=True)
+class Analysis:
+    """What is known of the parameters of a fit."""
+
+    intervals: Mapping[str, tuple[float, float]]
+    at_rest: AtRest | None
+    undetermined: tuple[Direction, ...]
+
+
+def autocorrelation_time(values: np.ndarray) -> float:
+    """Integrated autocorrelation time, in samples; at least 1."""
+    count = len(values)
+    centred = values - values.mean()
+    size = 1 << (2 * count - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[:count]
+    if correlation[0] <= 0.0:
+        return 1.0
+    sums = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    inside = np.arange(count) >= _WINDOW * np.maximum(sums, 1.0)
+    window = int(np.argmax(inside)) if inside.any() else count - 1
+    return max(1.0, float(sums[window]))
+
+
+def interval_analysis(
+    problem: Problem,
+    theta: np.ndarray,
+    jacobian: np.ndarray,
+    miss: np.ndarray,
+    confidence: float,
+) -> Analysis:
+    """Intervals of a fit, from the Jacobian (n, p) and the residuals (n,) at its minimum."""
+    from scipy.stats import t as student
+
+    count, size = jacobian.shape
+    freedom = max(1, count - size)
+    variance = float((miss**2).sum()) / freedom * autocorrelation_time(miss)
+    covariance = _covariance(jacobian, variance)
+    wide = float(student.ppf(0.5 + 0.5 * confidence, freedom))
+    names, values, logs = _named(problem, theta)
+    intervals = {}
+    for k, name in enumerate(names):
+        spread = wide * math.sqrt(max(covariance[k, k], 0.0))
+        intervals[name] = _interval(values[k], spread, problem, k, logarithmic=logs[k])
+    known = _information(problem, theta, jacobian, variance)
+    return Analysis(
+        intervals=intervals,
+        at_rest=_at_rest(problem, theta, covariance, wide),
+        undetermined=_open_directions(names, known),
+    )
+
+
+def _covariance(jacobian: np.ndarray, variance: float) -> np.ndarray:
+    _, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
+    # A direction below rounding is as good as unknown; it keeps a huge, finite variance.
+    inverse = 1.0 / np.maximum(singular, singular[0] * 1e-12)
+    return np.asarray((rows.T * (variance * inverse**2)) @ rows)
+
+
+def _named(problem: Problem, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
+    law = problem.law
+    names = [*law.parameters]
+    logs = [name in law.positive for name in names]
+    if problem.map is None:
+        names += ["shift", "scale"]
+        logs += [False, True]
+    return names, theta[: len(names)], logs
+
+
+def _unit(problem: Problem, k: int) -> float:
+    """What one unit of an entry of the search vector that is no logarithm means."""
+    if k < len(problem.units):
+        return problem.units[k]
+    return problem.amplitude
+
+
+def _interval(
+    value: float, spread: float, problem: Problem, k: int, *, logarithmic: bool
+) -> tuple[float, float]:
+    if logarithmic:
+        unit = problem.amplitude if k >= len(problem.units) else 1.0
+        if spread > _UNKNOWN:
+            return 0.0, math.inf
+        return unit * math.exp(value - spread), unit * math.exp(value + spread)
+    offset = problem.rest if k >= len(problem.units) else 0.0
+    unit = _unit(problem, k)
+    return offset + unit * (value - spread), offset + unit * (value + spread)
+
+
+def _information(
+    problem: Problem, theta: np.ndarray, jacobian: np.ndarray, variance: float
+) -> np.ndarray:
+    """Fisher information on the logarithms of parameters and map, the initial state left open."""
+    names, values, logs = _named(problem, theta)
+    count = len(names)
+    relative = np.ones(count)
+    for k, log in enumerate(logs):
+        if not log:
+            own = values[k]
+            if k >= len(problem.units):  # the shift counts from the rest level
+                own += problem.rest / problem.amplitude
+            relative[k] = own if own != 0.0 else 1.0
+    scaled = jacobian[:, :count] * relative
+    nuisance, _ = np.linalg.qr(jacobian[:, count:])
+    scaled = scaled - nuisance @ (nuisance.T @ scaled)
+    return np.asarray(scaled.T @ scaled) / max(variance, 1e-300)
+
+
+def _open_directions(names: list[str], information: np.ndarray) -> tuple[Direction, ...]:
+    strengths, directions = np.linalg.eigh(information)
+    found = []
+    for strength, direction in zip(strengths, directions.T, strict=True):
+        spread = 1.0 / math.sqrt(max(float(strength), 1e-30))
+        if spread <= OPEN:
+            continue
+        powers = direction / direction[np.argmax(np.abs(direction))]
+        moving = {
+            name: float(power)
+            for name, power in zip(names, powers, strict=True)
+            if abs(power) > _SMALL_POWER
+        }
+        largest = float(np.abs(direction).max())
+        found.append(Direction(moving, min(spread * largest, 1e6)))
+    return tuple(found)
+
+
+def _at_rest(
+    problem: Problem, theta: np.ndarray, covariance: np.ndarray, wide: float
+) -> AtRest | None:
+    """Level of rest, period and damping ratio of small motions, by the chain rule."""
+    figures = _small_motion(problem, theta)
+    if figures is None or abs(figures[0] - problem.rest) > 2.0 * problem.amplitude:
+        return None
+    slope = np.zeros((3, len(theta)))
+    for k in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[k] = 1e-6 * max(1.0, abs(theta[k]))
+        sides = [_small_motion(problem, theta + sign * step) for sign in (1.0, -1.0)]
+        if sides[0] is None or sides[1] is None:
+            return None
+        slope[:, k] = (sides[0] - sides[1]) / (2.0 * step[k])
+    spread = wide * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
+    names = ("height", "period", "damping_ratio")
+    return AtRest(
+        height=float(figures[0]),
+        period=float(figures[1]),
+        damping_ratio=float(figures[2]),
+        intervals={
+            name: (float(figure - one), float(figure + one))
+            for name, figure, one in zip(names, figures, spread, strict=True)
+        },
+    )
+
+
+def _small_motion(problem: Problem, theta: np.ndarray) -> np.ndarray | None:
+    """Rest height, period and damping ratio; None where there is no stable level of rest."""
+    values, shift, scale, _, _ = problem.physical(theta)
+    force = compiled_rate(problem.law.equation, "numpy")
+    slopes = compiled_slopes(problem.law.equation)
+    z = (problem.rest - shift) / scale
+    with np.errstate(all="ignore"):
+        for _ in range(50):
+            change = force(z, 0.0, *values) / slopes(z, 0.0, *values)[0]
+            z -= change
+            if not math.isfinite(z) or abs(change) <= 1e-15 * max(1.0, abs(z)):
+                break
+        stiffness, damping = (-one for one in slopes(z, 0.0, *values))
+    if not math.isfinite(z) or not stiffness > 0.0:
+        return None
+    omega = math.sqrt(stiffness)
+    return np.array([shift + scale * z, 2.0 * math.pi / omega, damping / (2.0 * omega)])
