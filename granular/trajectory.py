@@ -97,13 +97,9 @@ class Trajectory:
         if "piston_height" not in data:
             raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
         name = stage or self.scene.output.record
-        chosen = np.ones(data.sizes["time"], dtype=bool)
-        if name is not None:
-            self.stage(name)
-            index = [one.name for one in self.scene.protocol].index(name)
-            chosen = data["stage"].values == index
+        chosen = slice(None) if name is None else self._records_of(name)
         time = data["time"].values[chosen]
-        # Where one stage ends and the next begins, the same time stands twice: the later counts.
+        # Where the piston jumps, the same time stands twice: the later one counts.
         last = np.append(np.diff(time) > 0.0, True)
         columns = {
             name: data[f"piston_{name}"].values[chosen][last]
@@ -111,6 +107,17 @@ class Trajectory:
             if f"piston_{name}" in data
         }
         return PistonRecord(time=time[last], **columns)
+
+    def _records_of(self, name: str) -> slice:
+        """The records of a stage, from the one at its start (which ends the stage before)."""
+        stage = self.stage(name)
+        index = [one.name for one in self.scene.protocol].index(name)
+        inside = np.flatnonzero(self.dataset["stage"].values == index)
+        times = self.dataset["time"].values
+        first = int(inside[0]) if len(inside) else len(times)
+        if first > 0 and times[first - 1] == stage.start:
+            first -= 1
+        return slice(first, int(inside[-1]) + 1 if len(inside) else first + 1)
 
     def settings(self) -> dict[str, Any]:
         """Method, steps, versions and timings of the run."""

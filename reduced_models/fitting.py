@@ -12,10 +12,9 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from granular.errors import InputError
 from granular.record import PistonRecord
@@ -24,8 +23,16 @@ from reduced_models.jax_setup import jax
 from reduced_models.law import Law
 from reduced_models.laws import law_named
 from reduced_models.model import HeightMap, Quality, ReducedModel
-from reduced_models.rollout import TOLERANCE, solution
-from reduced_models.search import coarse_grid, normal_equations, search
+from reduced_models.rollout import grid_steps, motion
+from reduced_models.search import (
+    BLOWN_UP,
+    Equations,
+    Samples,
+    equations,
+    means_on_grid,
+    samples_on_grid,
+    search,
+)
 from reduced_models.uncertainty import interval_analysis
 
 jnp = jax.numpy
@@ -35,9 +42,9 @@ HOLDOUT = 0.3
 _MOST_TRIALS = 60
 _PRIOR_SPREAD = 3.0  # of the logarithms, in the pull that keeps flat directions in place
 _FIRST_SWINGS = 2.0
-_BLOWN_UP = 1e3  # residual of a sample that a solution never reached, in amplitudes
 _TIE = 1e-7  # residuals below this fraction of the amplitude are not told apart
-_BUCKET = 256  # sample counts are padded to multiples, so that they share compiled code
+COARSE_STEPS, FINE_STEPS = 16, 64
+"""Grid steps of a period: the phase error of a period is then 4e-6 and 1e-9."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,7 +126,9 @@ def fit(
         If an argument is out of its range, or no start led to a solution that stays finite.
     """
     chosen = law_named(law) if isinstance(law, str) else law
-    _check(map, starts, holdout, confidence)
+    if not isinstance(map, HeightMap) and map not in ("auto", "fitted"):
+        raise InputError(f"map = {map!r}; give 'auto', 'fitted' or a HeightMap")
+    check_options(starts, holdout, confidence)
     guess = estimates(record)
     candidates = _maps(chosen, map)
     fits = [_Fit(record, chosen, one, guess, holdout, seed).search(starts) for one in candidates]
@@ -132,9 +141,8 @@ def fit(
     return best.model(confidence)
 
 
-def _check(map: object, starts: int, holdout: float, confidence: float) -> None:  # noqa: A002
-    if not isinstance(map, HeightMap) and map not in ("auto", "fitted"):
-        raise InputError(f"map = {map!r}; give 'auto', 'fitted' or a HeightMap")
+def check_options(starts: int = STARTS, holdout: float = HOLDOUT, confidence: float = 0.95) -> None:
+    """Raise `InputError` unless the options of `fit` are in their ranges."""
     if not isinstance(starts, int) or starts < 1:
         raise InputError(f"starts = {starts!r}; give a whole number from 1 on")
     if not 0.0 <= holdout <= 0.9:
@@ -150,29 +158,9 @@ def _maps(law: Law, wanted: HeightMap | str) -> list[HeightMap | None]:
 
 
 @functools.cache
-def compiled(equation: str, logs: tuple[bool, ...], fits_map: bool) -> _Compiled:
-    """The compiled functions of a problem; see `Problem.key`."""
-    solve = solution(equation)
-
-    def residual(theta: Any, data: Any) -> Any:
-        times, height, weight, scales = data
-        values, shift, scale, z0, v0 = physical(theta, scales, logs, fits_map, jnp)
-        z, _ = solve(times, z0, v0, values, scales[1] / scale, TOLERANCE)
-        miss = (shift + scale * z - height) / scales[1]
-        return weight * jnp.where(jnp.isfinite(miss), miss, _BLOWN_UP)
-
-    return _Compiled(jax.jit(residual), jax.jit(jax.jacfwd(residual)))
-
-
-@functools.cache
 def partial_physical(logs: tuple[bool, ...], fits_map: bool) -> Callable[..., Any]:
     """`physical` for JAX, the same function for the same problem."""
     return lambda theta, scales: physical(theta, scales, logs, fits_map, jnp)
-
-
-class _Compiled(NamedTuple):
-    residual: Callable[..., Any]
-    jacobian: Callable[..., Any]
 
 
 def physical(theta: Any, scales: Any, logs: tuple[bool, ...], fits_map: bool, np_: Any) -> Any:
@@ -213,9 +201,10 @@ class _Fit:
             for name in law.parameters
         )
         self.problem = Problem(law, map_, units, guess.rest, guess.amplitude, speed)
-        self.run = compiled(*self.problem.key)
         self.theta = np.empty(0)
         self.trained = np.empty(0)
+        self.fine: Equations
+        self.samples: Samples
         self.cost = math.inf
         self.converged = 0
         self.starts = 0
@@ -225,15 +214,6 @@ class _Fit:
     @property
     def train_end(self) -> float:
         return float(self.time[-1]) * (1.0 - self.holdout)
-
-    def _data(self, stop: float) -> tuple[Any, ...]:
-        """Times, heights, weights (zero behind ``stop`` and in the padding), and scales."""
-        count = len(self.time)
-        size = -(-count // _BUCKET) * _BUCKET
-        times, heights, weights = np.full(size, self.time[-1]), np.zeros(size), np.zeros(size)
-        times[:count], heights[:count] = self.time, self.record.height
-        weights[:count] = self.time <= stop
-        return times, heights, weights, self.problem.scales
 
     # Search ------------------------------------------------------------------------------------
 
@@ -273,60 +253,71 @@ class _Fit:
         columns.append(np.full(count, guess.velocity / problem.speed))
         return np.stack(columns, axis=1)
 
+    def _equations(self, steps: int) -> Equations:
+        equation, logs, fits_map = self.problem.key
+        return equations(equation, partial_physical(logs, fits_map), steps)
+
     def search(self, starts: int) -> _Fit:
         """Search from random starts, then sharpen the best one."""
         self.starts = starts
-        step, heights, weights = coarse_grid(self.time, self.record.height, self.guess.period)
-        grid = step * np.arange(len(heights))
-        physical_of = partial_physical(*self.problem.key[1:])
-        equations = normal_equations(self.law.equation, physical_of, len(heights))
+        steps = grid_steps(self.time[-1], self.guess.period, COARSE_STEPS)
+        means = means_on_grid(self.time, self.record.height, steps)
+        coarse, scales = self._equations(steps), self.problem.scales
         theta = self._start_vectors(starts)
+        grid = means.step * np.arange(steps + 1)
         for stop in (_FIRST_SWINGS * self.guess.period, self.train_end):
-            seen = weights * (grid <= min(stop, self.train_end))
+            weight = means.weight * (grid <= min(stop, self.train_end))
             theta, costs = search(
-                lambda one, seen=seen: equations(one, step, heights, seen, self.problem.scales),
+                coarse.of(means._replace(weight=weight), scales),
                 theta,
                 self._pull(),
-                float((seen**2).sum()),
+                float((weight**2).sum()),
                 _MOST_TRIALS,
             )
-        best = float(costs.min())
         tie = len(self.time) * _TIE**2
-        self.converged = int((costs <= best * 1.01 + tie).sum())
+        self.converged = int((costs <= float(costs.min()) * 1.01 + tie).sum())
+        self._prepare_fine()
         self.trained = self._sharpened(theta[int(costs.argmin())], self.train_end)
         self.theta = self.trained
         if self.holdout > 0.0:
             self.theta = self._sharpened(self.trained, math.inf)
-        misses = np.asarray(self.run.residual(self.theta, self._data(math.inf)))
-        self.cost = float((misses**2).sum())
-        if not np.isfinite(self.cost) or (np.abs(misses) >= _BLOWN_UP).any():
+        miss = self.misses(self.theta)
+        self.cost = float((miss**2).sum())
+        if not np.isfinite(self.cost) or (np.abs(miss) >= BLOWN_UP).any():
             self.cost = math.inf
         return self
+
+    def _prepare_fine(self) -> None:
+        steps = grid_steps(self.time[-1], self.guess.period, FINE_STEPS)
+        self.fine = self._equations(steps)
+        self.samples = samples_on_grid(self.time, self.record.height, steps)
+
+    def misses(self, theta: np.ndarray) -> np.ndarray:
+        """Residuals of all samples, in amplitudes."""
+        found = self.fine.residual(theta, self.samples, self.problem.scales)
+        return np.asarray(found)[: len(self.time)]
+
+    def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
+        """J'J of all samples, at a search vector."""
+        return np.asarray(self.fine.normal(theta[None], self.samples, self.problem.scales)[2])[0]
+
+    def _sharpened(self, start: np.ndarray, stop: float) -> np.ndarray:
+        weight = np.zeros_like(self.samples.weight)
+        weight[: len(self.time)] = self.time <= stop
+        theta, _ = search(
+            self.fine.of(self.samples._replace(weight=weight), self.problem.scales),
+            start[None],
+            self._pull(),
+            float(weight.sum()),
+            _MOST_TRIALS,
+            tolerance=1e-11,
+        )
+        return np.asarray(theta[0])
 
     def _pull(self) -> np.ndarray:
         """A pull of parameters and map towards the start that weighs less than one sample."""
         free = len(self.law.parameters) + (2 if self.problem.map is None else 0)
         return np.array([_PRIOR_SPREAD**-2] * free + [0.0, 0.0])
-
-    def _sharpened(self, start: np.ndarray, stop: float) -> np.ndarray:
-        data = self._data(stop)
-        miss = np.asarray(self.run.residual(start, data))
-        root = np.sqrt(self._pull() * (miss**2).mean())
-        result = least_squares(
-            lambda vector: np.concatenate(
-                [np.asarray(self.run.residual(vector, data)), root * (vector - start)]
-            ),
-            start,
-            lambda vector: np.concatenate(
-                [np.asarray(self.run.jacobian(vector, data)), np.diag(root)]
-            ),
-            method="lm",
-            ftol=1e-10,
-            xtol=1e-10,
-            gtol=1e-15,
-            max_nfev=_MOST_TRIALS,
-        )
-        return np.asarray(result.x)
 
     def information(self) -> float:
         """Bayesian information criterion; residuals below the tie level count as equal."""
@@ -340,21 +331,26 @@ class _Fit:
         held = self.time > self.train_end
         if self.holdout == 0.0 or held.sum() < 2:
             return None
-        misses = np.asarray(self.run.residual(self.trained, self._data(math.inf)))
-        miss = misses[: len(self.time)][held] * self.problem.amplitude
+        miss = self.misses(self.trained)[held] * self.problem.amplitude
         swing = self.record.height - self.guess.rest
         return float(np.sqrt((miss**2).mean() / (swing**2).mean()))
+
+    def _solver_error(self, map_: HeightMap, values: Any, z0: float, v0: float) -> float:
+        """Greatest difference of the grid's solution and diffrax's, in amplitudes."""
+        size = self.problem.amplitude / map_.scale
+        z, _ = motion(self.law, self.time, z0, v0, values, size)
+        seen = self.record.height + self.misses(self.theta) * self.problem.amplitude
+        return float(np.abs(map_.to_height(z) - seen).max()) / self.problem.amplitude
 
     def model(self, confidence: float) -> ReducedModel:
         """The reduced model, with intervals and quality."""
         law, problem = self.law, self.problem
-        data = self._data(math.inf)
-        count = len(self.time)
-        miss = np.asarray(self.run.residual(self.theta, data))[:count]
-        jacobian = np.asarray(self.run.jacobian(self.theta, data))[:count]
+        miss = self.misses(self.theta)
         values, shift, scale, z0, v0 = problem.physical(self.theta)
         height_map = HeightMap(float(shift), float(scale), fitted=problem.map is None)
-        analysis = interval_analysis(problem, self.theta, jacobian, miss, confidence)
+        analysis = interval_analysis(
+            problem, self.theta, self.normal_matrix(self.theta), miss, confidence
+        )
         swing = self.record.height - self.guess.rest
         residual = float(np.sqrt((miss**2).mean())) * problem.amplitude
         quality = Quality(
@@ -364,7 +360,8 @@ class _Fit:
             holdout_from=self.train_end if self.holdout > 0.0 else None,
             starts=self.starts,
             converged=self.converged,
-            samples=count,
+            samples=len(self.time),
+            solver_error=self._solver_error(height_map, values, float(z0), float(v0)),
         )
         speeds = np.gradient(self.record.height, self.time)
         return ReducedModel(

@@ -19,7 +19,8 @@ from granular.errors import InputError
 from granular.record import PistonRecord
 from granular.scene import Scene, load_scene
 from granular.store import is_run
-from reduced_models.fitting import STARTS, fit
+from reduced_models.fitting import STARTS, check_options, fit
+from reduced_models.laws import law_named
 from reduced_models.model import ReducedModel
 
 if TYPE_CHECKING:
@@ -146,6 +147,9 @@ def identify(
     """
     if not laws:
         raise InputError("laws is empty; name at least one")
+    for law in laws:
+        law_named(law)
+    check_options(starts=starts)
     clock = _Clock()
     target = None if out is None else Path(out)
     record, run = _record_of(source, target, changes, dt, threads, progress)

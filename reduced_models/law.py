@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import re
 from collections.abc import Callable, Mapping
+from tokenize import TokenError
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -120,7 +121,7 @@ def parse(equation: str) -> Parsed:
         left, right = (
             sympy.parse_expr(side, local_dict=local, evaluate=True) for side in text.split("=")
         )
-    except (SyntaxError, TypeError, ValueError, AttributeError) as error:
+    except (SyntaxError, TypeError, ValueError, AttributeError, TokenError) as error:
         raise InputError(f"the law {equation!r} cannot be read: {error}") from None
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     difference = sympy.expand(left - right)

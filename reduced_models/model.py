@@ -64,8 +64,13 @@ class Direction:
     spread: float
 
     def __str__(self) -> str:
-        moving = ", ".join(f"{name} ~ t^{power:+.2g}" for name, power in self.powers.items())
-        return f"{moving} (log t is known to +-{self.spread:.2g} only)"
+        moving = ", ".join(f"{name} by t^{power:.2g}" for name, power in self.powers.items())
+        sure = (
+            f"t is known to a factor of {math.exp(self.spread):.2g}"
+            if self.spread < 7
+            else ("t can be anything")
+        )
+        return f"the data do not notice when {moving} change together ({sure})"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,6 +108,9 @@ class Quality:
     starts, converged : int
         Random starts, and how many of them led to the best fit.
     samples : int
+    solver_error : float
+        Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
+        1e-10, over the amplitude.
     """
 
     residual: float
@@ -112,6 +120,7 @@ class Quality:
     starts: int
     converged: int
     samples: int
+    solver_error: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -230,7 +239,7 @@ class ReducedModel:
             low, high = self.intervals[name]
             unit = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
             lines.append(f"  {name} = {value:.5g} {unit}  [{low:.5g}, {high:.5g}]")
-        lines += [f"  undetermined: {direction}" for direction in self.undetermined]
+        lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             lines.append(
                 f"  at rest: height {self.at_rest.height:.5g} m, period "

@@ -65,7 +65,7 @@ def _equations(page: Page, found: Identification) -> None:
             _parameter_rows(model),
         )
         for direction in model.undetermined:
-            page.note(f"The data leave a direction open: {direction}.")
+            page.note(f"A direction is left open: {direction}.")
         quality = model.quality
         words = (
             f"Residual {1e6 * quality.residual:.3g} micrometres, {100 * quality.relative:.3g} % of "
@@ -180,10 +180,12 @@ def _record(page: Page, found: Identification) -> None:
 def _bed(page: Page, run: Trajectory) -> None:
     page.section("The bed before and after")
     data, scene = run.dataset, run.scene
-    with figure(1, 2, height=2.9) as (drawing, pair):
+    tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
+    height = min(4.0, 3.1 * tallest / scene.cell.width + 1.0)
+    with figure(1, 2, height=height) as (drawing, pair):
         for axes, k, when in zip(pair, (0, -1), ("before", "after"), strict=True):
-            height = float(data["frame_height"][k]) if scene.piston is not None else None
-            draw_bed(axes, scene, data["position"][k].values, height)
+            top = float(data["frame_height"][k]) if scene.piston is not None else None
+            draw_bed(axes, scene, data["position"][k].values, top)
             axes.set_title(f"{when}, t = {float(data['frame_time'][k]):.4g} s", fontsize=10)
         page.figure(drawing, "The grains to scale; the piston is the thick line.")
     lines = [

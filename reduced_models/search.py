@@ -1,92 +1,127 @@
-"""Many random starts at once: a batched Levenberg-Marquardt search on a coarse view of a record.
+"""Least squares through a law's equation: a batched Levenberg-Marquardt search.
 
-The record is averaged onto a uniform grid with a few points a swing, the law is stepped along it
-with the classical Runge-Kutta method, and all starts (with their sensitivities) go through the
-same compiled loop side by side. A solution that blows up costs no more than one that does not.
+All starts, with their sensitivities, go through the same compiled loop side by side. A solution
+that blows up costs no more than one that does not.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from reduced_models.jax_setup import jax
 from reduced_models.law import compiled_rate
+from reduced_models.rollout import between, on_grid
 
 jnp = jax.numpy
 
-POINTS_A_SWING = 32
-"""Grid points of a period: the error of the Runge-Kutta step is then below 1e-4 of the swing."""
-MOST_POINTS = 4096
-_SIZES = (128, 256, 512, 1024, 2048, MOST_POINTS)
-_BLOWN_UP = 1e3
+BLOWN_UP = 1e3
+"""Residual of a sample that a solution does not reach, in amplitudes."""
 _PATIENCE = 4  # trials without a gain after which a start counts as done
 
 
-def coarse_grid(
-    time: np.ndarray, height: np.ndarray, period: float
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Step [s], heights and weights of a coarse view of a record that starts at time 0.
+class Samples(NamedTuple):
+    """Data on a grid, as the compiled code takes them.
 
-    Heights are means over one step around each grid point; where no sample falls, the weight is 0.
+    Attributes
+    ----------
+    step : float
+        Of the grid [s].
+    place, share : int (n,), float (n,)
+        Grid point before each sample, and how far behind it, in steps.
+    height, weight : float (n,)
+        [m]; weights multiply the residuals.
     """
-    points = int(np.clip(POINTS_A_SWING * time[-1] / period, 16, MOST_POINTS - 1)) + 1
-    step = float(time[-1]) / (points - 1)
-    size = next(one for one in _SIZES if one >= points)
-    place = np.rint(time / step).astype(int)
-    count = np.bincount(place, minlength=size)[:size].astype(float)
-    # The mean of the samples' offsets is taken out with the local slope, to first order.
-    slope = np.gradient(height, time) if len(time) > 2 else np.zeros_like(height)
-    level = height - slope * (time - place * step)
-    total = np.bincount(place, weights=level, minlength=size)[:size]
-    heights = np.divide(total, count, out=np.zeros(size), where=count > 0)
-    return step, heights, np.sqrt(count)
+
+    step: float
+    place: np.ndarray
+    share: np.ndarray
+    height: np.ndarray
+    weight: np.ndarray
+
+
+def samples_on_grid(time: np.ndarray, height: np.ndarray, steps: int) -> Samples:
+    """Every sample of a record that starts at time 0, on a grid over all of it."""
+    step = float(time[-1]) / steps
+    place = np.minimum((time / step).astype(np.int64), steps - 1)
+    count = len(time)
+    size = padded_size(count)
+    out = Samples(step, *(np.zeros(size, dtype=kind) for kind in (np.int64, float, float, float)))
+    out.place[:count], out.share[:count] = place, time / step - place
+    out.height[:count], out.weight[:count] = height, 1.0
+    return out
+
+
+def means_on_grid(time: np.ndarray, height: np.ndarray, steps: int) -> Samples:
+    """Means of the samples around each grid point, weighted by how many there are."""
+    step = float(time[-1]) / steps
+    near = np.rint(time / step).astype(np.int64)
+    count = np.bincount(near, minlength=steps + 1).astype(float)
+    # The mean place of the samples is not the grid point: the slope takes that out.
+    level = height - np.gradient(height, time) * (time - near * step)
+    total = np.bincount(near, weights=level, minlength=steps + 1)
+    means = np.divide(total, count, out=np.zeros(steps + 1), where=count > 0)
+    place = np.minimum(np.arange(steps + 1), steps - 1)
+    share = np.arange(steps + 1.0) - place
+    return Samples(step, place, share, means, np.sqrt(count))
+
+
+def padded_size(count: int) -> int:
+    """Room for samples: few sizes, so that records share compiled code."""
+    size = 256
+    while size < count:
+        size = size * 3 // 2 if size & (size - 1) == 0 else size // 3 * 4
+    return size
+
+
+class Equations(NamedTuple):
+    """Compiled functions of search vectors.
+
+    Attributes
+    ----------
+    normal : callable
+        (theta (s, p), samples, scales) -> cost (s,), gradient J'r (s, p), matrix J'J (s, p, p).
+    residual : callable
+        (theta (p,), samples, scales) -> weighted residuals (n,), in amplitudes.
+    """
+
+    normal: Callable[..., Any]
+    residual: Callable[..., Any]
+
+    def of(self, samples: Samples, scales: np.ndarray) -> Callable[[np.ndarray], Any]:
+        """The normal equations of given data."""
+        return lambda theta: self.normal(theta, samples, scales)
 
 
 @functools.cache
-def normal_equations(equation: str, physical: Callable[..., Any], size: int) -> Callable[..., Any]:
-    """Compiled cost, gradient J'r and matrix J'J of a batch of search vectors."""
+def equations(equation: str, physical: Callable[..., Any], steps: int) -> Equations:
+    """The compiled equations of a law on a grid of that many steps."""
     rate = compiled_rate(equation)
 
-    def residual(theta: Any, step: Any, heights: Any, weights: Any, scales: Any) -> Any:
+    def residual(theta: Any, samples: Any, scales: Any) -> Any:
+        step, place, share, height, weight = samples
         values, shift, scale, z0, v0 = physical(theta, scales)
+        grid = on_grid(rate, z0, v0, values, step, steps)
+        miss = (shift + scale * between(*grid, step, place, share) - height) / scales[1]
+        return weight * jnp.where(jnp.abs(miss) < BLOWN_UP, miss, BLOWN_UP)
 
-        def slope(z: Any, v: Any) -> Any:
-            return v, rate(z, v, *values)
-
-        def advance(state: Any, _: Any) -> Any:
-            z, v = state
-            a1, b1 = slope(z, v)
-            a2, b2 = slope(z + 0.5 * step * a1, v + 0.5 * step * b1)
-            a3, b3 = slope(z + 0.5 * step * a2, v + 0.5 * step * b2)
-            a4, b4 = slope(z + step * a3, v + step * b3)
-            later = (
-                z + step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
-                v + step / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4),
-            )
-            return later, z
-
-        _, z = jax.lax.scan(advance, (z0, v0), None, length=size)
-        miss = (shift + scale * z - heights) / scales[1]
-        return weights * jnp.where(jnp.abs(miss) < _BLOWN_UP, miss, _BLOWN_UP)
-
-    def equations(theta: Any, *data: Any) -> Any:
+    def normal(theta: Any, samples: Any, scales: Any) -> Any:
         def twice(vector: Any) -> Any:
-            miss = residual(vector, *data)
+            miss = residual(vector, samples, scales)
             return miss, miss
 
         jacobian, miss = jax.jacfwd(twice, has_aux=True)(theta)
         jacobian = jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
         return miss @ miss, jacobian.T @ miss, jacobian.T @ jacobian
 
-    return jax.jit(jax.vmap(equations, in_axes=(0, None, None, None, None)))
+    return Equations(jax.jit(jax.vmap(normal, in_axes=(0, None, None))), jax.jit(residual))
 
 
 def search(
-    equations: Callable[..., Any],
+    normal: Callable[[np.ndarray], Any],
     theta: np.ndarray,
     pulled: np.ndarray,
     samples: float,
@@ -97,7 +132,7 @@ def search(
 
     Parameters
     ----------
-    equations : callable
+    normal : callable
         From search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p).
     theta : float64 (s, p)
         Start vectors.
@@ -117,7 +152,7 @@ def search(
     """
     start = theta
     damping = np.full(len(theta), 1e-2)
-    cost, gradient, matrix = (np.asarray(one) for one in equations(theta))
+    cost, gradient, matrix = (np.asarray(one) for one in normal(theta))
     idle = np.zeros(len(theta), dtype=int)
     identity = np.eye(theta.shape[1])
     for _ in range(most):
@@ -127,7 +162,7 @@ def search(
         lifted = full + (damping[:, None] * diagonal)[:, :, None] * identity
         slope = gradient + pull * (theta - start)
         trial = theta - np.linalg.solve(lifted, slope[:, :, None])[:, :, 0]
-        trial_cost, trial_gradient, trial_matrix = (np.asarray(one) for one in equations(trial))
+        trial_cost, trial_gradient, trial_matrix = (np.asarray(one) for one in normal(trial))
         total = cost + (pull * (theta - start) ** 2).sum(axis=1)
         trial_total = trial_cost + (pull * (trial - start) ** 2).sum(axis=1)
         better = trial_total < total

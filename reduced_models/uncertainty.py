@@ -54,24 +54,23 @@ def autocorrelation_time(values: np.ndarray) -> float:
 def interval_analysis(
     problem: Problem,
     theta: np.ndarray,
-    jacobian: np.ndarray,
+    normal: np.ndarray,
     miss: np.ndarray,
     confidence: float,
 ) -> Analysis:
-    """Intervals of a fit, from the Jacobian (n, p) and the residuals (n,) at its minimum."""
+    """Intervals of a fit, from the matrix J'J (p, p) and the residuals (n,) at its minimum."""
     from scipy.stats import t as student
 
-    count, size = jacobian.shape
-    freedom = max(1, count - size)
+    freedom = max(1, len(miss) - len(theta))
     variance = float((miss**2).sum()) / freedom * autocorrelation_time(miss)
-    covariance = _covariance(jacobian, variance)
+    covariance = _covariance(normal, variance)
     wide = float(student.ppf(0.5 + 0.5 * confidence, freedom))
     names, values, logs = _named(problem, theta)
     intervals = {}
     for k, name in enumerate(names):
         spread = wide * math.sqrt(max(covariance[k, k], 0.0))
         intervals[name] = _interval(values[k], spread, problem, k, logarithmic=logs[k])
-    known = _information(problem, theta, jacobian, variance)
+    known = _information(problem, theta, normal, variance)
     return Analysis(
         intervals=intervals,
         at_rest=_at_rest(problem, theta, covariance, wide),
@@ -79,11 +78,14 @@ def interval_analysis(
     )
 
 
-def _covariance(jacobian: np.ndarray, variance: float) -> np.ndarray:
-    _, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
-    # A direction below rounding is as good as unknown; it keeps a huge, finite variance.
-    inverse = 1.0 / np.maximum(singular, singular[0] * 1e-12)
-    return np.asarray((rows.T * (variance * inverse**2)) @ rows)
+def _covariance(normal: np.ndarray, variance: float) -> np.ndarray:
+    # Scaled to a unit diagonal first; what is then below rounding is as good as unknown, and keeps
+    # a huge, finite variance.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    strengths, directions = np.linalg.eigh(normal * np.outer(scale, scale))
+    inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
+    found = (directions * (variance * inverse)) @ directions.T
+    return np.asarray(found * np.outer(scale, scale))
 
 
 def _named(problem: Problem, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
@@ -117,7 +119,7 @@ def _interval(
 
 
 def _information(
-    problem: Problem, theta: np.ndarray, jacobian: np.ndarray, variance: float
+    problem: Problem, theta: np.ndarray, normal: np.ndarray, variance: float
 ) -> np.ndarray:
     """Fisher information on the logarithms of parameters and map, the initial state left open."""
     names, values, logs = _named(problem, theta)
@@ -129,10 +131,10 @@ def _information(
             if k >= len(problem.units):  # the shift counts from the rest level
                 own += problem.rest / problem.amplitude
             relative[k] = own if own != 0.0 else 1.0
-    scaled = jacobian[:, :count] * relative
-    nuisance, _ = np.linalg.qr(jacobian[:, count:])
-    scaled = scaled - nuisance @ (nuisance.T @ scaled)
-    return np.asarray(scaled.T @ scaled) / max(variance, 1e-300)
+    asked, nuisance = normal[:count, :count], normal[count:, count:]
+    cross = normal[:count, count:]
+    left = asked - cross @ np.linalg.solve(nuisance, cross.T)
+    return np.asarray(left * np.outer(relative, relative)) / max(variance, 1e-300)
 
 
 def _open_directions(names: list[str], information: np.ndarray) -> tuple[Direction, ...]:

@@ -268,8 +268,10 @@ def advance(
             if outside > 0:
                 return OUTSIDE, tick - first_tick, kept, step + 1
         row = rows[kept]
-        measure(start + begin + steps * h, state, constants, motion, measurement, row)
         done = tick + 1
+        # A short tick at the end of a stage has shorter steps than its length says.
+        end = start + min(done * length, begin + steps * h)
+        measure(end, state, constants, motion, measurement, row)
         watch.seen[0] = max(watch.seen[0], row[16])
         watch.seen[1] = row[16]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)

@@ -43,8 +43,8 @@ class Progress:
         Present stage (its index), ticks made in it, steps made in all.
     begun : bool
         Whether the present stage has been set up.
-    start : float
-        Start of the stage [tau].
+    start, last : float
+        Start of the stage, and time of the last record [tau].
     height : float
         Piston height at the stage's start [m].
     pace : dict
@@ -62,6 +62,7 @@ class Progress:
     steps: int = 0
     begun: bool = False
     start: float = 0.0
+    last: float = 0.0
     height: float = 0.0
     pace: dict[str, Any] = dataclasses.field(default_factory=dict)
     stiffest: float = 0.0
@@ -183,8 +184,10 @@ class Run:
         self.band[:] = (0.0, row[1], row[1])
         self.seen[:] = 0.0
         progress.begun = True
-        self._keep(row[None])
-        self._frame()
+        # Where nothing jumped, the last record of the stage before is the first one of this.
+        if stage.jump() or not progress.results:
+            self._keep(row[None])
+            self._frame()
 
     def _jump(self, by: float) -> None:
         before = self._energy(self._look())
@@ -248,7 +251,8 @@ class Run:
             left = self._rest_of_stage()
             if left > 0.0:
                 self._short_tick(left)
-            self._end_stage("duration", new_frame=left > 0.0)
+            between = progress.ticks % self.pace.frames_every != 0
+            self._end_stage("duration", new_frame=between or left > 0.0)
 
     @property
     def at_end(self) -> bool:
@@ -361,7 +365,7 @@ class Run:
         progress, stage = self.progress, self._stage
         if reason == "duration" and isinstance(stage, Timed) and stage.until == "rest":
             raise self._not_at_rest(stage)
-        end = self.time if reason == "rest" else progress.start + self.total
+        end = progress.last
         final = stage.final_height()
         if final is not None:
             self.state.piston[0] = final / self.system.scales.length
@@ -404,6 +408,7 @@ class Run:
         assert self.ledger is not None
         bad = self.ledger.check(rows)
         self.progress.closest = min(self.progress.closest, float(rows[:, 14].min()))
+        self.progress.last = float(rows[-1, 0])
         self.recorder.add_rows(rows if bad is None else rows[: bad + 1], self.progress.stage)
         if bad is not None:
             raise self._energy_failure(rows[bad])

@@ -15,8 +15,8 @@ from granular.effects.dipole import STRENGTH
 from granular.pairs.plain import plain_direct_sum
 from granular.pairs.vector import WIDTH, padded, sweep_block, sweep_rows
 
-PADDING = 1e40
-"""Place of the first padding grain [D]: its force on a grain is below 1e-159 F*."""
+PADDING = 1e70
+"""Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
 
 PARTED_FROM = 1024
 PARTS = 8

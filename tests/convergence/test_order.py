@@ -1,0 +1,102 @@
+"""Orders of convergence by slope, against exact solutions, with a negative control."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene, simulate
+from granular.effects import drag
+
+
+def bouncing(**changes: object) -> Scene:
+    return load_scene("single-particle").replace(
+        **{"arrangement.positions": [["30 D", "3 D"]], "output.scalars": 0.05,
+           "output.frames": 0.05, **changes}
+    )  # fmt: skip
+
+
+def heights(scene: Scene, dt: float) -> np.ndarray:
+    run = simulate(scene, dt=dt, t_end=0.05, progress=False)
+    return run.dataset["position"].values[-1, 0]
+
+
+def slope(scene: Scene, steps: tuple[float, ...], exact: np.ndarray) -> float:
+    errors = [np.linalg.norm(heights(scene, dt) - exact) for dt in steps]
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+STEPS = (2e-5, 1e-5, 5e-6, 2.5e-6)
+
+
+def reference(scene: Scene) -> np.ndarray:
+    """The motion by SciPy's DOP853 at 1e-13, from the laws as they are written."""
+    from scipy.integrate import solve_ivp
+
+    from granular.scales import Scales
+
+    scales = Scales.of(scene.grains)
+    gravity = scene.effects.gravity.acceleration / scales.acceleration
+    rate = scene.effects.drag.kernel(scales) if scene.effects.drag else 0.0
+
+    def motion(_: float, state: np.ndarray) -> list[float]:
+        y, v = state
+        return [v, 0.5 / y**3.5 - gravity - rate * v]
+
+    span = 0.05 / scales.time
+    found = solve_ivp(motion, (0.0, span), [3.0, 0.0], "DOP853", rtol=1e-13, atol=1e-15)
+    return np.array([30.0 * scales.length, found.y[0, -1] * scales.length])
+
+
+def test_verlet_has_order_two_at_the_wall() -> None:
+    scene = bouncing()
+    assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
+
+
+def test_verlet_keeps_order_two_with_drag() -> None:
+    scene = bouncing(**{"effects.drag.coefficient": 0.02})
+    assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
+
+
+def test_drag_as_a_plain_force_would_lose_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Negative control: the same step in plain Python, with the drag smuggled into the kick."""
+
+    def verlet(dt: float, *, smuggled: bool) -> float:
+        y, v, rate = 3.0, 0.0, 0.05
+        steps = round(40.0 / dt)
+        half = 0.5 * dt
+        decay, gain, *_ = drag.flow(rate, half)
+        for _ in range(steps):
+            for part in range(2):
+                force = 0.5 / y**3.5 - 0.002
+                v = v + half * (force - rate * v) if smuggled else decay * v + gain * force
+                if part == 0:
+                    y += dt * v
+        return y
+
+    steps = np.array([0.08, 0.04, 0.02, 0.01])
+    finest = verlet(0.0005, smuggled=False)
+    orders = {
+        smuggled: np.polyfit(
+            np.log(steps), [math.log(abs(verlet(h, smuggled=smuggled) - finest)) for h in steps], 1
+        )[0]
+        for smuggled in (False, True)
+    }
+    assert orders[False] == pytest.approx(2.0, abs=0.05)
+    assert orders[True] == pytest.approx(1.0, abs=0.1)
+
+
+def test_free_piston_converges_with_order_two(small_damper: Scene) -> None:
+    scene = small_damper.replace(**{"output.scalars": 0.02, "output.frames": 0.02})
+
+    def height(dt: float) -> float:
+        return float(
+            simulate(scene, dt=dt, t_end=0.02, progress=False).dataset["piston_height"][-1]
+        )
+
+    steps = (4e-5, 2e-5, 1e-5)
+    finest = height(1e-6)
+    errors = [abs(height(dt) - finest) for dt in steps]
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.1)

@@ -1,0 +1,132 @@
+"""The energy ledger: conservation, dissipation, work, and how its residual falls with the step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import linregress
+
+from granular import Scene, Trajectory, evaluate, simulate
+
+STORED = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy", "piston_energy")
+
+
+def ledger(run: Trajectory) -> tuple[np.ndarray, float]:
+    """Residual of each record [J], and the energy turned over [J]."""
+    data = run.dataset
+    stored = np.sum([data[name].values for name in STORED if name in data], axis=0)
+    lost = data["drag_loss"].values if "drag_loss" in data else 0.0
+    work = data["work"].values if "work" in data else 0.0
+    potential = stored - data["kinetic_energy"].values
+    moved = data["kinetic_energy"].values + np.abs(potential - potential[0]) + lost + np.abs(work)
+    return stored - stored[0] + lost - work, float(moved.max())
+
+
+def test_held_bed_keeps_its_energy(bed: Scene) -> None:
+    """368 grains under a piston at 20 D, 1e5 steps of 1e-5 s: within 1e-6, without a trend."""
+    scene = bed.replace(**{"effects.drag": None})
+    run = simulate(scene, dt=1e-5, t_end=1.0, progress=False)
+    assert run.settings()["steps"] == 100_000
+    residual, _ = ledger(run)
+    total = np.sum([run.dataset[name].values for name in STORED if name in run.dataset], axis=0)[0]
+    assert np.abs(residual).max() < 1e-6 * total
+    # Behind the first tenth, in which the grid melts, block means scatter about a level.
+    settled = residual[len(residual) // 10 :]
+    means = np.array([block.mean() for block in np.array_split(settled, 20)])
+    trend = linregress(np.arange(20), means)
+    assert abs(trend.slope) < 4.0 * trend.stderr or abs(trend.slope) * 20 < 1e-8 * total
+
+
+def compression(scene: Scene) -> Scene:
+    return scene.replace(
+        protocol=[
+            {"kind": "hold", "name": "settle", "duration": 0.02},
+            {"kind": "move", "name": "compress", "to": "5 D", "duration": 0.08},
+        ]
+    )
+
+
+def test_ledger_closes_with_drag_and_driven_piston(small_bed: Scene) -> None:
+    run = simulate(compression(small_bed), dt=1e-5, progress=False)
+    residual, moved = ledger(run)
+    assert np.abs(residual).max() < 1e-5 * moved
+    assert run.dataset["drag_loss"].values[-1] > 0.1 * moved
+    assert run.dataset["work"].values[-1] > 0.0
+
+
+def test_ledger_residual_falls_with_the_square_of_the_step(small_bed: Scene) -> None:
+    scene = compression(small_bed)
+    steps = np.array([1.6e-4, 8e-5, 4e-5, 2e-5])
+    worst = []
+    for dt in steps:
+        residual, moved = ledger(simulate(scene, dt=float(dt), progress=False))
+        worst.append(np.abs(residual[-20:]).mean() / moved)
+    slope = np.polyfit(np.log(steps), np.log(worst), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.15)
+
+
+def test_drag_only_takes(small_bed: Scene) -> None:
+    lost = simulate(small_bed, t_end=0.1, progress=False).dataset["drag_loss"].values
+    assert lost[0] == 0.0
+    assert (np.diff(lost) >= 0.0).all()
+    assert lost[-1] > 0.0
+
+
+def test_work_at_a_lift_is_the_change_of_energy(small_damper: Scene) -> None:
+    """A nudge does work on the piston's weight and on the wall energy, and the ledger sees it."""
+    scene = small_damper.replace(**{"protocol.release.duration": 0.05})
+    run = simulate(scene, dt=2e-5, progress=False)
+    data = run.dataset
+    work, stage = data["work"].values, data["stage"].values
+    assert (work[stage == 0] == 0.0).all()
+    lifted = work[stage > 0]
+    assert (lifted == lifted[0]).all()
+    at_rest = int(np.flatnonzero(data["frame_time"].values <= run.stage("drop").end)[-2])
+    height = float(data["frame_height"][at_rest])
+    positions, by = data["position"].values[at_rest], 0.2 * 0.006
+    energies = [
+        evaluate(scene, positions, piston_height=one).potential_energy
+        for one in (height, height + by)
+    ]
+    speed = float(data["piston_velocity"][np.flatnonzero(stage == 0)[-1]])
+    change = energies[1] - energies[0] + 1.0 * 9.8 * by - 0.5 * 1.0 * speed**2
+    assert lifted[0] == pytest.approx(change, rel=1e-9)
+    residual, moved = ledger(run)
+    assert np.abs(residual).max() < 1e-4 * moved
+
+
+def test_free_fall_is_exact(bed: Scene) -> None:
+    """Without other effects a grain falls by g t^2/2 ([D, eq. 2.18] misprints g t^2)."""
+    scene = bed.replace(
+        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None, "effects.drag": None,
+           "arrangement.positions": [["5 D", "12 D"]], "piston": None}
+    )  # fmt: skip
+    run = simulate(scene, dt=1e-3, t_end=0.1, progress=False)
+    time = run.dataset["frame_time"].values
+    fall = run.dataset["position"].values[:, 0, 1]
+    np.testing.assert_allclose(fall, 0.072 - 4.9 * time**2, rtol=1e-13, atol=1e-16)
+
+
+def test_drag_alone_decays_exactly(bed: Scene) -> None:
+    """V = v0 exp(-gamma t/m) to rounding at any step: the drag flow is exact."""
+    scene = bed.replace(
+        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None,
+           "effects.gravity": None, "piston": None, "arrangement.positions": [["5 D", "12 D"]],
+           "arrangement.velocities": [[0.3, -0.1]]}
+    )  # fmt: skip
+    run = simulate(scene, dt=1e-3, t_end=0.1, progress=False)
+    speed = run.dataset["velocity"].values[-1, 0]
+    mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
+    np.testing.assert_allclose(speed, np.array([0.3, -0.1]) * np.exp(-0.1 * 0.1 / mass), rtol=1e-11)
+
+
+def test_overdamped_grain_sinks_at_terminal_speed(bed: Scene) -> None:
+    """Gamma h/m = 1.6e4: the grain moves at m g/gamma, whatever the step."""
+    scene = bed.replace(
+        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None, "piston": None,
+           "effects.drag.coefficient": 1e4, "arrangement.positions": [["5 D", "12 D"]]}
+    )  # fmt: skip
+    run = simulate(scene, dt=1e-3, t_end=0.1, progress=False)
+    mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
+    speed = run.dataset["velocity"].values[-1, 0, 1]
+    assert speed == pytest.approx(-mass * 9.8 / 1e4, rel=1e-9)

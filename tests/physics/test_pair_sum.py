@@ -1,0 +1,104 @@
+"""The fast pair sum against its slow twin, high precision, and with other numbers of threads."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granular.pairs.direct import (
+    PARTED_FROM,
+    direct_sum,
+    padded_coordinates,
+    padded_values,
+    part_buffers,
+)
+from granular.pairs.plain import plain_direct_sum
+
+ROOT = Path(__file__).parents[2]
+
+
+def arrangement(count: int, seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    side = int(np.ceil(np.sqrt(max(count, 1))))
+    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
+    return 1.7 * place + random.uniform(-0.6, 0.6, (count, 2))
+
+
+def sums(function, positions: np.ndarray, charge, *, full: bool) -> list[np.ndarray]:
+    x, y = padded_coordinates(positions)
+    out = [np.zeros_like(x) for _ in range(4)]
+    extremes = np.zeros(2)
+    weight = padded_values(np.linspace(0.2, 1.0, len(positions)))
+    function(
+        x, y, out[0], out[1], charge,
+        out[2] if full else None, extremes if full else None,
+        out[3] if full else None, weight if full else None,
+        part_buffers(x.size), None,
+    )  # fmt: skip
+    return [*(one[: len(positions)] for one in out), extremes]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    count=st.integers(1, 60), seed=st.integers(0, 10**6), charged=st.booleans(), full=st.booleans()
+)
+def test_fast_sum_is_its_slow_twin(count: int, seed: int, charged: bool, full: bool) -> None:
+    positions = arrangement(count, seed)
+    charge = padded_values(np.linspace(0.3, 1.0, count)) if charged else None
+    fast = sums(direct_sum, positions, charge, full=full)
+    slow = sums(plain_direct_sum, positions, charge, full=full)
+    for one, other in zip(fast, slow, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max() + 1e-150)
+
+
+@pytest.mark.parametrize("count", [92, 368, PARTED_FROM + 3])
+def test_error_against_long_double(count: int) -> None:
+    """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
+    positions = arrangement(count, 3)
+    fast = sums(direct_sum, positions, None, full=False)
+    place = positions.astype(np.longdouble)
+    delta = place[:, None] - place[None]
+    r2 = (delta**2).sum(axis=2)
+    np.fill_diagonal(r2, np.inf)
+    force = 0.75 * r2**-2.5
+    magnitudes = 0.75 * (r2**-2.0).sum(axis=1)
+    for axis in range(2):
+        wanted = (force * np.where(np.isfinite(r2), delta[:, :, axis], 0)).sum(axis=1)
+        assert (np.abs(fast[axis] - wanted) <= 1e-13 * magnitudes).all()
+
+
+def test_parts_agree_with_one_part() -> None:
+    """The same grains, summed in parts and (a few fewer, far away ones) in one part."""
+    positions = arrangement(PARTED_FROM - 8, 5)
+    far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
+    one = sums(direct_sum, positions, None, full=True)
+    many = sums(direct_sum, np.concatenate([positions, far]), None, full=True)
+    for alone, among in zip(one[:3], many[:3], strict=True):
+        np.testing.assert_allclose(among[: len(alone)], alone, rtol=1e-11, atol=1e-13)
+
+
+def test_without_compilation() -> None:
+    """The engine also runs as plain Python, and gives the same motion."""
+    code = """
+import numpy as np
+from granular import load_scene, simulate
+scene = load_scene("bed").replace(**{"grains.count": 5, "cell.width": "7 D",
+    "piston.height": "4 D", "arrangement.height": "4 D", "output.scalars": 1e-3})
+run = simulate(scene, dt=2e-4, t_end=4e-3, progress=False)
+print(repr(run.dataset["position"].values[-1].tolist()))
+"""
+    results = []
+    for flag in ("0", "1"):
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True, text=True, check=True, cwd=ROOT,
+            env={**__import__("os").environ, "NUMBA_DISABLE_JIT": flag},
+        )  # fmt: skip
+        results.append(np.array(eval(done.stdout)))
+    np.testing.assert_allclose(results[0], results[1], rtol=1e-12)
