@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
-from granular.engine.state import new_measurement, new_state
-from granular.engine.system import natural_system
+from granular.engine.state import State, new_measurement, new_state
+from granular.engine.system import Constants, natural_system
 from granular.errors import InputError
 from granular.scene import Scene
 
@@ -20,13 +20,13 @@ class Evaluation:
     Attributes
     ----------
     force : float64 (n, 2)
-        Magnetic force and weight of each grain [N].
+        Magnetic force, weight and contact of each grain [N]; without friction and drag.
     piston_force : float
         Of the grains on the piston, upwards [N].
     wall_forces : dict of str to float
         Of the grains on each wall, outwards [N].
     potential_energy : float
-        Of pairs, walls and the grains' weight [J].
+        Of pairs, walls, contacts and the grains' weight [J].
     kinetic_energy : float
         Of the grains [J].
     normal_load : float64 (n,)
@@ -68,16 +68,21 @@ def evaluate(
     speed = _field("velocities", velocities, constants.grains)
     if piston_height is None:
         piston_height = 0.0 if scene.piston is None else scene.piston.height
-    state = new_state(place / scales.length, speed / scales.velocity, piston_height / scales.length)
+    state = new_state(
+        place / scales.length,
+        speed / scales.velocity,
+        piston_height / scales.length,
+        constants.acting,
+    )
     measurement = new_measurement(state)
-    outside = measure_forces(state, constants, measurement)
+    outside = measure_forces(state, constants, 0.0, measurement)
     force = np.stack([state.fx, state.fy], axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise InputError(
             "a grain stands behind a wall, above the piston, or on another grain; move it into "
             "the cell, clear of the others"
         )
-    potential = sum(potential_energies(state, constants, measurement))
+    potential = sum(potential_energies(state, constants, 0.0, measurement))
     kinetic, _ = kinetic_energy(state, constants)
     totals = state.totals * scales.force
     return Evaluation(
@@ -86,8 +91,15 @@ def evaluate(
         wall_forces=dict(zip(("left", "right", "bottom", "top"), totals.tolist(), strict=True)),
         potential_energy=float(potential * scales.energy),
         kinetic_energy=float(kinetic * scales.energy),
-        normal_load=np.zeros(constants.grains),
+        normal_load=_normal_load(state, constants) * scales.force,
     )
+
+
+def _normal_load(state: State, constants: Constants) -> np.ndarray:
+    law = constants.acting.friction
+    if law is None or state.load is None:
+        return np.zeros(constants.grains)
+    return np.asarray(law.load + law.factor * state.load)[: constants.grains]
 
 
 def _field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:

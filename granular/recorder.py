@@ -8,40 +8,62 @@ import numpy as np
 
 from granular.engine.loop import COLUMNS
 from granular.engine.state import State
+from granular.engine.system import Constants
 
 
 @dataclasses.dataclass
 class Recorder:
-    """Records and frames in natural units, in the order of time."""
+    """Records and frames in natural units, in the order of time.
 
+    A grain that has left the cell is at no place: its fields are NaN.
+    """
+
+    count: int
     rows: list[np.ndarray] = dataclasses.field(default_factory=list)
     stages: list[np.ndarray] = dataclasses.field(default_factory=list)
-    frames: list[np.ndarray] = dataclasses.field(default_factory=list)
-    frame_times: list[tuple[float, float]] = dataclasses.field(default_factory=list)
+    frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
 
     def add_rows(self, rows: np.ndarray, stage: int) -> None:
         self.rows.append(rows.copy())
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
-    def add_frame(self, time: float, state: State, count: int) -> None:
-        fields = (state.x, state.y, state.vx, state.vy, state.fx, state.fy)
-        frame = np.stack([one[:count] for one in fields], axis=1).reshape(count, 3, 2)
-        self.frames.append(frame.transpose(1, 0, 2).copy())
-        self.frame_times.append((time, float(state.piston[0])))
+    def add_frame(self, time: float, state: State, constants: Constants) -> None:
+        frame = {
+            "frame_time": np.array(time),
+            "frame_height": state.piston[0].copy(),
+            "position": self._field(state, constants.grains, state.x, state.y),
+            "velocity": self._field(state, constants.grains, state.vx, state.vy),
+            "force": self._field(state, constants.grains, state.fx, state.fy),
+        }
+        law = constants.acting.friction
+        if law is not None and state.load is not None:
+            load = law.load + law.factor * state.load
+            frame["normal_load"] = self._field(state, constants.grains, load)[:, 0]
+        self.frames.append(frame)
+
+    def _field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
+        field = np.full((self.count, len(components)), np.nan)
+        field[state.label[:present]] = np.stack([one[:present] for one in components], axis=1)
+        return field
 
     def counts(self) -> tuple[int, int]:
         """How many records and frames are held."""
         return sum(map(len, self.rows)), len(self.frames)
 
     def clear(self) -> None:
-        for one in (self.rows, self.stages, self.frames, self.frame_times):
+        for one in (self.rows, self.stages, self.frames):
             one.clear()
 
-    def arrays(self, count: int) -> dict[str, np.ndarray]:
-        """Everything as arrays: ``rows``, ``stages``, ``frames`` (k, 3, n, 2), ``frame_times``."""
-        return {
-            "rows": np.concatenate([np.empty((0, len(COLUMNS))), *self.rows]),
-            "stages": np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),
-            "frames": np.array(self.frames).reshape(-1, 3, count, 2),
-            "frame_times": np.array(self.frame_times).reshape(-1, 2),
-        }
+    def table(self) -> tuple[np.ndarray, np.ndarray]:
+        """All records (r, columns), and the stage of each (r,)."""
+        empty = np.empty((0, len(COLUMNS)))
+        return (
+            np.concatenate([empty, *self.rows]),
+            np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),
+        )
+
+    def stacked(self, name: str, dims: tuple[str, ...]) -> np.ndarray:
+        """One field of all frames."""
+        shape = {"grain": self.count, "axis": 2}
+        rest = tuple(shape[dim] for dim in dims[1:])
+        return np.array([frame[name] for frame in self.frames]).reshape(-1, *rest)

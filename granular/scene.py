@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 
 from granular.arrangement import Arrangement, initial_motion
+from granular.effects.contact import Contact
 from granular.effects.dipole import Dipole
 from granular.effects.drag import Drag
+from granular.effects.friction import Friction
 from granular.effects.gravity import Gravity
+from granular.effects.shaking import Shaking
 from granular.effects.walls import Walls
 from granular.errors import SceneError
 from granular.protocol import KINDS, Stage
@@ -124,10 +127,16 @@ class Piston(Section):
         At the start [m].
     mass : float or None
         [kg]; needed where a stage lets it move freely.
+    drag : float
+        Viscous drag of the free piston [kg/s].
+    friction : float
+        Coulomb friction of the free piston [N].
     """
 
     height: float = quantity("m", above=0.0)
     mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
+    drag: float = quantity("kg/s", default=0.0, least=0.0)
+    friction: float = quantity("N", default=0.0, least=0.0)
 
 
 class Effects(Section):
@@ -139,12 +148,18 @@ class Effects(Section):
     walls : Walls or None
     gravity : Gravity or None
     drag : Drag or None
+    friction : Friction or None
+    contact : Contact or None
+    shaking : Shaking or None
     """
 
     dipole: Dipole | None = one(Dipole, default=None, optional=True)
     walls: Walls | None = one(Walls, default=None, optional=True)
     gravity: Gravity | None = one(Gravity, default=None, optional=True)
     drag: Drag | None = one(Drag, default=None, optional=True)
+    friction: Friction | None = one(Friction, default=None, optional=True)
+    contact: Contact | None = one(Contact, default=None, optional=True)
+    shaking: Shaking | None = one(Shaking, default=None, optional=True)
 
 
 class Output(Section):
@@ -179,6 +194,8 @@ class Scene(Section):
 
     def validate(self) -> None:
         self._check_piston()
+        if self.effects.friction is not None:
+            self.effects.friction.factors(self.grains, self.cell)
         if self.output.record is not None:
             names = tuple(stage.name for stage in self.protocol)
             if self.output.record not in names:

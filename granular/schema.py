@@ -149,6 +149,27 @@ class Points(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
+class Numbers(Kind):
+    """A list of quantities."""
+
+    each: Quantity = Quantity()
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            raise FieldError("must be a list of numbers")
+        found = []
+        for index, item in enumerate(value):
+            try:
+                found.append(self.each.parse(item, diameter))
+            except FieldError as error:
+                raise error.within(str(index)) from None
+        return tuple(found)
+
+    def plain(self, value: Any) -> Any:
+        return list(value)
+
+
+@dataclasses.dataclass(frozen=True)
 class One(Kind):
     """A nested section."""
 
@@ -245,6 +266,17 @@ def points(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
     return declare(Points(True, unit=unit), default)
 
 
+def numbers(
+    unit: str,
+    *,
+    default: Any = dataclasses.MISSING,
+    above: float | None = None,
+    least: float | None = None,
+) -> Any:
+    """A list of numbers in an SI unit."""
+    return declare(Numbers(each=Quantity(unit=unit, above=above, least=least)), default)
+
+
 def one(
     section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False
 ) -> Any:
@@ -258,7 +290,7 @@ def many(section: type[Section], *, least: int = 0) -> Any:
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
-    field_specifiers=(declare, quantity, whole, choice, text, points, one, many),
+    field_specifiers=(declare, quantity, whole, choice, text, points, numbers, one, many),
 )
 class Section:
     """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from granular.engine.ledger import DOUBTFUL
+from granular.engine.ledger import doubtful
 from granular.engine.run import Run
 from granular.engine.step_size import LONGEST, Step
 from granular.engine.system import System, natural_system
@@ -34,9 +34,9 @@ from granular.trajectory import Trajectory, finished, load_trajectory
 from granular.variables import (
     FRAME_HEIGHT,
     FRAME_TIME,
-    GRAIN_FIELDS,
     STAGE,
     TIME,
+    frame_variables,
     scalar_variables,
     si_column,
 )
@@ -176,23 +176,20 @@ def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset
     """The recorded data in SI, from memory."""
     import xarray
 
-    arrays = recorder.arrays(system.constants.grains)
-    rows, scales = arrays["rows"], system.scales
+    rows, stages = recorder.table()
+    scales = system.scales
     columns = {
         one.name: ("time", si_column(one, rows, scales), one.attributes())
         for one in (TIME, *scalar_variables(scene))
     }
-    columns[STAGE.name] = ("time", arrays["stages"], STAGE.attributes())
-    for place, one in enumerate((FRAME_TIME, FRAME_HEIGHT)):
-        values = arrays["frame_times"][:, place] * getattr(scales, one.scale)
-        columns[one.name] = ("frame", values, one.attributes())
+    columns[STAGE.name] = ("time", stages, STAGE.attributes())
     fields = {
         one.name: (
             one.dims,
-            arrays["frames"][:, place] * getattr(scales, one.scale),
+            recorder.stacked(one.name, one.dims) * getattr(scales, one.scale),
             one.attributes(),
         )
-        for place, one in enumerate(GRAIN_FIELDS)
+        for one in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene))
     }
     return xarray.Dataset(columns | fields)
 
@@ -302,7 +299,7 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
     """Warn where a run is less accurate than a user may take it to be."""
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
-    if residual > DOUBTFUL:
+    if residual > doubtful(trajectory.scene):
         warnings.warn(
             f"the energy ledger is off by {residual:.2g} of the energy turned over; a shorter dt "
             "is more accurate",

@@ -25,10 +25,10 @@ from granular.scene import Scene, load_scene
 from granular.variables import (
     FRAME_HEIGHT,
     FRAME_TIME,
-    GRAIN_FIELDS,
     STAGE,
     TIME,
     Variable,
+    frame_variables,
     scalar_variables,
     si_column,
 )
@@ -53,6 +53,7 @@ class Store:
         self.path, self.scene, self.system = path, scene, system
         self.rows = self.frames = 0
         self.scalars = scalar_variables(scene)
+        self.fields = frame_variables(scene)
 
     @classmethod
     def create(cls, path: Path, scene: Scene, system: System, settings: dict[str, Any]) -> Store:
@@ -75,15 +76,17 @@ class Store:
         scene.save(path / "scene.toml")
         write_atomically(path / "run.json", json.dumps(settings, indent=2).encode())
         group = zarr.create_group(path / TRAJECTORY)
-        count = system.constants.grains
+        count = scene.grains.count
         for one in (TIME, *store.scalars):
             store._create(group, one, (0,), (TIME_CHUNK,))
         store._create(group, STAGE, (0,), (TIME_CHUNK,), dtype="int64")
         store._create(group, FRAME_TIME, (0,), (TIME_CHUNK,))
         store._create(group, FRAME_HEIGHT, (0,), (TIME_CHUNK,))
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))
-        for one in GRAIN_FIELDS:
-            store._create(group, one, (0, count, 2), (depth, max(1, count), 2))
+        for one in store.fields:
+            rest = (count, 2)[: len(one.dims) - 1]
+            chunks = (depth, max(1, count), 2)[: len(one.dims)]
+            store._create(group, one, (0, *rest), chunks)
         return store
 
     @staticmethod
@@ -110,23 +113,19 @@ class Store:
         """Append what the recorder holds, and clear it."""
         import zarr
 
-        arrays = recorder.arrays(self.system.constants.grains)
         group = zarr.open_group(self.path / TRAJECTORY, mode="r+")
         scales = self.system.scales
-        rows, frames = arrays["rows"], arrays["frames"]
+        rows, stages = recorder.table()
         if len(rows):
             for one in (TIME, *self.scalars):
                 _append(group[one.name], self.rows, si_column(one, rows, scales))
-            _append(group["stage"], self.rows, arrays["stages"])
+            _append(group[STAGE.name], self.rows, stages)
             self.rows += len(rows)
-        if len(frames):
-            times = arrays["frame_times"]
-            _append(group["frame_time"], self.frames, times[:, 0] * scales.time)
-            _append(group["frame_height"], self.frames, times[:, 1] * scales.length)
-            for place, one in enumerate(GRAIN_FIELDS):
-                values = frames[:, place] * getattr(scales, one.scale)
+        if recorder.frames:
+            for one in (FRAME_TIME, FRAME_HEIGHT, *self.fields):
+                values = recorder.stacked(one.name, one.dims) * getattr(scales, one.scale)
                 _append(group[one.name], self.frames, values)
-            self.frames += len(frames)
+            self.frames += len(recorder.frames)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Zarr calls consolidated metadata new in its format 3
             zarr.consolidate_metadata(self.path / TRAJECTORY)

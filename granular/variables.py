@@ -53,7 +53,18 @@ _WEIGHT = Variable("weight_energy", "J", "potential energy of the weight", "weig
 _PISTON_ENERGY = Variable(
     "piston_energy", "J", "kinetic and potential energy of the piston", "piston", "energy"
 )
-_DRAG = Variable("drag_loss", "J", "energy lost to viscous drag", "drag_loss", "energy")
+_CONTACT = Variable("contact_energy", "J", "energy of the contacts", "contact", "energy")
+_LOSSES = {
+    "drag": Variable("drag_loss", "J", "energy lost to viscous drag", "drag_loss", "energy"),
+    "friction": Variable(
+        "friction_loss", "J", "energy lost to dry friction", "friction_loss", "energy"
+    ),
+    "contact": Variable("contact_loss", "J", "energy lost in contacts", "contact_loss", "energy"),
+}
+_PISTON_LOSS = Variable(
+    "piston_loss", "J", "energy lost to the piston's friction and drag", "piston_loss", "energy"
+)
+_COUNT = Variable("grain_count", "1", "number of grains in the cell", "grains")
 _WORK = Variable("work", "J", "work done from outside through the piston", "work", "energy")
 _STATE = (
     Variable("closest_distance", "m", "least distance of two grains", "closest", "length"),
@@ -66,7 +77,10 @@ FRAME_TIME = Variable("frame_time", "s", "time of the frame", scale="time", dims
 GRAIN_FIELDS = (
     Variable("position", "m", "positions", "", "length", ("frame", "grain", "axis")),
     Variable("velocity", "m/s", "velocities", "", "velocity", ("frame", "grain", "axis")),
-    Variable("force", "N", "magnetic force and weight", "", "force", ("frame", "grain", "axis")),
+    Variable("force", "N", "magnetic, weight and contact", "", "force", ("frame", "grain", "axis")),
+)
+NORMAL_LOAD = Variable(
+    "normal_load", "N", "normal force on the plates", "", "force", ("frame", "grain")
 )
 FRAME_HEIGHT = Variable(
     "frame_height", "m", "height of the piston at the frame", "", "length", ("frame",)
@@ -89,12 +103,22 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     chosen += [_WEIGHT] if effects.gravity else []
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += [_DRAG] if effects.drag else []
-    chosen += [_WORK] if scene.piston is not None else []
+    chosen += [_CONTACT] if effects.contact else []
+    chosen += [loss for name, loss in _LOSSES.items() if getattr(effects, name)]
+    if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
+        chosen.append(_PISTON_LOSS)
+    chosen += [_WORK] if scene.piston is not None or effects.shaking else []
+    chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
     chosen += [one for one in _STATE if one.column != "closest" or effects.dipole]
     return tuple(chosen)
 
 
+def frame_variables(scene: Scene) -> tuple[Variable, ...]:
+    """The grain fields of each frame that a scene has."""
+    return (*GRAIN_FIELDS, NORMAL_LOAD) if scene.effects.friction else GRAIN_FIELDS
+
+
 def si_column(variable: Variable, rows: np.ndarray, scales: Scales) -> np.ndarray:
     """A variable's values in SI from records in natural units."""
-    return rows[:, COLUMNS.index(variable.column)] * getattr(scales, variable.scale)
+    values = rows[:, COLUMNS.index(variable.column)]
+    return values * getattr(scales, variable.scale) if variable.scale else values

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.engine.ledger import DOUBTFUL
+from granular.engine.ledger import doubtful
 from granular.html import Page, number
 from granular.plotting import COLOURS, GREY, STYLES, draw_bed, figure
 from granular.scales import Scales
@@ -229,7 +229,7 @@ def _ledger(page: Page, run: Trajectory) -> None:
         )
     worst = run.settings()["ledger_residual"]
     words = f"The ledger closes to {worst:.1e} of the energy turned over."
-    (page.note if worst > DOUBTFUL else page.text)(words)
+    (page.note if worst > doubtful(run.scene) else page.text)(words)
 
 
 def _settings(page: Page, run: Trajectory) -> None:

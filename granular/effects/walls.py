@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from granular.compiled import Array, compiled
-from granular.effects import wall_experimental
-from granular.pairs.vector import lane_sum
-from granular.schema import Section, choice, one
+import numpy as np
 
-LAWS = ("experimental",)
+from granular.compiled import Array, compiled
+from granular.effects import wall_experimental, wall_infinite, wall_slab
+from granular.pairs.vector import lane_sum
+from granular.schema import FieldError, Section, choice, one, quantity
+
+LAWS = ("experimental", "infinite", "slab")
 SIDES = ("left", "right", "bottom", "top")
 
 
@@ -23,14 +25,49 @@ class Wall(Section):
     Attributes
     ----------
     law : str
-        ``"experimental"``: force proportional to distance^-3.5 [D, eq. 2.8].
+        ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3
+        [D, eq. 3.3]; ``"slab"``: a magnetic slab of finite length [D, eq. 3.17].
+    length : float or None
+        Of a slab [m], from the corner at the origin. Must be given for a slab at the side; the
+        bottom and the piston are as long as the cell is wide.
+    gap_start, gap_end : float or None
+        A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
     """
 
     law: str = choice(*LAWS, default="experimental")
+    length: float | None = quantity("m", above=0.0, default=None, optional=True)
+    gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
+    gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
 
     @classmethod
     def build(cls, plain: Any, diameter: float | None = None) -> Wall:
         return super().build({"law": plain} if isinstance(plain, str) else plain, diameter)
+
+    @property
+    def has_gap(self) -> bool:
+        return self.gap_start is not None
+
+    def validate(self) -> None:
+        if self.law != "slab" and (self.length is not None or self.has_gap):
+            raise FieldError(f"only a slab has a length or a gap; this wall is {self.law!r}", "law")
+        if (self.gap_start is None) != (self.gap_end is None):
+            raise FieldError("give both ends of the gap", "gap_start")
+        if self.has_gap and not (self.gap_end or 0.0) > (self.gap_start or 0.0):
+            raise FieldError(
+                f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end"
+            )
+
+    def kernel(self, width: float, unit: float) -> Law:
+        """The law in natural units, for a cell of that width [m] and the length unit D [m]."""
+        if self.law == "experimental":
+            return Law(experimental=True)
+        if self.law == "infinite":
+            return Law(infinite=True)
+        ends = [0.0, width if self.length is None else self.length]
+        if self.gap_start is not None and self.gap_end is not None:
+            ends = [0.0, self.gap_start, self.gap_end, ends[1]]
+        natural = np.array(ends) / unit
+        return Law(slab=Slab(natural[::2].copy(), natural[1::2].copy(), not self.has_gap))
 
 
 class Walls(Section):
@@ -41,69 +78,149 @@ class Walls(Section):
     bottom: Wall | None = one(Wall, default=Wall(), optional=True)
     top: Wall | None = one(Wall, default=Wall(), optional=True)
 
-    def kernel(self) -> WallLaws:
-        return WallLaws(*(_law(getattr(self, side)) for side in SIDES))
+    def validate(self) -> None:
+        for side in SIDES:
+            wall = getattr(self, side)
+            if wall is None:
+                continue
+            if wall.has_gap and side != "bottom":
+                raise FieldError("only the bottom can have a gap", side, "gap_start")
+            if wall.law == "slab" and wall.length is None and side in ("left", "right"):
+                raise FieldError("must be given for a slab at the side", side, "length")
+
+    @property
+    def has_gap(self) -> bool:
+        return self.bottom is not None and self.bottom.has_gap
+
+    def kernel(self, width: float, unit: float) -> WallLaws:
+        """The laws in natural units; see `Wall.kernel`."""
+        walls = (getattr(self, side) for side in SIDES)
+        return WallLaws(*(None if wall is None else wall.kernel(width, unit) for wall in walls))
+
+
+class Slab(NamedTuple):
+    """One or two slabs in a line.
+
+    Attributes
+    ----------
+    starts, ends : float64 (k,)
+        Where each slab begins and ends along the wall [D].
+    closed : bool
+        Whether no grain can come behind it.
+    """
+
+    starts: Array
+    ends: Array
+    closed: bool
 
 
 class Law(NamedTuple):
     """The law of one wall as the kernels take it: exactly one field is not None."""
 
     experimental: bool | None = None
+    infinite: bool | None = None
+    slab: Slab | None = None
 
 
 class WallLaws(NamedTuple):
+    """The law of each side; None is open."""
+
     left: Law | None
     right: Law | None
     bottom: Law | None
     top: Law | None
 
 
-def _law(wall: Wall | None) -> Law | None:
-    return None if wall is None else Law(**{wall.law: True})
+OPEN = WallLaws(None, None, None, None)
+
+
+class Side(NamedTuple):
+    """A wall's place, and the grains' coordinates as seen from it.
+
+    Attributes
+    ----------
+    place, along : float64 (m,)
+        Coordinates of the grains across and along the wall [D].
+    offset, sign : float
+        The distance from the wall is sign * (place - offset).
+    """
+
+    place: Array
+    along: Array
+    offset: float
+    sign: float
 
 
 @compiled
 def _press(
     experimental: bool | None,
+    infinite: bool | None,
+    slab: Slab | None,
     count: int,
-    charge: Array | None,
-    place: Array,
-    offset: float,
-    sign: float,
-    force: Array,
+    side: Side,
     push: Array,
+    shove: Array,
 ) -> int:
+    """Forces of one wall for charges 1: away from it, and (slabs) along it."""
     outside = 0
     if experimental is not None:
         for i in range(count):
-            w = sign * (place[i] - offset)
+            w = side.sign * (side.place[i] - side.offset)
             push[i] = wall_experimental.force(w)
             outside += not w > 0.0
-    if charge is not None:
+    if infinite is not None:
         for i in range(count):
-            push[i] *= charge[i]
-    for i in range(count):
-        force[i] += sign * push[i]
+            w = side.sign * (side.place[i] - side.offset)
+            push[i] = wall_infinite.force(w)
+            outside += not w > 0.0
+    if slab is not None:
+        for i in range(count):
+            w = side.sign * (side.place[i] - side.offset)
+            push[i] = 0.0
+            shove[i] = 0.0
+            for k in range(slab.starts.size):
+                a, b = side.along[i] - slab.starts[k], slab.ends[k] - side.along[i]
+                push[i] += wall_slab.normal_force(w, a, b)
+                shove[i] += wall_slab.tangential_force(w, a, b)
+            outside += (not w > 0.0) if slab.closed else (not abs(w) >= 0.0)
     return outside
+
+
+@compiled
+def _shove(
+    slab: Slab | None, count: int, charge: Array | None, along_force: Array, shove: Array
+) -> None:
+    if slab is not None:
+        for i in range(count):
+            ratio = 1.0
+            if charge is not None:
+                ratio = charge[i]
+            along_force[i] += ratio * shove[i]
 
 
 @compiled
 def _press_side(
     law: Law | None,
-    side: int,
+    which: int,
     count: int,
     charge: Array | None,
-    place: Array,
-    offset: float,
-    sign: float,
+    side: Side,
     force: Array,
+    along_force: Array,
     push: Array,
+    shove: Array,
     totals: Array,
 ) -> int:
     if law is None:
         return 0
-    outside = _press(law.experimental, count, charge, place, offset, sign, force, push)
-    totals[side] = lane_sum(push)
+    outside = _press(law.experimental, law.infinite, law.slab, count, side, push, shove)
+    if charge is not None:
+        for i in range(count):
+            push[i] *= charge[i]
+    for i in range(count):
+        force[i] += side.sign * push[i]
+    _shove(law.slab, count, charge, along_force, shove)
+    totals[which] = lane_sum(push)
     return outside
 
 
@@ -119,6 +236,7 @@ def add_wall_forces(
     width: float,
     height: float,
     push: Array,
+    shove: Array,
     totals: Array,
 ) -> int:
     """Add the walls' forces on the grains.
@@ -128,7 +246,7 @@ def add_wall_forces(
     laws : WallLaws
     width, height : float
         Cell width and piston height [D].
-    push : float64 (m,)
+    push, shove : float64 (m,)
         Scratch, zero behind the grains.
     totals : float64 (4,)
         Overwritten by the force on each wall, in the order of `SIDES` [F*].
@@ -138,34 +256,45 @@ def add_wall_forces(
     int
         How many times a grain stands on the wrong side of a wall, or is at no number.
     """
+    left, right = Side(x, y, 0.0, 1.0), Side(x, y, width, -1.0)
+    bottom, top = Side(y, x, 0.0, 1.0), Side(y, x, height, -1.0)
     return (
-        _press_side(laws.left, 0, count, charge, x, 0.0, 1.0, fx, push, totals)
-        + _press_side(laws.right, 1, count, charge, x, width, -1.0, fx, push, totals)
-        + _press_side(laws.bottom, 2, count, charge, y, 0.0, 1.0, fy, push, totals)
-        + _press_side(laws.top, 3, count, charge, y, height, -1.0, fy, push, totals)
+        _press_side(laws.left, 0, count, charge, left, fx, fy, push, shove, totals)
+        + _press_side(laws.right, 1, count, charge, right, fx, fy, push, shove, totals)
+        + _press_side(laws.bottom, 2, count, charge, bottom, fy, fx, push, shove, totals)
+        + _press_side(laws.top, 3, count, charge, top, fy, fx, push, shove, totals)
     )
 
 
 @compiled
 def _measure(
     experimental: bool | None,
+    infinite: bool | None,
+    slab: Slab | None,
     count: int,
-    charge: Array | None,
-    place: Array,
-    offset: float,
-    sign: float,
+    side: Side,
     stiffness: Array,
     push: Array,
-) -> float:
+) -> None:
+    """Energies of one wall for charges 1, and its stiffness over the grain's mass."""
     if experimental is not None:
         for i in range(count):
-            w = sign * (place[i] - offset)
+            w = side.sign * (side.place[i] - side.offset)
             push[i] = wall_experimental.energy(w)
             stiffness[i] += wall_experimental.stiffness(w)
-    if charge is not None:
+    if infinite is not None:
         for i in range(count):
-            push[i] *= charge[i]
-    return lane_sum(push)
+            w = side.sign * (side.place[i] - side.offset)
+            push[i] = wall_infinite.energy(w)
+            stiffness[i] += wall_infinite.stiffness(w)
+    if slab is not None:
+        for i in range(count):
+            w = side.sign * (side.place[i] - side.offset)
+            push[i] = 0.0
+            for k in range(slab.starts.size):
+                a, b = side.along[i] - slab.starts[k], slab.ends[k] - side.along[i]
+                push[i] += wall_slab.energy(w, a, b)
+                stiffness[i] += wall_slab.stiffness(w, a, b)
 
 
 @compiled
@@ -173,15 +302,17 @@ def _measure_side(
     law: Law | None,
     count: int,
     charge: Array | None,
-    place: Array,
-    offset: float,
-    sign: float,
+    side: Side,
     stiffness: Array,
     push: Array,
 ) -> float:
     if law is None:
         return 0.0
-    return _measure(law.experimental, count, charge, place, offset, sign, stiffness, push)
+    _measure(law.experimental, law.infinite, law.slab, count, side, stiffness, push)
+    if charge is not None:
+        for i in range(count):
+            push[i] *= charge[i]
+    return lane_sum(push)
 
 
 @compiled
@@ -202,42 +333,41 @@ def measure_walls(
     ratio for every species.
     """
     return (
-        _measure_side(laws.left, count, charge, x, 0.0, 1.0, stiffness, push)
-        + _measure_side(laws.right, count, charge, x, width, -1.0, stiffness, push)
-        + _measure_side(laws.bottom, count, charge, y, 0.0, 1.0, stiffness, push)
-        + _measure_side(laws.top, count, charge, y, height, -1.0, stiffness, push)
+        _measure_side(laws.left, count, charge, Side(x, y, 0.0, 1.0), stiffness, push)
+        + _measure_side(laws.right, count, charge, Side(x, y, width, -1.0), stiffness, push)
+        + _measure_side(laws.bottom, count, charge, Side(y, x, 0.0, 1.0), stiffness, push)
+        + _measure_side(laws.top, count, charge, Side(y, x, height, -1.0), stiffness, push)
     )
 
 
 @compiled
-def _top_stiffness(
-    experimental: bool | None, count: int, charge: Array | None, y: Array, height: float
-) -> tuple[float, float]:
+def piston_stiffness(
+    law: Law | None, count: int, charge: Array | None, x: Array, y: Array, height: float,
+    slopes: Array, push: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """Stiffness of all grains against the piston [F*/D], and the largest of one grain per mass."""
+    slopes[:] = 0.0
+    _measure_side(law, count, charge, Side(y, x, height, -1.0), slopes, push)
     total = 0.0
     largest = 0.0
-    if experimental is not None:
-        for i in range(count):
-            slope = wall_experimental.stiffness(height - y[i])
-            largest = max(largest, slope)
-            total += slope if charge is None else slope * charge[i]
+    for i in range(count):
+        largest = max(largest, slopes[i])
+        total += slopes[i] if charge is None else slopes[i] * charge[i]
     return total, largest
 
 
 @compiled
-def piston_stiffness(
-    law: Law | None, count: int, charge: Array | None, y: Array, height: float
-) -> tuple[float, float]:
-    """Stiffness of all grains against the piston [F*/D], and the largest of one grain per mass."""
-    if law is None:
-        return 0.0, 0.0
-    return _top_stiffness(law.experimental, count, charge, y, height)
-
-
-@compiled
-def _turning(experimental: bool | None, speed: float) -> float:
+def _turning(
+    experimental: bool | None, infinite: bool | None, slab: Slab | None, speed: float
+) -> float:
     square = 0.0
     if experimental is not None:
         square = wall_experimental.turning_stiffness(speed)
+    if infinite is not None:
+        square = wall_infinite.turning_stiffness(speed)
+    if slab is not None:
+        # At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer.
+        square = 4.0 * wall_infinite.turning_stiffness(speed)
     return square
 
 
@@ -245,7 +375,7 @@ def _turning(experimental: bool | None, speed: float) -> float:
 def _turning_side(law: Law | None, speed: float) -> float:
     if law is None:
         return 0.0
-    return _turning(law.experimental, speed)
+    return _turning(law.experimental, law.infinite, law.slab, speed)
 
 
 @compiled

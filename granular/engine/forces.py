@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 from granular.compiled import Array, compiled
+from granular.effects import contact
+from granular.effects.contact import ContactLaw
 from granular.effects.dipole import ENERGY
+from granular.effects.friction import FrictionLaw
 from granular.effects.gravity import add_weight, weight_energy
+from granular.effects.shaking import Swing, acceleration, add_inertia, mass_moment
 from granular.effects.walls import add_wall_forces, measure_walls
 from granular.engine.state import Measurement, State
 from granular.engine.system import Constants
+from granular.pairs.cells import ClosePairs, find_close_pairs
 from granular.pairs.direct import direct_sum
 from granular.pairs.vector import lane_sum
 
@@ -15,6 +22,7 @@ from granular.pairs.vector import lane_sum
 @compiled
 def _pair_forces(
     dipole: bool | None,
+    friction: FrictionLaw | None,
     state: State,
     charge: Array | None,
     stiffness: Array | None,
@@ -28,44 +36,79 @@ def _pair_forces(
             stiffness[:] = 0.0
         if extremes is not None:
             extremes[:] = 0.0
-    else:
+    elif friction is None:
         direct_sum(
             state.x, state.y, state.fx, state.fy,
             charge, stiffness, extremes, None, None, state.buffers, threaded,
         )  # fmt: skip
+    else:
+        direct_sum(
+            state.x, state.y, state.fx, state.fy,
+            charge, stiffness, extremes, state.load, friction.weight, state.buffers, threaded,
+        )  # fmt: skip
 
 
 @compiled
-def _other_forces(state: State, constants: Constants) -> int:
+def _contact_forces(
+    law: ContactLaw | None, close: ClosePairs | None, state: State, constants: Constants
+) -> int:
+    """Add the forces of the grains in contact; 1 where there was no room for them."""
+    if law is not None and close is not None:
+        find_close_pairs(close, state.x, state.y, constants.grains, law.widest)
+        for p in range(close.filled[0]):
+            i, j = close.first[p], close.second[p]
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            r = math.sqrt(dx * dx + dy * dy)
+            overlap = law.radius[i] + law.radius[j] - r
+            if overlap > 0.0:
+                k = contact.spring(law, law.radius[i], law.radius[j])
+                ratio = contact.force(k, overlap) / r
+                state.fx[i] += ratio * dx
+                state.fy[i] += ratio * dy
+                state.fx[j] -= ratio * dx
+                state.fy[j] -= ratio * dy
+        return int(close.filled[0] < 0)
+    return 0
+
+
+@compiled
+def _other_forces(state: State, constants: Constants, time: float) -> int:
     acting, count, charge = constants.acting, constants.grains, constants.charge
     add_weight(acting.gravity, count, charge, state.fy)
-    return add_wall_forces(
+    add_inertia(acting.shaking, time, count, charge, state.fx, state.fy)
+    crowded = _contact_forces(acting.contact, state.close, state, constants)
+    return crowded + add_wall_forces(
         acting.walls, count, charge, state.x, state.y, state.fx, state.fy,
-        constants.width, state.piston[0], state.push, state.totals,
+        constants.width, state.piston[0], state.push, state.shove, state.totals,
     )  # fmt: skip
 
 
 @compiled
-def compute_forces(state: State, constants: Constants) -> int:
-    """Overwrite the forces on the grains and the walls.
+def compute_forces(state: State, constants: Constants, time: float) -> int:
+    """Overwrite the forces on the grains and the walls, at a time [tau].
 
     Returns
     -------
     int
         Zero while every grain is where it can be (see `add_wall_forces`).
     """
-    _pair_forces(constants.acting.dipole, state, constants.charge, None, None, constants.threaded)
-    return _other_forces(state, constants)
+    _pair_forces(
+        constants.acting.dipole, constants.acting.friction, state, constants.charge,
+        None, None, constants.threaded,
+    )  # fmt: skip
+    return _other_forces(state, constants, time)
 
 
 @compiled
-def measure_forces(state: State, constants: Constants, measurement: Measurement) -> int:
-    """`compute_forces`, with the sums that `energies` and `stiffest` need, in the same pass."""
+def measure_forces(
+    state: State, constants: Constants, time: float, measurement: Measurement
+) -> int:
+    """`compute_forces`, with the sums that `potential_energies` needs, in the same pass."""
     _pair_forces(
-        constants.acting.dipole, state, constants.charge,
+        constants.acting.dipole, constants.acting.friction, state, constants.charge,
         measurement.stiffness, measurement.extremes, constants.threaded,
     )  # fmt: skip
-    return _other_forces(state, constants)
+    return _other_forces(state, constants, time)
 
 
 @compiled
@@ -88,21 +131,56 @@ def _mass_sum(state: State, charge: Array | None) -> float:
 
 
 @compiled
+def _contact_energy(
+    law: ContactLaw | None,
+    close: ClosePairs | None,
+    state: State,
+    charge: Array | None,
+    stiffness: Array,
+) -> float:
+    total = 0.0
+    if law is not None and close is not None:
+        for p in range(close.filled[0]):
+            i, j = close.first[p], close.second[p]
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            overlap = law.radius[i] + law.radius[j] - math.sqrt(dx * dx + dy * dy)
+            if overlap > 0.0:
+                k = contact.spring(law, law.radius[i], law.radius[j])
+                total += contact.energy(k, overlap)
+                slope = 2.0 * contact.stiffness(k, overlap)
+                stiffness[i] += slope if charge is None else slope / charge[i]
+                stiffness[j] += slope if charge is None else slope / charge[j]
+    return total
+
+
+@compiled
+def _inertia_energy(swing: Swing | None, time: float, state: State, constants: Constants) -> float:
+    if swing is None:
+        return 0.0
+    ax, ay = acceleration(swing, time)
+    mx, my = mass_moment(constants.grains, constants.charge, state.x, state.y)
+    return -(ax * mx + ay * my)
+
+
+@compiled
 def potential_energies(
-    state: State, constants: Constants, measurement: Measurement
-) -> tuple[float, float, float]:
-    """Energies of the pairs, at the walls, and of the grains' weight [F* D].
+    state: State, constants: Constants, time: float, measurement: Measurement
+) -> tuple[float, float, float, float]:
+    """Energies of pairs, walls, weight (and inertia), and contacts [F* D].
 
     Needs a measuring pass at the same positions; completes its stiffness to a bound of the
     square of the highest angular frequency of each grain: half a row sum of Gershgorin's theorem
     for the pairs (a pair's stiffness 3 q_i q_j / r^5 enters the row of i twice), and the walls'.
     """
+    acting, count, charge = constants.acting, constants.grains, constants.charge
     stiffness = measurement.stiffness
-    for i in range(constants.grains):
+    for i in range(count):
         stiffness[i] *= 6.0
     walls = measure_walls(
-        constants.acting.walls, constants.grains, constants.charge, state.x, state.y,
+        acting.walls, count, charge, state.x, state.y,
         constants.width, state.piston[0], stiffness, state.push,
     )  # fmt: skip
-    weight = weight_energy(constants.acting.gravity, constants.grains, constants.charge, state.y)
-    return ENERGY * measurement.extremes[0], walls, weight
+    touching = _contact_energy(acting.contact, state.close, state, charge, stiffness)
+    weight = weight_energy(acting.gravity, count, charge, state.y)
+    weight += _inertia_energy(acting.shaking, time, state, constants)
+    return ENERGY * measurement.extremes[0], walls, weight, touching

@@ -1,8 +1,9 @@
 """The loop: kicks and drifts from a table, over ticks that end with a measurement.
 
 A tick is the span between two looks at the bed. At its end the loop takes the energies, the
-stiffest mode and the speeds in the pass that the step needs anyway, watches for rest and for
-steps that grew too long, and keeps a record every so many ticks.
+stiffest mode and the speeds in the pass that the step needs anyway, watches for rest, for a force
+that is reached, for grains that leave and for steps that grew too long, and keeps a record every
+so many ticks.
 """
 
 from __future__ import annotations
@@ -13,20 +14,20 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects import drag
 from granular.engine.forces import (
     compute_forces,
     kinetic_energy,
     measure_forces,
     potential_energies,
 )
-from granular.engine.motion import Motion, path
+from granular.engine.kick import kick_grains
+from granular.engine.motion import Motion
+from granular.engine.piston import drift_piston, kick_piston, piston_energy
 from granular.engine.state import Measurement, State
 from granular.engine.stiffness import stiffest_mode
 from granular.engine.system import Constants
-from granular.pairs.vector import lane_sum
 
-RUNNING, OUTSIDE, RESTING, STIFF = 0, 1, 2, 3
+RUNNING, OUTSIDE, RESTING, STIFF, REACHED, LEFT = range(6)
 
 COLUMNS = (
     "time",
@@ -40,16 +41,24 @@ COLUMNS = (
     "pair",
     "wall",
     "weight",
+    "contact",
     "piston",
-    "drag_loss",
     "work",
+    "drag_loss",
+    "friction_loss",
+    "contact_loss",
+    "piston_loss",
     "closest",
     "fastest",
     "stiffest",
+    "grains",
 )
 """One record: time; the piston; the force on each wall; the energies; the ledger; the least
 distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
-bed can meet."""
+bed can meet; the number of grains."""
+
+CLOSEST, FASTEST, STIFFEST = (COLUMNS.index(name) for name in ("closest", "fastest", "stiffest"))
+_LEDGER = COLUMNS.index("work")
 
 
 class Watch(NamedTuple):
@@ -78,74 +87,21 @@ class Watch(NamedTuple):
 
 
 @compiled
-def _kick_freely(span: float, state: State, count: int, charge: Array | None) -> None:
-    if charge is None:
-        for i in range(count):
-            state.vx[i] += span * state.fx[i]
-            state.vy[i] += span * state.fy[i]
-    else:
-        for i in range(count):
-            gain = span / charge[i]
-            state.vx[i] += gain * state.fx[i]
-            state.vy[i] += gain * state.fy[i]
-
-
-@compiled
-def _kick_with_drag(
-    rate: float, span: float, state: State, count: int, charge: Array | None
+def _drift(
+    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float
 ) -> None:
-    decay, gain, a, b, c = drag.flow(rate, span)
-    for i in range(count):
-        mass = 1.0
-        if charge is not None:
-            mass = charge[i]
-        ax, ay = state.fx[i] / mass, state.fy[i] / mass
-        vx, vy = state.vx[i], state.vy[i]
-        state.vx[i] = decay * vx + gain * ax
-        state.vy[i] = decay * vy + gain * ay
-        lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-        state.push[i] = mass * lost
-    state.ledger[0] += lane_sum(state.push)
-
-
-@compiled
-def _kick(
-    rate: float | None, span: float, state: State, constants: Constants, motion: Motion, time: float
-) -> None:
-    """Velocities after ``span``, at frozen positions: forces, drag, the piston and its work."""
-    if rate is None:
-        _kick_freely(span, state, constants.grains, constants.charge)
-    else:
-        _kick_with_drag(rate, span, state, constants.grains, constants.charge)
-    if motion.free:
-        state.piston[1] += span * (state.totals[3] - constants.weight) / constants.mass
-    else:
-        # The work is the conjugate of the path's time, so that it has the method's order.
-        state.ledger[1] -= span * state.totals[3] * path(motion, time)[1]
-
-
-@compiled
-def _drift(span: float, state: State, constants: Constants, motion: Motion, time: float) -> None:
     """Positions after ``span``, which ends at ``time`` in the stage."""
     for i in range(constants.grains):
         state.x[i] += span * state.vx[i]
         state.y[i] += span * state.vy[i]
-    if motion.free:
-        state.piston[0] += span * state.piston[1]
-    else:
-        height, velocity = path(motion, time)
-        if constants.mass < math.inf:
-            state.ledger[1] += constants.weight * (height - state.piston[0]) + (
-                0.5 * constants.mass * (velocity**2 - state.piston[1] ** 2)
-            )
-        state.piston[0] = height
-        state.piston[1] = velocity
+    drift_piston(span, state, constants, motion, time, start)
 
 
 @compiled
 def _step(
     h: float,
     time: float,
+    start: float,
     kicks: Array,
     drifts: Array,
     state: State,
@@ -154,21 +110,22 @@ def _step(
     measurement: Measurement | None,
 ) -> int:
     """One step from ``time`` in the stage; the last forces are measured if asked."""
-    rate = constants.acting.drag
     outside = 0
     stage = time
-    for k in range(drifts.size):
+    stages = drifts.size
+    for k in range(stages + 1):
         if kicks[k] != 0.0:
-            _kick(rate, kicks[k] * h, state, constants, motion, stage)
-        stage += drifts[k] * h
-        _drift(drifts[k] * h, state, constants, motion, stage)
-        last = k == drifts.size - 1
-        if last and measurement is not None:
-            outside += measure_forces(state, constants, measurement)
-        elif not last or kicks[k + 1] != 0.0:
-            outside += compute_forces(state, constants)
-    if kicks[drifts.size] != 0.0:
-        _kick(rate, kicks[drifts.size] * h, state, constants, motion, stage)
+            opening = 2 * k < stages
+            kick_grains(kicks[k] * h, state, constants, opening)
+            kick_piston(kicks[k] * h, state, constants, motion, stage, start, opening)
+        if k < stages:
+            stage += drifts[k] * h
+            _drift(drifts[k] * h, state, constants, motion, stage, start)
+            last = k == stages - 1
+            if last and measurement is not None:
+                outside += measure_forces(state, constants, start + stage, measurement)
+            elif not last or kicks[stages] != 0.0:
+                outside += compute_forces(state, constants, start + stage)
     return outside
 
 
@@ -181,9 +138,9 @@ def measure(
     measurement: Measurement,
     row: Array,
 ) -> None:
-    """Fill one record after a measuring pass."""
+    """Fill one record after a measuring pass, at a time [tau]."""
     kinetic, fastest = kinetic_energy(state, constants)
-    pair, wall, weight = potential_energies(state, constants, measurement)
+    pair, wall, weight, touching = potential_energies(state, constants, time, measurement)
     row[0] = time
     row[1] = state.piston[0]
     row[2] = state.piston[1]
@@ -193,14 +150,22 @@ def measure(
     row[8] = pair
     row[9] = wall
     row[10] = weight
-    row[11] = 0.0
-    if constants.mass < math.inf:
-        row[11] = 0.5 * constants.mass * state.piston[1] ** 2 + constants.weight * state.piston[0]
-    row[12] = state.ledger[0]
-    row[13] = state.ledger[1]
-    row[14] = measurement.extremes[1] ** -0.2 if measurement.extremes[1] > 0.0 else math.inf
-    row[15] = math.sqrt(fastest)
-    row[16] = stiffest_mode(row[15], state, constants, motion, measurement)
+    row[11] = touching
+    row[12] = piston_energy(state, constants, time)
+    for entry in range(state.ledger.size):
+        row[_LEDGER + entry] = state.ledger[entry]
+    row[CLOSEST] = measurement.extremes[1] ** -0.2 if measurement.extremes[1] > 0.0 else math.inf
+    row[FASTEST] = math.sqrt(fastest)
+    row[STIFFEST] = stiffest_mode(row[FASTEST], state, constants, motion, measurement)
+    row[STIFFEST + 1] = constants.grains
+
+
+@compiled
+def _anyone_below(y: Array, count: int, height: float) -> bool:
+    for i in range(count):  # noqa: SIM110 (a loop is what compiles)
+        if y[i] < height:
+            return True
+    return False
 
 
 @compiled
@@ -209,7 +174,7 @@ def _resting(watch: Watch, tick: int, row: Array) -> bool:
     height = row[1]
     watch.band[1] = min(watch.band[1], height)
     watch.band[2] = max(watch.band[2], height)
-    if watch.band[2] - watch.band[1] > watch.rest or row[15] > watch.rest:
+    if watch.band[2] - watch.band[1] > watch.rest or row[FASTEST] > watch.rest:
         watch.band[0] = tick
         watch.band[1] = height
         watch.band[2] = height
@@ -262,9 +227,11 @@ def advance(
         for step in range(steps):
             time = begin + step * h
             if step == steps - 1:
-                outside = _step(h, time, kicks, drifts, state, constants, motion, measurement)
+                outside = _step(
+                    h, time, start, kicks, drifts, state, constants, motion, measurement
+                )
             else:
-                outside = _step(h, time, kicks, drifts, state, constants, motion, None)
+                outside = _step(h, time, start, kicks, drifts, state, constants, motion, None)
             if outside > 0:
                 return OUTSIDE, tick - first_tick, kept, step + 1
         row = rows[kept]
@@ -272,13 +239,17 @@ def advance(
         # A short tick at the end of a stage has shorter steps than its length says.
         end = start + min(done * length, begin + steps * h)
         measure(end, state, constants, motion, measurement, row)
-        watch.seen[0] = max(watch.seen[0], row[16])
-        watch.seen[1] = row[16]
+        watch.seen[0] = max(watch.seen[0], row[STIFFEST])
+        watch.seen[1] = row[STIFFEST]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
         if done % record_every == 0:
             kept += 1
         if resting:
             return RESTING, done - first_tick, kept, 0
-        if row[16] * h > watch.stiff:
+        if state.totals[3] >= motion.limit:
+            return REACHED, done - first_tick, kept, 0
+        if _anyone_below(state.y, constants.grains, constants.exit):
+            return LEFT, done - first_tick, kept, 0
+        if row[STIFFEST] * h > watch.stiff:
             return STIFF, done - first_tick, kept, 0
     return RUNNING, ticks, kept, 0

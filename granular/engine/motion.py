@@ -1,29 +1,96 @@
-"""Where a piston that is not free stands: its path as a function of the time in the stage."""
+"""Where a piston that is not free stands, and what pushes one that is: functions of time."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
+
+import numpy as np
 
 from granular.compiled import compiled
 
+STRAIGHT, DESCENT, SINE, TABLE = range(4)
+_NO_TABLE = np.zeros(2)
+
 
 class Motion(NamedTuple):
-    """How the piston moves during a stage.
+    """How the piston moves during a stage. One type for all kinds, so that all share one code.
 
     Attributes
     ----------
     free : bool
         Under its weight and the grains' force; otherwise along the path.
-    start, speed : float
-        The path: height at the stage's start [D], velocity [D/tau].
+    kind : int
+        Of the path: straight, exponential descent, sinusoidal, or a table.
+    start : float
+        Height at the stage's start [D].
+    speed : float
+        Velocity of the straight path [D/tau].
+    reach : float
+        Height that is lost in the descent, or amplitude of the sine [D].
+    span, steepness : float
+        Duration of the descent [tau], and its exponent.
+    omega : float
+        Angular frequency of the sine, or of the outer force [1/tau].
+    push, bias : float
+        Amplitude and mean of the outer force on a free piston [F*].
+    limit : float
+        Force on the piston that ends the stage [F*].
+    times, heights : float64 (k,)
+        Of the table [tau], [D].
     """
 
-    free: bool
-    start: float
-    speed: float
+    free: bool = False
+    kind: int = STRAIGHT
+    start: float = 0.0
+    speed: float = 0.0
+    reach: float = 0.0
+    span: float = 1.0
+    steepness: float = 1.0
+    omega: float = 0.0
+    push: float = 0.0
+    bias: float = 0.0
+    limit: float = math.inf
+    times: np.ndarray = _NO_TABLE
+    heights: np.ndarray = _NO_TABLE
 
 
 @compiled
 def path(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
+    if motion.kind == DESCENT:
+        return _descent(motion, time)
+    if motion.kind == SINE:
+        phase = motion.omega * time
+        height = motion.start + motion.reach * math.sin(phase)
+        return height, motion.reach * motion.omega * math.cos(phase)
+    if motion.kind == TABLE:
+        return _table(motion, time)
     return motion.start + motion.speed * time, motion.speed
+
+
+@compiled
+def _descent(motion: Motion, time: float) -> tuple[float, float]:
+    """H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
+    k = motion.steepness
+    whole = math.expm1(k)
+    part = math.expm1(k * time / motion.span)
+    speed = -motion.reach * k / motion.span * (part + 1.0) / whole
+    return motion.start - motion.reach * part / whole, speed
+
+
+@compiled
+def _table(motion: Motion, time: float) -> tuple[float, float]:
+    """Straight lines from row to row; the last height behind the last."""
+    times, heights = motion.times, motion.heights
+    k = np.searchsorted(times, time, "right") - 1
+    if k >= times.size - 1:
+        return heights[-1], 0.0
+    speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
+    return heights[k] + speed * (time - times[k]), speed
+
+
+@compiled
+def outer_force(motion: Motion, time: float) -> float:
+    """Force from outside on a free piston, upwards [F*]."""
+    return motion.bias + motion.push * math.sin(motion.omega * time)

@@ -12,15 +12,36 @@ import numpy as np
 
 from granular.arrangement import initial_motion
 from granular.engine.forces import measure_forces
-from granular.engine.ledger import WRONG, Ledger
-from granular.engine.loop import COLUMNS, OUTSIDE, RESTING, STIFF, Watch, advance, measure
-from granular.engine.motion import Motion
-from granular.engine.state import KEPT, Measurement, State, new_measurement, new_state
+from granular.engine.ledger import Ledger
+from granular.engine.loop import (
+    CLOSEST,
+    COLUMNS,
+    FASTEST,
+    LEFT,
+    OUTSIDE,
+    REACHED,
+    RESTING,
+    STIFF,
+    STIFFEST,
+    Watch,
+    advance,
+    measure,
+)
+from granular.engine.motion import Motion, path
+from granular.engine.state import (
+    KEPT,
+    WORK,
+    Measurement,
+    State,
+    new_measurement,
+    new_state,
+)
 from granular.engine.step_size import REVIEW, Pace, Step
 from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
 from granular.errors import EnergyError, NotAtRestError, NotFiniteError, OutsideError, RunError
 from granular.methods import Method
+from granular.pairs.direct import PADDING
 from granular.protocol import Stage
 from granular.protocol.stage import Timed
 from granular.recorder import Recorder
@@ -80,18 +101,22 @@ class Run:
         self.step = step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
         self.kicks, self.drifts = method.tables()
-        self.recorder = Recorder()
+        self.recorder = Recorder(scene.grains.count)
         self.progress = Progress()
         positions, velocities = initial_motion(scene)
         height = scene.piston.height if scene.piston is not None else 0.0
         scales = system.scales
         self.state: State = new_state(
-            positions / scales.length, velocities / scales.velocity, height / scales.length
+            positions / scales.length,
+            velocities / scales.velocity,
+            height / scales.length,
+            system.constants.acting,
         )
+        self.constants = system.constants
         self.measurement: Measurement = new_measurement(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(2)
         self.ledger: Ledger | None = None
-        self.motion = Motion(free=False, start=0.0, speed=0.0)
+        self.motion = Motion()
         self._row = np.zeros(len(COLUMNS))
         self._call_ticks = 1
 
@@ -104,6 +129,7 @@ class Run:
         memory = {
             "progress": dataclasses.asdict(self.progress),
             "ledger": None if self.ledger is None else dataclasses.asdict(self.ledger),
+            "grains": self.constants.grains,
         }
         return kept | {"memory": np.array(json.dumps(memory))}
 
@@ -115,8 +141,21 @@ class Run:
         memory = json.loads(str(kept["memory"]))
         self.progress = Progress(**memory["progress"])
         self.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
+        for values in self._grain_constants():
+            values[:] = values[self.state.label[: len(values)]]
+        self.constants = self.constants._replace(grains=memory["grains"])
         if self.progress.begun:
             self.motion = self._stage.motion(self.progress.height, self.system.scales)
+
+    def _grain_constants(self) -> list[np.ndarray]:
+        """The constants that hold a value a grain; they move with the grains."""
+        acting = self.constants.acting
+        found = [] if self.constants.charge is None else [self.constants.charge]
+        if acting.friction is not None:
+            found += [acting.friction.factor, acting.friction.weight]
+        if acting.contact is not None:
+            found.append(acting.contact.radius)
+        return found
 
     # Stages ------------------------------------------------------------------------------------
 
@@ -158,10 +197,8 @@ class Run:
 
     def _look(self) -> np.ndarray:
         """Forces and a record of the present moment."""
-        outside = measure_forces(self.state, self.system.constants, self.measurement)
-        measure(
-            self.time, self.state, self.system.constants, self.motion, self.measurement, self._row
-        )
+        outside = measure_forces(self.state, self.constants, self.time, self.measurement)
+        measure(self.time, self.state, self.constants, self.motion, self.measurement, self._row)
         if outside:
             raise self._failure(0)
         return self._row
@@ -171,21 +208,22 @@ class Run:
         stage, progress, scales = self._stage, self.progress, self.system.scales
         progress.ticks = 0
         progress.pace = {}
-        if stage.jump():
-            self._jump(stage.jump() / scales.length)
+        by = stage.jump(float(self.state.piston[0]) * scales.length)
+        if by:
+            self._jump(by / scales.length)
         progress.height = float(self.state.piston[0]) * scales.length
         self.motion = stage.motion(progress.height, scales)
         if not self.motion.free:
-            self._take_hold(self.motion.speed)
+            self._take_hold(path(self.motion, 0.0)[1])
         row = self._look()
         if self.ledger is None:
-            self.ledger = Ledger.opened(row)
+            self.ledger = Ledger.opened(row, dry=self.constants.acting.friction is not None)
         progress.pace = dataclasses.asdict(self._pace(row))
         self.band[:] = (0.0, row[1], row[1])
         self.seen[:] = 0.0
         progress.begun = True
         # Where nothing jumped, the last record of the stage before is the first one of this.
-        if stage.jump() or not progress.results:
+        if by or not progress.results:
             self._keep(row[None])
             self._frame()
 
@@ -200,7 +238,7 @@ class Run:
 
     def _take_hold(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
-        mass, piston = self.system.constants.mass, self.state.piston
+        mass, piston = self.constants.mass, self.state.piston
         if math.isfinite(mass):
             self.state.ledger[1] += 0.5 * mass * (speed**2 - piston[1] ** 2)
         piston[1] = speed
@@ -209,10 +247,10 @@ class Run:
         output, scales = self.scene.output, self.system.scales
         record, frame = output.scalars / scales.time, output.frames / scales.time
         # A grain may still gain what it loses in height.
-        gravity = self.system.constants.acting.gravity or 0.0
-        top = float(self.state.y[: self.system.constants.grains].max(initial=0.0))
-        speed = math.sqrt(row[15] ** 2 + 2.0 * gravity * top) + abs(float(row[2]))
-        frequency = max(float(row[16]), collision_frequency(self.system.constants, speed))
+        gravity = self.constants.acting.gravity or 0.0
+        top = float(self.state.y[: self.constants.grains].max(initial=0.0))
+        speed = math.sqrt(row[FASTEST] ** 2 + 2.0 * gravity * top) + abs(float(row[2]))
+        frequency = max(float(row[STIFFEST]), collision_frequency(self.constants, speed))
         return self.step.pace(record, frame, frequency, scales.time)
 
     @property
@@ -297,7 +335,7 @@ class Run:
         begun = time.perf_counter()
         status, done, kept, step = advance(
             ticks, progress.ticks, pace.length, pace.steps, pace.h, progress.start, pace.every,
-            self.kicks, self.drifts, self.state, self.system.constants, self.motion,
+            self.kicks, self.drifts, self.state, self.constants, self.motion,
             self.measurement, self._watch(), rows,
         )  # fmt: skip
         seconds = time.perf_counter() - begun
@@ -310,20 +348,52 @@ class Run:
             progress.steps += step
             raise self._failure(step)
         last = rows[kept - 1] if progress.ticks % pace.every == 0 else rows[kept]
-        progress.stiffest = max(progress.stiffest, last[16] * pace.h)
+        progress.stiffest = max(progress.stiffest, last[STIFFEST] * pace.h)
         self._keep(rows[:kept])
         if progress.ticks % pace.frames_every == 0:
             self._frame()
-        if status == RESTING:
+        if status in (RESTING, REACHED):
             if progress.ticks % pace.every:
                 self._keep(last[None])
-            self._end_stage("rest", new_frame=progress.ticks % pace.frames_every != 0)
+            reason = "rest" if status == RESTING else "force"
+            self._end_stage(reason, new_frame=progress.ticks % pace.frames_every != 0)
+        elif status == LEFT:
+            self._let_go()
         elif status == STIFF:
             self._set_steps(self.seen[1])
         elif progress.ticks % REVIEW == 0:
-            if self.step.automatic and self.system.constants.acting.drag is not None:
+            if self.step.automatic and self._dissipates:
                 self._set_steps(self.seen[0])
             self.seen[0] = 0.0
+
+    @property
+    def _dissipates(self) -> bool:
+        acting = self.constants.acting
+        return acting.drag is not None or acting.friction is not None
+
+    def _let_go(self) -> None:
+        """Take out the grains that have left through the gap, with the energy they carry."""
+        before = self._energy(self._look())
+        grains, state = self.constants.grains, self.state
+        for i in range(grains - 1, -1, -1):
+            if state.y[i] < self.constants.exit:
+                grains -= 1
+                self._move_last_to(i, grains)
+        self.constants = self.constants._replace(grains=grains)
+        state.push[:] = 0.0
+        if state.shove is not None:
+            state.shove[:] = 0.0
+        after = self._energy(self._look())
+        state.ledger[WORK] += after - before
+
+    def _move_last_to(self, i: int, last: int) -> None:
+        """Fill the place of a grain with the last one's values, and put the padding there."""
+        state = self.state
+        moving = (state.x, state.y, state.vx, state.vy, state.label, *self._grain_constants())
+        for values in moving:
+            values[[i, last]] = values[[last, i]]
+        state.x[last], state.y[last] = PADDING * (last + 1.0), 0.0
+        state.vx[last] = state.vy[last] = 0.0
 
     def _set_steps(self, frequency: float) -> None:
         steps = self.step.steps_of(self.pace.length, frequency)
@@ -337,7 +407,7 @@ class Run:
         watch = self._watch()._replace(rest=-1.0, stiff=math.inf)
         status, _, _, step = advance(
             1, progress.ticks, pace.length, steps, left / steps, progress.start, 1,
-            self.kicks, self.drifts, self.state, self.system.constants, self.motion,
+            self.kicks, self.drifts, self.state, self.constants, self.motion,
             self.measurement, watch, rows,
         )  # fmt: skip
         progress.steps += step if status == OUTSIDE else steps
@@ -407,7 +477,7 @@ class Run:
             return
         assert self.ledger is not None
         bad = self.ledger.check(rows)
-        self.progress.closest = min(self.progress.closest, float(rows[:, 14].min()))
+        self.progress.closest = min(self.progress.closest, float(rows[:, CLOSEST].min()))
         self.progress.last = float(rows[-1, 0])
         self.recorder.add_rows(rows if bad is None else rows[: bad + 1], self.progress.stage)
         if bad is not None:
@@ -415,7 +485,7 @@ class Run:
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at
-        self.recorder.add_frame(moment, self.state, self.system.constants.grains)
+        self.recorder.add_frame(moment, self.state, self.constants)
 
     def _where(self, step: int) -> tuple[int, float]:
         pace = self.progress.pace
@@ -423,7 +493,7 @@ class Run:
         return self.progress.steps, (self.time + step * h) * self.system.scales.time
 
     def _failure(self, step: int) -> RunError:
-        count, scales = self.system.constants.grains, self.system.scales
+        count, scales = self.constants.grains, self.system.scales
         steps, moment = self._where(step)
         place = np.stack([self.state.x[:count], self.state.y[:count]], axis=1)
         lost = ~np.isfinite(place).all(axis=1)
@@ -434,11 +504,11 @@ class Run:
                 "the position is not finite any more",
                 step=steps, time=moment, grain=grain, remedy=remedy,
             )  # fmt: skip
-        walls = self.system.constants.acting.walls
+        walls = self.constants.acting.walls
         height = self.state.piston[0]
         gaps = {
             "the left wall": (walls.left, place[:, 0]),
-            "the right wall": (walls.right, self.system.constants.width - place[:, 0]),
+            "the right wall": (walls.right, self.constants.width - place[:, 0]),
             "the bottom": (walls.bottom, place[:, 1]),
             "the piston": (walls.top, height - place[:, 1]),
         }
@@ -458,7 +528,7 @@ class Run:
         assert self.ledger is not None
         return EnergyError(
             f"the energy ledger is off by {self.ledger.closure:.2g} of the energy turned over, "
-            f"{WRONG:g} is the limit",
+            f"{self.ledger.wrong:g} is the limit",
             step=self.progress.steps,
             time=float(row[0]) * self.system.scales.time,
             value=self.ledger.closure,

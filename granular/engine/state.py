@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.pairs.cells import ClosePairs, close_pairs_room
 from granular.pairs.direct import padded_coordinates, part_buffers
+
+if TYPE_CHECKING:
+    from granular.engine.system import Acting
+
+WORK, DRAG, FRICTION, CONTACT, PISTON = range(5)
+"""Entries of the ledger: work done from outside, and the losses."""
 
 
 class State(NamedTuple):
@@ -15,14 +22,21 @@ class State(NamedTuple):
     Attributes
     ----------
     x, y, vx, vy, fx, fy : float64 (m,)
-        Positions, velocities and forces (magnetic and weight), padded.
+        Positions, velocities and forces (magnetic, weight, contact, inertia), padded.
     piston : float64 (2,)
         Height and velocity of the piston.
-    ledger : float64 (2,)
-        Energy lost to drag; work done on the grains and the piston from outside.
+    ledger : float64 (5,)
+        Work done on grains and piston from outside, and energy lost to drag, to friction, in
+        contacts, and by the piston.
     totals : float64 (4,)
         Force on each wall, in the order of `granular.effects.walls.SIDES`.
-    push : float64 (m,)
+    label : int64 (m,)
+        Which grain of the scene stands in each place.
+    load : float64 (m,) or None
+        Sums behind the normal force of friction.
+    close : ClosePairs or None
+        Grains in contact.
+    push, shove : float64 (m,), the second None without slabs
         Scratch of the walls and of sums.
     buffers : float64 (parts, 5, m) or None
         Scratch of the pair sum.
@@ -37,7 +51,11 @@ class State(NamedTuple):
     piston: np.ndarray
     ledger: np.ndarray
     totals: np.ndarray
+    label: np.ndarray
+    load: np.ndarray | None
+    close: ClosePairs | None
     push: np.ndarray
+    shove: np.ndarray | None
     buffers: np.ndarray | None
 
 
@@ -50,21 +68,31 @@ class Measurement(NamedTuple):
         Row sums that bound the stiffest mode.
     extremes : float64 (2,)
         Pair sums: see `granular.pairs.direct`.
+    slopes : float64 (m,)
+        Stiffness of each grain against the piston.
     """
 
     stiffness: np.ndarray
     extremes: np.ndarray
+    slopes: np.ndarray
 
 
-KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "totals")
+KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "totals", "label")
 """Fields that a checkpoint holds; the others are scratch."""
 
 
-def new_state(positions: np.ndarray, velocities: np.ndarray, height: float) -> State:
-    """A state from positions [D], velocities [D/tau] and the piston's height [D]."""
+def new_state(
+    positions: np.ndarray, velocities: np.ndarray, height: float, acting: Acting
+) -> State:
+    """A state from positions [D], velocities [D/tau] and the piston's height [D].
+
+    Arrays are made only for the effects that act.
+    """
+    count = len(positions)
     x, y = padded_coordinates(positions)
     vx, vy = np.zeros_like(x), np.zeros_like(x)
-    vx[: len(velocities)], vy[: len(velocities)] = velocities[:, 0], velocities[:, 1]
+    vx[:count], vy[:count] = velocities[:, 0], velocities[:, 1]
+    slabs = any(law is not None and law.slab is not None for law in acting.walls)
     return State(
         x=x,
         y=y,
@@ -73,12 +101,16 @@ def new_state(positions: np.ndarray, velocities: np.ndarray, height: float) -> S
         fx=np.zeros_like(x),
         fy=np.zeros_like(x),
         piston=np.array([height, 0.0]),
-        ledger=np.zeros(2),
+        ledger=np.zeros(5),
         totals=np.zeros(4),
+        label=np.arange(x.size),
+        load=None if acting.friction is None else np.zeros_like(x),
+        close=None if acting.contact is None else close_pairs_room(count),
         push=np.zeros_like(x),
+        shove=np.zeros_like(x) if slabs else None,
         buffers=part_buffers(x.size),
     )
 
 
 def new_measurement(state: State) -> Measurement:
-    return Measurement(np.zeros_like(state.x), np.zeros(2))
+    return Measurement(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))

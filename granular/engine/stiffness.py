@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 from granular.compiled import compiled
-from granular.effects.dipole import head_on_stiffness
+from granular.effects.contact import ContactLaw, impact_stiffness
+from granular.effects.dipole import head_on_stiffness, pair_energy
 from granular.effects.walls import piston_stiffness, turning_stiffness
 from granular.engine.motion import Motion
 from granular.engine.state import Measurement, State
@@ -25,7 +26,18 @@ def collision_frequency(constants: Constants, speed: float) -> float:
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
         square = head_on_stiffness(speed, constants.lightest)
-    return math.sqrt(max(square, turning_stiffness(constants.acting.walls, speed)))
+    square = max(square, turning_stiffness(constants.acting.walls, speed))
+    return math.sqrt(max(square, _impact(constants.acting.contact, speed, constants)))
+
+
+@compiled
+def _impact(law: ContactLaw | None, speed: float, constants: Constants) -> float:
+    if law is None:
+        return 0.0
+    barrier = 0.0
+    if constants.acting.dipole is not None:
+        barrier = pair_energy(law.narrowest) * constants.lightest**2
+    return impact_stiffness(law, speed, constants.lightest, barrier)
 
 
 @compiled
@@ -42,7 +54,8 @@ def stiffest_mode(
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
         total, largest = piston_stiffness(
-            constants.acting.walls.top, constants.grains, constants.charge, state.y, state.piston[0]
-        )
+            constants.acting.walls.top, constants.grains, constants.charge, state.x, state.y,
+            state.piston[0], measurement.slopes, state.push,
+        )  # fmt: skip
         highest = max(highest + largest, 2.0 * total / constants.mass)
     return max(math.sqrt(highest), collision_frequency(constants, speed))

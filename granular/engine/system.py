@@ -7,10 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.effects.walls import WallLaws
+from granular.effects.contact import ContactLaw
+from granular.effects.friction import FrictionLaw
+from granular.effects.shaking import Swing
+from granular.effects.walls import OPEN, WallLaws
 from granular.pairs.direct import padded_values
 from granular.scales import Scales
-from granular.scene import Scene
+from granular.scene import Piston, Scene
 
 
 class Acting(NamedTuple):
@@ -24,16 +27,37 @@ class Acting(NamedTuple):
         G [F*/m].
     drag : float or None
         Decay rate [1/tau].
+    friction : FrictionLaw or None
+    contact : ContactLaw or None
+    shaking : Swing or None
     """
 
     dipole: bool | None
     walls: WallLaws
     gravity: float | None
     drag: float | None
+    friction: FrictionLaw | None
+    contact: ContactLaw | None
+    shaking: Swing | None
+
+
+class Resistance(NamedTuple):
+    """What holds a free piston back.
+
+    Attributes
+    ----------
+    rate : float
+        Decay rate of its velocity [1/tau].
+    force : float
+        Coulomb friction [F*].
+    """
+
+    rate: float
+    force: float
 
 
 class Constants(NamedTuple):
-    """What stays the same during a run.
+    """What stays the same during a run (but that grains may leave).
 
     Attributes
     ----------
@@ -47,6 +71,10 @@ class Constants(NamedTuple):
         Cell width [D].
     mass, weight : float
         Of the piston [m], [F*]; the mass is infinite where none is given.
+    resistance : Resistance or None
+        Of the piston.
+    exit : float
+        Height below which a grain has left through a gap [D]; minus infinity where there is none.
     acting : Acting
     threaded : bool or None
         None for one thread.
@@ -58,8 +86,14 @@ class Constants(NamedTuple):
     width: float
     mass: float
     weight: float
+    resistance: Resistance | None
+    exit: float
     acting: Acting
     threaded: bool | None
+
+
+EXIT = -5.0
+"""A grain this far below a gap [D] has left: the slabs' force on it is below a thousandth of F*."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,28 +108,51 @@ class System:
 def natural_system(scene: Scene, *, threads: int = 1) -> System:
     """The scene in natural units."""
     scales = Scales.of(scene.grains)
-    effects = scene.effects
     species = scene.grains.assignment()
     ratios = np.array([one.diameter for one in scene.grains.species])
     ratios = (ratios / scales.length) ** 2
-    open_cell = WallLaws(None, None, None, None)
-    gravity = None if effects.gravity is None else effects.gravity.kernel(scales)
-    mass = np.inf
-    if scene.piston is not None and scene.piston.mass is not None:
-        mass = scene.piston.mass / scales.mass
+    acting = _acting(scene, scales, species)
+    mass, weight = _piston_mass(scene, scales, acting.gravity)
+    walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
         charge=None if len(ratios) == 1 else padded_values(ratios[species]),
         lightest=float(ratios.min()),
         width=scene.cell.width / scales.length,
         mass=mass,
-        weight=mass * (gravity or 0.0) if np.isfinite(mass) else 0.0,
-        acting=Acting(
-            dipole=None if effects.dipole is None else True,
-            walls=open_cell if effects.walls is None else effects.walls.kernel(),
-            gravity=gravity,
-            drag=None if effects.drag is None else effects.drag.kernel(scales),
-        ),
+        weight=weight,
+        resistance=_resistance(scene.piston, scales),
+        exit=EXIT if walls is not None and walls.has_gap else -np.inf,
+        acting=acting,
         threaded=None if threads == 1 else True,
     )
     return System(scales, constants, species)
+
+
+def _acting(scene: Scene, scales: Scales, species: np.ndarray) -> Acting:
+    effects, grains = scene.effects, scene.grains
+    walls, friction, contact = effects.walls, effects.friction, effects.contact
+    return Acting(
+        dipole=None if effects.dipole is None else True,
+        walls=OPEN if walls is None else walls.kernel(scene.cell.width, scales.length),
+        gravity=None if effects.gravity is None else effects.gravity.kernel(scales),
+        drag=None if effects.drag is None else effects.drag.kernel(scales),
+        friction=None if friction is None else friction.kernel(grains, scene.cell, scales, species),
+        contact=None if contact is None else contact.kernel(grains, scales, species),
+        shaking=None if effects.shaking is None else effects.shaking.kernel(scales),
+    )
+
+
+def _piston_mass(scene: Scene, scales: Scales, gravity: float | None) -> tuple[float, float]:
+    if scene.piston is None or scene.piston.mass is None:
+        return np.inf, 0.0
+    mass = scene.piston.mass / scales.mass
+    return mass, mass * (gravity or 0.0)
+
+
+def _resistance(piston: Piston | None, scales: Scales) -> Resistance | None:
+    if piston is None or piston.mass is None or not (piston.drag or piston.friction):
+        return None
+    return Resistance(
+        rate=piston.drag * scales.time / piston.mass, force=piston.friction / scales.force
+    )

@@ -4,12 +4,27 @@ Every stage ends after its ``duration`` or, with ``until = "rest"``, when piston
 seen to rest; the duration is then the limit that may not be passed.
 """
 
+from granular.protocol.descend import Descend
+from granular.protocol.follow import Follow
 from granular.protocol.free import Free
 from granular.protocol.hold import Hold
 from granular.protocol.lift import Lift
 from granular.protocol.move import Move
+from granular.protocol.oscillate import Oscillate
+from granular.protocol.push import Push
 from granular.protocol.stage import Stage
 
-KINDS: dict[str, type[Stage]] = {"hold": Hold, "move": Move, "free": Free, "lift": Lift}
+KINDS: dict[str, type[Stage]] = {
+    "hold": Hold,
+    "move": Move,
+    "descend": Descend,
+    "follow": Follow,
+    "oscillate": Oscillate,
+    "free": Free,
+    "push": Push,
+    "lift": Lift,
+}
 
-__all__ = ["KINDS", "Free", "Hold", "Lift", "Move", "Stage"]
+__all__ = [
+    "KINDS", "Descend", "Follow", "Free", "Hold", "Lift", "Move", "Oscillate", "Push", "Stage",
+]  # fmt: skip

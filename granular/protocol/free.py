@@ -15,4 +15,4 @@ class Free(Timed):
         return True
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        return Motion(free=True, start=height / scales.length, speed=0.0)
+        return Motion(free=True, start=height / scales.length)

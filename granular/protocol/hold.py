@@ -15,4 +15,4 @@ class Hold(Timed):
         return False
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        return Motion(free=False, start=height / scales.length, speed=0.0)
+        return Motion(start=height / scales.length)

@@ -19,11 +19,11 @@ class Lift(Stage):
 
     by: float = quantity("m")
 
-    def jump(self) -> float:
+    def jump(self, height: float) -> float:
         return self.by
 
     def span(self, height: float) -> float | None:
         return 0.0
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        return Motion(free=False, start=height / scales.length, speed=0.0)
+        return Motion(start=height / scales.length)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from granular.engine.motion import Motion
 from granular.protocol.stage import Stage
 from granular.scales import Scales
@@ -19,11 +21,15 @@ class Move(Stage):
         Magnitude of the velocity [m/s].
     duration : float or None
         How long it takes [s]; one of speed and duration is given.
+    until_force : float or None
+        Stop before, as soon as the grains push the piston with this force [N]; the experiments of
+        the source stop at 110 N.
     """
 
     to: float = quantity("m", above=0.0)
     speed: float | None = quantity("m/s", above=0.0, default=None, optional=True)
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
+    until_force: float | None = quantity("N", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
         if (self.speed is None) == (self.duration is None):
@@ -38,7 +44,8 @@ class Move(Stage):
     def motion(self, height: float, scales: Scales) -> Motion:
         span = self.span(height)
         velocity = (self.to - height) / span if span else 0.0
-        return Motion(free=False, start=height / scales.length, speed=velocity / scales.velocity)
+        limit = math.inf if self.until_force is None else self.until_force / scales.force
+        return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
 
     def final_height(self) -> float | None:
         return self.to

@@ -29,8 +29,8 @@ class Stage(Section):
     def needs_mass(self) -> bool:
         return False
 
-    def jump(self) -> float:
-        """How far the piston is set higher at once, at the stage's start [m]."""
+    def jump(self, height: float) -> float:
+        """How far the piston is set higher at once, at the stage's start from a height [m]."""
         return 0.0
 
     def span(self, height: float) -> float | None:

@@ -1,0 +1,233 @@
+"""Kicks: velocities after a span of time, while all positions stand still.
+
+Force and drag are solved together, exactly; dry friction and the dashpots of contacts each exactly,
+one after the other. The kick that opens a step and the one that closes it take these parts in
+opposite order, so that a step stays symmetric, and the energy that each part takes is entered in
+the ledger exactly.
+"""
+
+from __future__ import annotations
+
+import math
+
+from granular.compiled import Array, compiled
+from granular.effects import contact, drag
+from granular.effects.contact import ContactLaw
+from granular.effects.friction import FrictionLaw, normal_force, sliding
+from granular.engine.state import CONTACT, DRAG, FRICTION, State
+from granular.engine.system import Constants
+from granular.pairs.cells import ClosePairs
+from granular.pairs.vector import lane_sum
+
+
+@compiled
+def _kick_freely(span: float, state: State, count: int, charge: Array | None) -> None:
+    if charge is None:
+        for i in range(count):
+            state.vx[i] += span * state.fx[i]
+            state.vy[i] += span * state.fy[i]
+    else:
+        for i in range(count):
+            gain = span / charge[i]
+            state.vx[i] += gain * state.fx[i]
+            state.vy[i] += gain * state.fy[i]
+
+
+@compiled
+def _kick_with_drag(
+    rate: float, span: float, state: State, count: int, charge: Array | None
+) -> None:
+    decay, gain, a, b, c = drag.flow(rate, span)
+    for i in range(count):
+        mass = 1.0
+        if charge is not None:
+            mass = charge[i]
+        ax, ay = state.fx[i] / mass, state.fy[i] / mass
+        vx, vy = state.vx[i], state.vy[i]
+        state.vx[i] = decay * vx + gain * ax
+        state.vy[i] = decay * vy + gain * ay
+        lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+        state.push[i] = mass * lost
+    state.ledger[DRAG] += lane_sum(state.push)
+
+
+@compiled
+def _push_grain(rate: float, span: float, share: float, state: State, i: int, mass: float) -> None:
+    """Kick and drag of one grain under a share of its force."""
+    decay, gain, a, b, c = drag.flow(rate, span)
+    ax, ay = share * state.fx[i] / mass, share * state.fy[i] / mass
+    vx, vy = state.vx[i], state.vy[i]
+    state.vx[i] = decay * vx + gain * ax
+    state.vy[i] = decay * vy + gain * ay
+    lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+    state.ledger[DRAG] += mass * lost
+
+
+@compiled
+def _start_grain(
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A grain at rest: it stays, or starts to slide along the force on it."""
+    force = math.hypot(state.fx[i], state.fy[i])
+    if force <= law.static * load:
+        return
+    share = 1.0 - law.dynamic * load / force
+    _push_grain(rate, span, share, state, i, mass)
+    # Friction takes its force times the way, which the speed's integral is.
+    _, gain, _, _, _ = drag.flow(rate, span)
+    way = (span - gain) / rate if rate * span > 1e-6 else 0.5 * span * span
+    state.ledger[FRICTION] += law.dynamic * load * share * force / mass * way
+
+
+@compiled
+def _rub_grain(
+    law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A sliding grain loses speed, and stops where it has no more."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    left = sliding(speed, law.dynamic * load * span / mass)
+    state.vx[i] *= left
+    state.vy[i] *= left
+    state.ledger[FRICTION] += 0.5 * mass * speed * speed * (1.0 - left * left)
+
+
+@compiled
+def _kick_with_friction(
+    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
+    charge: Array | None, opening: bool,
+) -> None:  # fmt: skip
+    for i in range(constants.grains):
+        mass = 1.0
+        if charge is not None:
+            mass = charge[i]
+        load = normal_force(law, state.load, i)
+        if state.vx[i] == 0.0 and state.vy[i] == 0.0:
+            _start_grain(law, rate, span, state, i, mass, load)
+        elif opening or _slow(law, span, state, i, mass, load):
+            _push_grain(rate, span, 1.0, state, i, mass)
+            _rub_grain(law, span, state, i, mass, load)
+        else:
+            _rub_grain(law, span, state, i, mass, load)
+            _push_grain(rate, span, 1.0, state, i, mass)
+
+
+@compiled
+def _slow(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
+    """Whether friction alone could stop the grain in the span.
+
+    Force and friction must then act together, or a grain that is pushed on would be stopped for
+    good: the static friction that then holds it is greater.
+    """
+    speed = math.hypot(state.vx[i], state.vy[i])
+    return speed < 2.0 * law.dynamic * load * span / mass
+
+
+@compiled
+def _kick_regularised(
+    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
+    charge: Array | None, threshold: float,
+) -> None:  # fmt: skip
+    """The source's law: friction as one more force, from the velocity before the kick."""
+    for i in range(constants.grains):
+        mass = 1.0
+        if charge is not None:
+            mass = charge[i]
+        load = normal_force(law, state.load, i)
+        force = math.hypot(state.fx[i], state.fy[i])
+        vx, vy = state.vx[i], state.vy[i]
+        speed = math.hypot(vx, vy)
+        if force <= law.static * load and speed < threshold:
+            rx, ry = -state.fx[i], -state.fy[i]
+        else:
+            brake = law.dynamic * load / (speed + threshold)
+            rx, ry = -brake * vx, -brake * vy
+        decay, gain, a, b, c = drag.flow(rate, span)
+        ax, ay = (state.fx[i] + rx) / mass, (state.fy[i] + ry) / mass
+        state.vx[i] = decay * vx + gain * ax
+        state.vy[i] = decay * vy + gain * ay
+        lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+        state.ledger[DRAG] += mass * lost
+        middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
+        state.ledger[FRICTION] -= span * (rx * middle_x + ry * middle_y)
+
+
+@compiled
+def _dry_kick(
+    threshold: float | None, law: FrictionLaw, rate: float, span: float, state: State,
+    constants: Constants, opening: bool,
+) -> None:  # fmt: skip
+    if threshold is None:
+        _kick_with_friction(law, rate, span, state, constants, constants.charge, opening)
+    else:
+        _kick_regularised(law, rate, span, state, constants, constants.charge, threshold)
+
+
+@compiled
+def _smooth_kick(rate: float | None, span: float, state: State, constants: Constants) -> None:
+    if rate is None:
+        _kick_freely(span, state, constants.grains, constants.charge)
+    else:
+        _kick_with_drag(rate, span, state, constants.grains, constants.charge)
+
+
+@compiled
+def _drag_rate(rate: float | None) -> float:
+    return 0.0 if rate is None else rate
+
+
+@compiled
+def _grain_kick(
+    friction: FrictionLaw | None, span: float, state: State, constants: Constants, opening: bool
+) -> None:
+    if friction is None:
+        _smooth_kick(constants.acting.drag, span, state, constants)
+    else:
+        rate = _drag_rate(constants.acting.drag)
+        _dry_kick(friction.threshold, friction, rate, span, state, constants, opening)
+
+
+@compiled
+def _dampen(
+    law: ContactLaw | None, close: ClosePairs | None, span: float, state: State,
+    charge: Array | None, opening: bool,
+) -> None:  # fmt: skip
+    """Take the dashpots' share of the normal velocities of grains in contact."""
+    if law is not None and close is not None:
+        for place in range(close.filled[0]):
+            p = place if opening else close.filled[0] - 1 - place
+            i, j = close.first[p], close.second[p]
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            r = math.sqrt(dx * dx + dy * dy)
+            overlap = law.radius[i] + law.radius[j] - r
+            if overlap > 0.0:
+                first = 1.0 if charge is None else charge[i]
+                second = 1.0 if charge is None else charge[j]
+                mass = first * second / (first + second)
+                k = contact.spring(law, law.radius[i], law.radius[j])
+                nx, ny = dx / r, dy / r
+                speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
+                left = contact.decay(law, k, overlap, mass, span)
+                impulse = mass * (left - 1.0) * speed
+                state.vx[i] += impulse / first * nx
+                state.vy[i] += impulse / first * ny
+                state.vx[j] -= impulse / second * nx
+                state.vy[j] -= impulse / second * ny
+                state.ledger[CONTACT] += 0.5 * mass * speed * speed * (1.0 - left * left)
+
+
+@compiled
+def kick_grains(span: float, state: State, constants: Constants, opening: bool) -> None:
+    """Velocities of the grains after ``span`` [tau] under the present forces.
+
+    Parameters
+    ----------
+    opening : bool
+        Whether the kick opens a step: the parts are then taken in one order, else in the other.
+    """
+    acting = constants.acting
+    if opening:
+        _grain_kick(acting.friction, span, state, constants, opening)
+        _dampen(acting.contact, state.close, span, state, constants.charge, opening)
+    else:
+        _dampen(acting.contact, state.close, span, state, constants.charge, opening)
+        _grain_kick(acting.friction, span, state, constants, opening)

@@ -1,0 +1,108 @@
+"""The piston: a wall that moves along a path, or a mass that the grains carry."""
+
+from __future__ import annotations
+
+import math
+
+from granular.compiled import compiled
+from granular.effects import drag
+from granular.effects.friction import sliding
+from granular.effects.shaking import (
+    Swing,
+    acceleration,
+    acceleration_rate,
+    mass_moment,
+)
+from granular.engine.motion import Motion, outer_force, path
+from granular.engine.state import PISTON, WORK, State
+from granular.engine.system import Constants, Resistance
+
+
+@compiled
+def _free_kick(
+    resistance: Resistance | None, force: float, span: float, mass: float, state: State,
+    opening: bool,
+) -> None:  # fmt: skip
+    if resistance is None:
+        state.piston[1] += span * force / mass
+    else:
+        if not opening:
+            _rub(resistance, span, mass, state)
+        if state.piston[1] != 0.0 or abs(force) > resistance.force:
+            decay, gain, a, b, c = drag.flow(resistance.rate, span)
+            v, push = state.piston[1], force / mass
+            state.piston[1] = decay * v + gain * push
+            state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
+        if opening:
+            _rub(resistance, span, mass, state)
+
+
+@compiled
+def _rub(resistance: Resistance, span: float, mass: float, state: State) -> None:
+    speed = abs(state.piston[1])
+    if speed > 0.0 and resistance.force > 0.0:
+        left = sliding(speed, resistance.force * span / mass)
+        state.piston[1] *= left
+        state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
+
+
+@compiled
+def kick_piston(
+    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
+    opening: bool,
+) -> None:  # fmt: skip
+    """The piston's velocity after ``span``, and the work done from outside meanwhile.
+
+    Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
+    the ledger has the method's order.
+    """
+    if motion.free:
+        _, swing = acceleration(constants.acting.shaking, start + time)
+        outer = outer_force(motion, time)
+        force = state.totals[3] - constants.weight + constants.mass * swing + outer
+        before = state.piston[1]
+        _free_kick(constants.resistance, force, span, constants.mass, state, opening)
+        state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[1])
+    else:
+        state.ledger[WORK] -= span * state.totals[3] * path(motion, time)[1]
+    _add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
+
+
+@compiled
+def _add_shaking_work(
+    swing: Swing | None, span: float, state: State, constants: Constants, time: float
+) -> None:
+    if swing is not None:
+        rx, ry = acceleration_rate(swing, time)
+        mx, my = mass_moment(constants.grains, constants.charge, state.x, state.y)
+        state.ledger[WORK] -= span * (rx * mx + ry * my)
+        if constants.mass < math.inf:
+            state.ledger[WORK] -= span * ry * constants.mass * state.piston[0]
+
+
+@compiled
+def drift_piston(
+    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float
+) -> None:
+    """The piston's height after ``span``, which ends at ``time`` in the stage."""
+    if motion.free:
+        state.piston[0] += span * state.piston[1]
+    else:
+        before = piston_energy(state, constants, start + time)
+        height, velocity = path(motion, time)
+        state.piston[0] = height
+        state.piston[1] = velocity
+        state.ledger[WORK] += piston_energy(state, constants, start + time) - before
+
+
+@compiled
+def piston_energy(state: State, constants: Constants, time: float) -> float:
+    """Kinetic and potential energy of the piston [F* D]; zero where it has no mass."""
+    if not constants.mass < math.inf:
+        return 0.0
+    _, swing = acceleration(constants.acting.shaking, time)
+    height, velocity = state.piston[0], state.piston[1]
+    return (
+        0.5 * constants.mass * velocity * velocity
+        + (constants.weight - constants.mass * swing) * height
+    )

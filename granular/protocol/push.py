@@ -1,0 +1,46 @@
+"""The free piston is pushed by a force from outside: constant, sinusoidal, or both."""
+
+from __future__ import annotations
+
+import math
+
+from granular.engine.motion import Motion
+from granular.protocol.stage import Timed
+from granular.scales import Scales
+from granular.schema import FieldError, quantity
+
+
+class Push(Timed):
+    """The force F(t) = mean + amplitude sin(2 pi f t) on the free piston, upwards.
+
+    Attributes
+    ----------
+    amplitude, mean : float
+        [N]
+    frequency : float
+        f [Hz]; t counts from the stage's start.
+    """
+
+    amplitude: float = quantity("N", default=0.0, least=0.0)
+    mean: float = quantity("N", default=0.0)
+    frequency: float = quantity("Hz", default=0.0, least=0.0)
+
+    @property
+    def needs_mass(self) -> bool:
+        return True
+
+    def validate(self) -> None:
+        super().validate()
+        if self.amplitude > 0.0 and self.frequency == 0.0:
+            raise FieldError("must be above 0 Hz where the force has an amplitude", "frequency")
+        if self.until == "rest" and self.amplitude > 0.0:
+            raise FieldError("a piston that is pushed to and fro does not come to rest", "until")
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(
+            free=True,
+            start=height / scales.length,
+            omega=2.0 * math.pi * self.frequency * scales.time,
+            push=self.amplitude / scales.force,
+            bias=self.mean / scales.force,
+        )

@@ -1,0 +1,113 @@
+"""Contact: restitution at every speed, energy, momentum, and the search for close pairs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from granular import Scene, evaluate, load_scene, simulate
+from granular.pairs.cells import close_pairs_room, find_close_pairs
+from granular.pairs.direct import padded_coordinates
+
+
+def head_on(speed: float, restitution: float, **changes: object) -> Scene:
+    return load_scene("bed").replace(
+        **{"grains.count": 2, "effects.dipole": None, "effects.walls": None,
+           "effects.gravity": None, "effects.drag": None, "piston": None,
+           "effects.contact": {"modulus": 1e7, "restitution": restitution},
+           "arrangement.positions": [["10 D", "10 D"], ["11.2 D", "10 D"]],
+           "arrangement.velocities": [[speed, 0.0], [-speed, 0.0]], **changes}
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("restitution", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize("speed", [0.01, 0.5])
+def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
+    run = simulate(head_on(speed, restitution), "auto/16", 0.003 / speed, progress=False)
+    after = run.dataset["velocity"].values[-1, :, 0]
+    assert after[1] == pytest.approx(restitution * speed, rel=1e-3)
+    assert after[0] == pytest.approx(-after[1], rel=1e-9)
+    lost = run.dataset["contact_loss"].values
+    assert (np.diff(lost) >= 0.0).all()
+    assert run.settings()["ledger_residual"] < 1e-4
+
+
+def test_contact_force_is_minus_gradient() -> None:
+    species = [
+        {"name": "big", "diameter": 0.006, "share": 0.5},
+        {"name": "small", "diameter": 0.004, "share": 0.5},
+    ]
+    scene = load_scene("bed").replace(
+        **{"grains.species": species, "grains.count": 4, "effects.contact.modulus": 1e6}
+    )
+    place = np.array([[0.05, 0.05], [0.0545, 0.0515], [0.0555, 0.0475], [0.2, 0.05]])
+    force = evaluate(scene, place).force
+    step = 1e-7
+    for grain in range(3):
+        for axis in range(2):
+            energies = []
+            for shift in (-2, -1, 1, 2):
+                moved = place.copy()
+                moved[grain, axis] += shift * step
+                energies.append(evaluate(scene, moved).potential_energy)
+            slope = (energies[0] - 8 * energies[1] + 8 * energies[2] - energies[3]) / (12 * step)
+            assert -slope == pytest.approx(force[grain, axis], rel=1e-6)
+
+
+def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
+    from granular.arrangement import initial_motion
+
+    place = initial_motion(bed)[0]
+    touching = bed.replace(**{"effects.contact.modulus": 1e8})
+    assert np.array_equal(evaluate(bed, place).force, evaluate(touching, place).force)
+
+
+@settings(max_examples=60, deadline=None)
+@given(count=st.integers(0, 200), seed=st.integers(0, 10**6), reach=st.floats(0.1, 3.0),
+       width=st.floats(0.5, 50.0))  # fmt: skip
+def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, width: float) -> None:
+    place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
+    wanted = cKDTree(place).query_pairs(reach, output_type="set") if count else set()
+    room = close_pairs_room(max(count, len(wanted) // 16 + 1))
+    room = room._replace(
+        begins=np.zeros(4 * max(count, 1) + 64, dtype=np.int64),
+        cell=np.zeros(max(count, 1), dtype=np.int64),
+        order=np.zeros(max(count, 1), dtype=np.int64),
+    )
+    x, y = padded_coordinates(place)
+    find_close_pairs(room, x, y, count, reach)
+    filled = room.filled[0]
+    found = {
+        (min(i, j), max(i, j))
+        for i, j in zip(room.first[:filled].tolist(), room.second[:filled].tolist(), strict=True)
+    }
+    assert len(found) == filled
+    assert found == wanted
+
+
+def test_too_many_contacts_are_an_error_not_silence() -> None:
+    place = np.zeros((40, 2))
+    room = close_pairs_room(2)._replace(
+        cell=np.zeros(40, dtype=np.int64), order=np.zeros(40, dtype=np.int64)
+    )
+    x, y = padded_coordinates(place)
+    find_close_pairs(room, x, y, 40, 1.0)
+    assert room.filled[0] == -1
+    x[3] = np.nan
+    find_close_pairs(close_pairs_room(40), x, y, 40, 1.0)
+
+
+def test_bed_with_contact_does_not_overlap(small_damper: Scene) -> None:
+    """A heavy piston squeezes the bed; contacts keep the grains apart."""
+    heavy = small_damper.replace(
+        **{"piston.mass": 10.0, "protocol.drop.until": None, "protocol.drop.duration": 0.3}
+    )
+    bare = simulate(heavy, t_end=0.3, progress=False).dataset["closest_distance"].values.min()
+    held = heavy.replace(**{"effects.contact.modulus": 2e9})
+    run = simulate(held, t_end=0.3, progress=False)
+    assert bare < 0.8 * 0.006
+    assert run.dataset["closest_distance"].values.min() > 0.95 * 0.006
+    assert run.settings()["ledger_residual"] < 1e-3

@@ -1,0 +1,214 @@
+"""Dry friction: normal load, sticking, stopping, and the ledger, for both schemes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granular import Scene, evaluate, load_scene, simulate
+from granular.arrangement import initial_motion
+from granular.errors import SceneError
+
+MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
+
+
+def lone_grain(**changes: object) -> Scene:
+    """One grain with a constant load, no other force."""
+    return load_scene("bed").replace(
+        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None,
+           "effects.gravity": None, "effects.drag": None, "piston": None,
+           "effects.friction.load": 0.01, "arrangement.positions": [["30 D", "10 D"]],
+           "protocol": [{"kind": "hold", "name": "slide", "duration": 1.0}],
+           "output.scalars": 1e-3, "output.frames": 0.05, **changes}
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("diameter", "torque", "wanted"),
+    [(0.006, "first", 0.0126585), (0.005, "first", 0.0152756), (0.006, "second", 0.0168786)],
+)
+def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) -> None:
+    """K of the model page: N = K/r^3 in natural units, from both grains alike."""
+    scene = load_scene("bed").replace(
+        **{"grains.species.0.diameter": diameter, "grains.count": 2,
+           "effects.friction.torque": torque}
+    )  # fmt: skip
+    r = 2.5
+    load = evaluate(scene, np.array([[0.1, 0.05], [0.1 + r * diameter, 0.05]])).normal_load
+    from granular.scales import Scales
+
+    natural = load / Scales.of(scene.grains).force * r**3
+    assert natural == pytest.approx([wanted, wanted], rel=5e-6)
+
+
+def test_second_order_torque_is_a_third_more(bed: Scene) -> None:
+    positions = initial_motion(bed)[0]
+    loads = [
+        evaluate(bed.replace(**{"effects.friction.torque": order}), positions).normal_load
+        for order in ("first", "second")
+    ]
+    assert loads[1] / loads[0] == pytest.approx(np.full(368, 1.333), abs=5e-4)
+
+
+@settings(max_examples=20, deadline=None)
+@given(share=st.floats(0.1, 0.9), small=st.floats(0.0018, 0.0059))
+def test_mixture_load_from_the_formula(share: float, small: float) -> None:
+    """N_i = q_i sum_j q_j K_ij/r^3 with both angles, written out once more."""
+    species = [
+        {"name": "big", "diameter": 0.006, "share": share},
+        {"name": "small", "diameter": small, "share": 1.0 - share},
+    ]
+    scene = load_scene("bed").replace(
+        **{"grains.species": species, "grains.count": 20, "effects.friction": {}}
+    )
+    positions = initial_motion(scene)[0]
+    d, e, gap = scene.grains.diameters(), 0.003, 0.0031
+    lean = np.arctan(e / d)
+    tilt = np.arcsin(gap / np.hypot(d, e)) - lean
+    q = (d / 0.006) ** 2
+    r = np.linalg.norm(positions[:, None] - positions[None], axis=2) / 0.006
+    np.fill_diagonal(r, np.inf)
+    k = 0.75 * 0.006 * np.outer(np.cos(tilt) / (np.cos(lean + tilt) * np.hypot(d, e)), np.sin(tilt))
+    from granular.scales import Scales
+
+    wanted = (q[:, None] * q[None] * k / r**3).sum(axis=1) * Scales.of(scene.grains).force
+    np.testing.assert_allclose(evaluate(scene, positions).normal_load, wanted, rtol=1e-10)
+
+
+def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
+    alike = [
+        {"name": "one", "diameter": 0.006, "share": 0.5},
+        {"name": "other", "diameter": 0.006, "share": 0.5},
+    ]
+    mono = bed.replace(**{"effects.friction": {}})
+    two = mono.replace(**{"grains.species": alike})
+    positions = initial_motion(bed)[0]
+    one, other = evaluate(mono, positions), evaluate(two, positions)
+    np.testing.assert_allclose(one.force, other.force, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(one.normal_load, other.normal_load, rtol=1e-12)
+    assert one.potential_energy == pytest.approx(other.potential_energy, rel=1e-13)
+
+
+@pytest.mark.parametrize("dt", [1e-5, 3.7e-5])
+def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
+    """m v^2/(2 mu_d N), and stays there to the last bit."""
+    speed, load = 0.1, 0.01
+    scene = lone_grain(**{"arrangement.velocities": [[0.6 * speed, 0.8 * speed]]})
+    run = simulate(scene, dt=dt, progress=False)
+    place = run.dataset["position"].values[:, 0]
+    distance = np.linalg.norm(place[-1] - place[0])
+    exact = MASS * speed**2 / (2.0 * 0.45 * load)
+    assert distance == pytest.approx(exact, rel=1e-6)
+    stopped = speed * MASS / (0.45 * load)
+    still = place[run.dataset["frame_time"].values > stopped + dt]
+    assert len(still) > 5
+    assert (still == still[0]).all()
+    assert run.dataset["friction_loss"].values[-1] == pytest.approx(0.5 * MASS * speed**2, rel=1e-9)
+
+
+def test_stuck_grain_does_not_move_by_one_bit() -> None:
+    """A weight just below mu_s N, for 1e6 steps."""
+    load = 0.01
+    scene = lone_grain(**{"effects.gravity.acceleration": 0.999 * 0.6 * load / MASS})
+    run = simulate(scene, dt=1e-6, progress=False)
+    assert run.settings()["steps"] == 1_000_000
+    place = run.dataset["position"].values[:, 0]
+    assert (place == place[0]).all()
+    assert (run.dataset["kinetic_energy"].values == 0.0).all()
+    assert (run.dataset["friction_loss"].values == 0.0).all()
+
+
+def test_weight_above_static_friction_slides_with_dynamic_friction() -> None:
+    load = 0.01
+    gravity = 1.001 * 0.6 * load / MASS
+    scene = lone_grain(**{"effects.gravity.acceleration": gravity, "arrangement.positions":
+                          [["30 D", "300 D"]]})  # fmt: skip
+    run = simulate(scene, dt=1e-4, t_end=0.2, progress=False)
+    fall = 1.8 - run.dataset["position"].values[-1, 0, 1]
+    assert fall == pytest.approx(0.5 * (gravity - 0.45 * load / MASS) * 0.04, rel=1e-9)
+
+
+def test_friction_and_drag_together_stop_a_grain_as_in_closed_form() -> None:
+    """v' = -c v - b: stops after ln(1 + c v/b)/c."""
+    load, gamma, speed = 0.01, 0.02, 0.2
+    scene = lone_grain(
+        **{"effects.drag.coefficient": gamma, "arrangement.velocities": [[speed, 0.0]]}
+    )
+    c, b = gamma / MASS, 0.45 * load / MASS
+    time = np.log1p(c * speed / b) / c
+    distance = (speed - b * time) / c
+    errors = []
+    for dt in (2e-4, 1e-4, 5e-5):
+        run = simulate(scene, dt=dt, t_end=2.0 * time, progress=False)
+        place = run.dataset["position"].values[:, 0, 0]
+        errors.append(abs(place[-1] - place[0] - distance))
+    assert errors[-1] < 1e-5 * distance
+    assert errors[0] / errors[-1] > 8.0
+
+
+def test_friction_never_gives_energy(small_bed: Scene) -> None:
+    scene = small_bed.replace(**{"effects.drag": None, "effects.friction": {}})
+    lost = simulate(scene, t_end=0.3, progress=False).dataset["friction_loss"].values
+    assert (np.diff(lost) >= 0.0).all()
+    assert lost[-1] > 0.0
+
+
+def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
+    scene = small_bed.replace(
+        **{"effects.drag": None, "effects.friction": {}, "protocol.settle.until": "rest",
+           "protocol.settle.duration": 20.0}
+    )  # fmt: skip
+    run = simulate(scene, progress=False)
+    assert run.stages[0].reason == "rest"
+    assert run.dataset["kinetic_energy"].values[-1] == 0.0
+    force = run.dataset["force"].values[-1]
+    load = run.dataset["normal_load"].values[-1]
+    assert (np.linalg.norm(force, axis=1) <= 0.6 * load * (1 + 1e-12)).all()
+
+
+def test_ledger_closes_to_first_order_with_friction(small_bed: Scene) -> None:
+    scene = small_bed.replace(**{"effects.drag": None, "effects.friction": {}})
+    closures = [
+        simulate(scene, dt=dt, t_end=0.4, progress=False).settings()["ledger_residual"]
+        for dt in (8e-5, 2e-5, 5e-6)
+    ]
+    assert closures[2] < closures[1] < closures[0] < 0.01
+    assert closures[0] / closures[2] > 8.0
+
+
+def test_regularised_law_agrees_where_it_is_resolved() -> None:
+    """Sliding far above the threshold, both schemes brake alike."""
+    moving = {"arrangement.velocities": [[0.1, 0.0]]}
+    end = []
+    for scheme in ("velocity", "regularised"):
+        scene = lone_grain(**moving, **{"effects.friction.scheme": scheme})
+        run = simulate(scene, dt=1e-5, t_end=0.005, progress=False)
+        end.append(run.dataset["velocity"].values[-1, 0, 0])
+    assert end[0] == pytest.approx(end[1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"effects.friction.dynamic": 0.7}, "must be at most the static coefficient"),
+        ({"effects.friction.scheme": "sticky"}, "unknown choice"),
+        ({"effects.friction.load": -1.0}, "at least 0 N"),
+        ({"cell.separation": 0.0029}, "at least the grains' thickness"),
+        ({"grains.species.0.diameter": 0.0007, "arrangement.height": 0.1}, "falls over"),
+    ],
+)
+def test_bad_friction(bed: Scene, changes: dict, words: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        bed.replace(**{"effects.friction": {}}).replace(**changes)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("torque", ["first", "second"])
+def test_least_diameter_is_that_of_the_model(torque: str) -> None:
+    """The angle exists above sqrt(E^2 - eps^2) = 0.78 mm."""
+    bed = load_scene("bed").replace(**{"effects.friction.torque": torque, "grains.count": 2})
+    bed.replace(**{"grains.species.0.diameter": 0.00079})
+    with pytest.raises(SceneError, match="above 0.000781 m"):
+        bed.replace(**{"grains.species.0.diameter": 0.00078})
