@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import tomllib
 import warnings
@@ -57,8 +58,22 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
-    """Print a result: one JSON object, or a text for people."""
-    print(json.dumps(result) if as_json else text)
+    """Print a result: one JSON object, or a text for people.
+
+    JSON has neither infinities nor NaN: they are printed as null.
+    """
+    print(json.dumps(finite(result), allow_nan=False) if as_json else text)
+
+
+def finite(plain: Any) -> Any:
+    """Plain data with None in place of every number that is infinite or NaN."""
+    if isinstance(plain, dict):
+        return {key: finite(value) for key, value in plain.items()}
+    if isinstance(plain, list | tuple):
+        return [finite(value) for value in plain]
+    if isinstance(plain, float) and not math.isfinite(plain):
+        return None
+    return plain
 
 
 def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:

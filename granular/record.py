@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from granular.units import unit_size
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _HEADER = re.compile(r"\s*([^\[\(]*?)\s*(?:[\[\(]\s*([^\]\)]*?)\s*[\]\)])?\s*")
 _LEAST_SAMPLES = 2
+_LONGEST_SHOWN = 80  # characters of a path in a message
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ class PistonRecord:
             if values is not None:
                 object.__setattr__(self, name, self._checked(name, values))
         object.__setattr__(
-            self, "extra", {key: self._checked(key, one) for key, one in self.extra.items()}
+            self, "extra", {key: self._checked(key, values) for key, values in self.extra.items()}
         )
         later = np.diff(self.time) > 0.0
         if not later.all():
@@ -99,7 +100,10 @@ class PistonRecord:
         path : str or Path
             A file with a header line that names the columns ``time`` and ``height``, and
             ``velocity``, ``force`` and others where they are there. A unit may stand behind each
-            name: ``height [mm]``; SI without. Commas, semicolons or tabs separate.
+            name: ``height [mm]``; SI without. Commas, semicolons or tabs separate; a name that
+            holds one of them stands in double quotes. ``time``, ``height``, ``velocity`` and
+            ``force`` must hold finite numbers in every line; any other column that does not, and
+            any without a name, is left out.
         units : mapping of str to str, optional
             Units of the columns, instead of those in the header.
 
@@ -108,18 +112,24 @@ class PistonRecord:
         RecordError
             If the file cannot be read as such; the message names line and column.
         """
-        columns, named = _read_csv(Path(path))
-        named.update(units or {})
-        for name in named:
+        table = _read_table(Path(path))
+        columns = table.cells
+        for name in units or {}:
             if name not in columns:
                 raise RecordError(unknown(name, tuple(columns), "column"))
         for name in ("time", "height"):
             if name not in columns:
+                found = ", ".join(map(repr, columns)) or "none with a name"
                 raise RecordError(
-                    f"{path}: no column {name!r}; there are {', '.join(columns)}: name the columns "
-                    "in the first line"
+                    f"{path}: no column {name!r}; found: {found}; name the columns in the first "
+                    "line, such as 'time [s], height [mm]'"
                 )
-        values = {name: column * _size(name, named.get(name)) for name, column in columns.items()}
+        written = table.units | dict(units or {})
+        values = {
+            name: numbers * _size(name, written.get(name))
+            for name, cells in columns.items()
+            if (numbers := _numbers(Path(path), name, cells)) is not None
+        }
         try:
             return cls(
                 time=values.pop("time"),
@@ -151,7 +161,7 @@ class PistonRecord:
             self.height[chosen],
             None if self.velocity is None else self.velocity[chosen],
             None if self.force is None else self.force[chosen],
-            {key: one[chosen] for key, one in self.extra.items()},
+            {key: values[chosen] for key, values in self.extra.items()},
         )
 
 
@@ -168,41 +178,72 @@ def _size(name: str, unit: str | None) -> float:
     return size
 
 
-def _read_csv(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise RecordError(f"there is no file {str(path)!r}; check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordError(f"{path}: cannot be read as text: {error}") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+class _Table(NamedTuple):
+    """A CSV file taken apart: the cells of each named column, and the units in the header."""
+
+    cells: dict[str, list[str]]
+    units: dict[str, str]
+
+
+def _read_table(path: Path) -> _Table:
+    lines = [line for line in _read_text(path).splitlines() if line.strip()]
+    lines = [line for line in lines if not line.startswith("#")]
     if not lines:
         raise RecordError(f"{path}: is empty; a header and samples are wanted")
-    delimiter = max(",;\t", key=lines[0].count)
-    header = [
-        match.groups() for match in map(_HEADER.fullmatch, lines[0].split(delimiter)) if match
-    ]
-    names = [name.strip().strip('"').lower() for name, _ in header]
-    for name in names:
+    try:
+        delimiter = max(",;\t", key=lambda mark: len(_rows(lines[:1], mark)[0]))
+        header, *rows = _rows(lines, delimiter)
+    except csv.Error as error:
+        raise RecordError(f"{path}: cannot be read as CSV: {error}") from None
+    named = [_name_and_unit(cell) for cell in header]
+    names = [name for name, _ in named]
+    for name in filter(None, names):
         if names.count(name) > 1:
             raise RecordError(f"{path}: the column {name!r} is there twice; names must differ")
-    table = np.empty((len(lines) - 1, len(names)))
-    for index, cells in enumerate(csv.reader(lines[1:], delimiter=delimiter)):
+    for index, cells in enumerate(rows):
         if len(cells) != len(names):
             raise RecordError(
-                f"{path}: sample {index} has {len(cells)} values for {len(names)} columns"
+                f"{path}: sample {index} has {len(cells)} values for {len(names)} columns; "
+                "separate all lines like the first"
             )
-        for place, cell in enumerate(cells):
-            try:
-                table[index, place] = float(cell)
-            except ValueError:
-                raise RecordError(
-                    f"{path}: {names[place]} of sample {index} is {cell!r}, not a number"
-                ) from None
-    units = {name: unit for name, (_, unit) in zip(names, header, strict=True) if unit}
-    return {name: table[:, place] for place, name in enumerate(names)}, units
+    return _Table(
+        {name: [cells[k] for cells in rows] for k, name in enumerate(names) if name},
+        {name: unit for name, unit in named if name and unit},
+    )
 
 
-def sampling_interval(time: np.ndarray) -> float:
-    """Median distance of the samples [s]."""
-    return float(np.median(np.diff(time))) if len(time) > 1 else math.nan
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise RecordError(f"there is no file {str(path)!r}; check the path") from None
+    except OSError as error:
+        name = str(path) if len(str(path)) < _LONGEST_SHOWN else f"{str(path)[:_LONGEST_SHOWN]}..."
+        raise RecordError(f"{name}: cannot be read: {error.strerror}; check the path") from None
+    except UnicodeDecodeError as error:
+        raise RecordError(f"{path}: cannot be read as text: {error}; save it as UTF-8") from None
+
+
+def _rows(lines: list[str], delimiter: str) -> list[list[str]]:
+    return list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
+
+
+def _name_and_unit(cell: str) -> tuple[str, str | None]:
+    """Name and unit of a column; a header that is not ``name [unit]`` is a name as a whole."""
+    match = _HEADER.fullmatch(cell)
+    return (match[1].lower(), match[2] or None) if match else (cell.strip().lower(), None)
+
+
+def _numbers(path: Path, name: str, cells: list[str]) -> np.ndarray | None:
+    """The values of a column; None for a further column that holds something else."""
+    values = np.empty(len(cells))
+    for index, cell in enumerate(cells):
+        try:
+            values[index] = float(cell)
+        except ValueError:
+            if name not in UNITS:
+                return None
+            raise RecordError(
+                f"{path}: {name} of sample {index} is {cell!r}, not a number; correct or drop it"
+            ) from None
+    return values if name in UNITS or np.isfinite(values).all() else None

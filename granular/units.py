@@ -35,6 +35,8 @@ _PLAIN: dict[str, tuple[float, Dimension]] = {
     "h": (3600.0, (0, 0, 1, 0)),
 }
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_MOST_POWER = 9
+_LEAST_SIZE, _MOST_SIZE = 1e-100, 1e100  # of a unit; far from overflow, and beyond every use
 _FACTOR = re.compile(r"([A-Za-zµ%]+|1)(?:(?:\^|\*\*)?(-?\d+))?")
 
 
@@ -70,11 +72,27 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
             match = _FACTOR.fullmatch(factor)
             if match is None:
                 raise SceneError(f"the unit {unit!r} cannot be read; write for instance 'mm/s'")
-            one, dimension = _symbol(match[1], diameter)
-            power = int(match[2] or 1) * (-1 if place else 1)
-            size *= one**power
+            base, dimension = _symbol(match[1], diameter)
+            power = _power(match[2], unit) * (-1 if place else 1)
+            size *= base**power
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
+    if not _LEAST_SIZE <= size <= _MOST_SIZE:
+        raise SceneError(
+            f"the unit {unit!r} is {size:.1e} SI units; from {_LEAST_SIZE:g} to {_MOST_SIZE:g} can "
+            "be used: write a smaller power"
+        )
     return size, (total[0], total[1], total[2], total[3])
+
+
+def _power(digits: str | None, unit: str) -> int:
+    if digits is None:
+        return 1
+    # The length comes first: numbers of thousands of digits are refused by int itself.
+    if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MOST_POWER:
+        raise SceneError(
+            f"a power in the unit {unit[:40]!r} is beyond {_MOST_POWER}; write a smaller one"
+        )
+    return int(digits)
 
 
 def si_value(text: str, unit: str, diameter: float | None = None) -> float:

@@ -58,6 +58,38 @@ def test_units_from_header_and_argument(tmp_path: Path) -> None:
     assert given_units.height.tolist() == pytest.approx([0.59, 0.60])
 
 
+GOOD = [
+    '"time","height"\n0,1\n1,2\n',
+    '"time [s]", "height [m]"\n"0", "1"\n1, 2\n',
+    "\ufeffTime (s);HEIGHT[m];\n0;1;\n1;2;\n",
+    'time,"load, in percent",height\n0,7,1\n1,8,2\n',
+    "time\tremark (see page 3) of (4)\theight\n0\t5\t1\n1\t5\t2\n",
+    "time,operator,height\n0,Ada,1\n1,Ben,2\n",
+    "time,temperature,height\n0,,1\n1,293,2\n",
+    "time,temperature,height\n0,nan,1\n1,inf,2\n",
+]
+
+
+@pytest.mark.parametrize("text", GOOD)
+def test_odd_headers_and_further_columns(tmp_path: Path, text: str) -> None:
+    (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
+    record = PistonRecord.from_csv(tmp_path / "lab.csv")
+    assert record.time.tolist() == [0.0, 1.0]
+    assert record.height.tolist() == [1.0, 2.0]
+    assert set(record.extra) <= {"load, in percent", "remark (see page 3) of (4)"}
+
+
+def test_further_columns_are_kept_where_they_hold_numbers(tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", 'time,"load, in percent",who,height\n0,7,a,1\n1,8,b,2\n')
+    record = PistonRecord.from_csv(path)
+    assert {name: column.tolist() for name, column in record.extra.items()} == {
+        "load, in percent": [7.0, 8.0]
+    }
+    record.to_csv(tmp_path / "back.csv")
+    back = PistonRecord.from_csv(tmp_path / "back.csv")
+    assert back.extra["load, in percent"].tolist() == [7.0, 8.0]
+
+
 BAD = [
     ("", "is empty"),
     ("time,height\n", "0 samples"),
@@ -71,6 +103,12 @@ BAD = [
     ("time,height\n0,1\n1,inf\n", "height of sample 1 is inf"),
     ("time,height\n0,1\n0,2\n", "is there twice"),
     ("time,height\n1,1\n0,2\n", "comes after 1 s"),
+    ("time,height\n0,one\n1,2\n", "height of sample 0 is 'one', not a number"),
+    ("Zeit,Höhe\n0,1\n1,2\n", "no column 'time'; found: 'zeit', 'höhe'"),
+    (";;\n0;1;2\n1;2;3\n", "no column 'time'; found: none with a name"),
+    ("time [s]; [mm]\n0;1\n1;2\n", "no column 'height'; found: 'time'"),
+    ("time,height [mm^-200]\n0,1\n1,2\n", "is beyond 9"),
+    ("time,height [nm^9 nm^9]\n0,1\n1,2\n", "write a smaller power"),
     ("time [kg],height\n0,1\n1,2\n", "the unit 'kg' does not fit; one of s is wanted"),
     ("time,height [furlong]\n0,1\n1,2\n", "unknown unit 'furlong'"),
 ]
@@ -90,6 +128,8 @@ def test_missing_and_binary_files(tmp_path: Path) -> None:
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(RecordError, match="cannot be read as text"):
         PistonRecord.from_csv(tmp_path / "binary.csv")
+    with pytest.raises(RecordError, match="check the path"):
+        PistonRecord.from_csv(tmp_path / ("x" * 300))
     path = write(tmp_path / "lab.csv", "time,height\n0,1\n1,2\n")
     with pytest.raises(RecordError, match="unknown column 'heigth'; did you mean 'height'"):
         PistonRecord.from_csv(path, units={"heigth": "mm"})
