@@ -1,0 +1,144 @@
+"""The measurement of orders, on errors of known law, on controls, and on the toolkit."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from granular.methods import METHODS
+from granular.scales import Scales
+from validation.convergence import (
+    ConvergenceResult,
+    Solver,
+    convergence,
+    fitted_slope,
+    step_counts,
+    summary,
+)
+from validation.exact import Moment, Problem, exact_problem
+
+STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
+
+
+@pytest.mark.parametrize("order", [1, 2, 4, 6, 8])
+def test_slope_of_a_known_law(order: int) -> None:
+    fit = fitted_slope(STEPS, [3.0 * h**order for h in STEPS], 1e-30)
+    assert fit is not None
+    assert fit.value == pytest.approx(order, abs=1e-9)
+    assert STEPS[fit.first] / STEPS[fit.last] >= 10.0 - 1e-6
+    assert fit.last == len(STEPS) - 1
+
+
+def test_rounding_is_left_out_of_the_fit() -> None:
+    random = np.random.default_rng(5)
+    rounding = 1e-9
+    errors = [h**4 + rounding * abs(random.standard_normal()) for h in STEPS]
+    assert errors[-1] < 2.0 * errors[-2]  # the finest are rounding alone
+    fit = fitted_slope(STEPS, errors, rounding)
+    assert fit is None  # less than a decade stands clear
+    long = tuple(0.1 * 2.0 ** (-k / 2) for k in range(20))
+    errors = [h**2 + rounding * abs(random.standard_normal()) for h in long]
+    fit = fitted_slope(long, errors, rounding)
+    assert fit is not None
+    assert long[fit.last] ** 2 > 20.0 * rounding
+    assert fit.value == pytest.approx(2.0, abs=0.02)
+
+
+def test_an_error_that_stays_has_no_order() -> None:
+    fit = fitted_slope(STEPS, [h**2 + 1e-2 for h in STEPS], 1e-12)
+    assert fit is not None
+    assert abs(fit.value) < 0.3
+
+
+def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
+    """Verlet in plain Python for one grain over the wall or with drag; with slips on demand."""
+
+    def solve(problem: Problem, count: int) -> Moment:
+        scales, effects = Scales.of(problem.scene.grains), problem.scene.effects
+        weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
+        rate = effects.drag.kernel(scales) if effects.drag else 0.0
+        plan = problem.scene.arrangement
+        x = np.array(plan.positions[0]) / scales.length
+        v = np.zeros(2) if plan.velocities is None else np.array(plan.velocities[0])
+        v = v / scales.velocity
+        h = problem.time / scales.time / count
+        decay = np.exp(-0.5 * h * rate)
+
+        def kick(v: np.ndarray, x: np.ndarray) -> np.ndarray:
+            wall = 0.5 * x[1] ** -3.5 if effects.walls else 0.0
+            force = np.array([0.0, wall - gravity * weight])
+            if smuggled:
+                return v + 0.5 * h * (force - rate * v)
+            return decay * v + 0.5 * h * force
+
+        for _ in range(count):
+            v = kick(v, x)
+            x = x + h * v
+            v = kick(v, x)
+        return Moment(x[None] * scales.length, v[None] * scales.velocity)
+
+    return solve
+
+
+def test_a_sound_solver_shows_its_order() -> None:
+    counts = [round(64 * 2.0 ** (k / 2)) for k in range(8)]
+    problem = exact_problem("oscillation")
+    result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
+    assert result.fit is not None
+    assert result.fit.value == pytest.approx(2.0, abs=0.01)
+    assert result.holds(0.02)
+
+
+def test_controls_are_told_apart() -> None:
+    counts = [round(64 * 2.0 ** (k / 2)) for k in range(8)]
+    drag = exact_problem("drag")
+    smuggled = convergence(drag, "smuggled", counts, solver=plain_verlet(smuggled=True), order=2)
+    assert smuggled.fit is not None
+    assert smuggled.fit.value == pytest.approx(1.0, abs=0.1)
+    assert not smuggled.holds(0.3)
+    problem = exact_problem("oscillation")
+    wrong = convergence(problem, "wrong", counts, solver=plain_verlet(gravity=1.0001), order=2)
+    assert not wrong.holds(0.3)
+
+
+def test_result_survives_json() -> None:
+    counts = (64, 91, 128, 181)
+    problem = exact_problem("oscillation")
+    result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
+    assert result.fit is None  # less than a decade
+    again = ConvergenceResult.from_dict(json.loads(json.dumps(result.to_dict())))
+    assert again == result
+    assert len(summary([result]).rows[0]) == len(summary([result]).header)
+    assert len(result.table().rows) == len(counts)
+
+
+def test_toolkit_on_the_oscillation() -> None:
+    problem = exact_problem("oscillation")
+    result = convergence(problem, "stormer-verlet")
+    assert result.fit is not None
+    assert result.fit.value == pytest.approx(2.0, abs=0.01)
+    assert result.steps[result.fit.first] / result.steps[result.fit.last] >= 10.0 - 1e-6
+
+
+def test_free_fall_is_exact() -> None:
+    result = convergence(exact_problem("free-fall"), "stormer-verlet")
+    assert result.exact
+    assert result.holds(0.0)
+    assert max(result.errors) < 1e-13
+
+
+TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "name", ["free-fall", "bounce", "oscillation", "scattering", "drag", "driven-piston"]
+)
+def test_every_method_has_its_order(name: str, method: str) -> None:
+    problem = exact_problem(name)
+    order = METHODS[method].order
+    result = convergence(problem, method, step_counts(problem, order))
+    assert result.holds(TOLERANCE[order]), summary([result]).text()

@@ -1,0 +1,199 @@
+"""Exact problems against other ways to the same motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from granular.errors import InputError
+from granular.scales import Scales
+from validation.exact import NAMES, Problem, exact_problem, oscillation
+from validation.exact.bounce import bounce_period, bounce_scene, well
+from validation.exact.constants import natural_units
+from validation.exact.quadrature import place_from_top, speed
+from validation.exact.sliding import stopping_time
+
+Force = Callable[[float, np.ndarray, np.ndarray, Problem, Scales], np.ndarray]
+
+
+def weight(problem: Problem, scales: Scales) -> float:
+    assert problem.scene.effects.gravity is not None
+    return problem.scene.effects.gravity.acceleration / scales.acceleration
+
+
+def free_fall(_: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
+    return np.array([[0.0, -weight(problem, s)]])
+
+
+def bounce(_: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
+    return np.array([[0.0, 0.5 * x[0, 1] ** -3.5 - weight(problem, s)]])
+
+
+def scattering(_: float, x: np.ndarray, __: np.ndarray, *___: object) -> np.ndarray:
+    apart = x[0] - x[1]
+    push = 0.75 * apart / np.linalg.norm(apart) ** 5
+    return np.stack([push, -push])
+
+
+def drag(_: float, __: np.ndarray, v: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
+    assert problem.scene.effects.drag is not None
+    return -problem.scene.effects.drag.coefficient * s.time / s.mass * v
+
+
+def driven_piston(
+    t: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales
+) -> np.ndarray:
+    assert problem.scene.piston is not None
+    move = problem.scene.protocol[0]
+    start = problem.scene.piston.height
+    height = start + (move.final_height() - start) * t * s.time / move.span(start)
+    return np.array([[0.0, -0.5 * (height / s.length - x[0, 1]) ** -3.5]])
+
+
+FORCES: dict[str, Force] = {
+    "free-fall": free_fall,
+    "bounce": bounce,
+    "oscillation": bounce,
+    "scattering": scattering,
+    "drag": drag,
+    "driven-piston": driven_piston,
+}
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
+    problem = exact_problem(name)
+    scales = Scales.of(problem.scene.grains)
+    plan = problem.scene.arrangement
+    place = np.array(plan.positions) / scales.length
+    velocity = np.zeros_like(place)
+    if plan.velocities is not None:
+        velocity = np.array(plan.velocities) / scales.velocity
+    count = place.size
+
+    def motion(t: float, state: np.ndarray) -> np.ndarray:
+        x, v = state[:count].reshape(-1, 2), state[count:].reshape(-1, 2)
+        return np.concatenate([state[count:], FORCES[name](t, x, v, problem, scales).ravel()])
+
+    # The bounce is compared at an earlier time: errors grow with the number of bounces.
+    time = 0.45 if name == "bounce" else problem.time
+    start = np.concatenate([place.ravel(), velocity.ravel()])
+    found = solve_ivp(motion, (0.0, time / scales.time), start, "DOP853", rtol=1e-13, atol=1e-13)
+    exact = problem.exact(time)
+    end = found.y[:, -1]
+    assert end[:count].reshape(-1, 2) * scales.length == pytest.approx(exact.positions, rel=1e-10)
+    fastest = np.abs(exact.velocities).max()
+    assert end[count:].reshape(-1, 2) * scales.velocity == pytest.approx(
+        exact.velocities, abs=1e-9 * fastest
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_motion_starts_at_the_start(name: str) -> None:
+    problem = exact_problem(name)
+    plan = problem.scene.arrangement
+    begin = problem.exact(0.0)
+    assert begin.positions == pytest.approx(np.array(plan.positions), rel=1e-15)
+    velocity = np.zeros_like(begin.velocities) if plan.velocities is None else plan.velocities
+    assert begin.velocities == pytest.approx(np.array(velocity), abs=1e-15)
+
+
+def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
+    scene = bounce_scene(3.0, 0.05)
+    with mpmath.workdps(40):
+        one = well(scene)
+        time = mpmath.mpf(12)
+        gravity = (one.potential(one.high) - one.high ** mpmath.mpf(-2.5) / 5) / one.high
+        series = mpmath.odefun(
+            lambda _, s: [s[1], s[0] ** mpmath.mpf(-3.5) / 2 - gravity],
+            0,
+            [one.high, mpmath.mpf(0)],
+        )
+        place, velocity = series(time)
+        exact = place_from_top(one.potential, one.low, one.high, time)
+        assert abs(place - exact) < mpmath.mpf(10) ** -25
+        assert abs(abs(velocity) - speed(one.potential, one.potential(one.high), exact)) < 1e-25
+
+
+def test_bounce_returns_after_its_period() -> None:
+    problem = exact_problem("bounce")
+    period = float(bounce_period(problem.scene))
+    assert 0.40 < period < 0.42  # twice the fall of 0.2 m, nearly
+    for time in (0.05, 0.31):
+        now, later = problem.exact(time), problem.exact(time + 3.0 * period)
+        assert later.positions == pytest.approx(now.positions, rel=1e-13)
+        assert later.velocities == pytest.approx(now.velocities, abs=1e-12)
+
+
+def test_first_bounce_is_where_the_source_has_it() -> None:
+    """[D, 2.3.4]: the grain falls from 40 D = 0.2 m and turns after about 0.2 s."""
+    scene = exact_problem("bounce").scene
+    with mpmath.workdps(30):
+        low = float(well(scene).low)
+    assert float(bounce_period(scene)) / 2.0 == pytest.approx(0.2, abs=0.005)
+    assert low == pytest.approx((5.0 * 0.0017897 * 38.5) ** -0.4, rel=2e-3)
+
+
+def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
+    """The harmonic period misses (9/16) A^2 of it; what the corrected misses falls like A^4."""
+
+    def misses(start: float) -> tuple[float, float, float]:
+        scene = oscillation.problem(start).scene
+        with mpmath.workdps(50):
+            one = well(scene)
+            amplitude = float((one.high - one.low) / 2 / oscillation.rest_height(scene))
+        exact = float(bounce_period(scene))
+        harmonic, corrected = (oscillation.harmonic_period(scene, a) for a in (0.0, amplitude))
+        return amplitude, exact / harmonic - 1.0, exact / corrected - 1.0
+
+    large, plain, corrected = misses(0.04)
+    small, plain_small, corrected_small = misses(0.01)
+    assert plain_small / small**2 == pytest.approx(9.0 / 16.0, rel=1e-3)
+    assert plain / large**2 == pytest.approx(9.0 / 16.0, rel=1e-2)
+    assert corrected / corrected_small == pytest.approx((large / small) ** 4, rel=0.05)
+
+
+def test_sliding_stops_where_the_energy_is_spent() -> None:
+    problem = exact_problem("sliding")
+    law, scales = problem.scene.effects.friction, Scales.of(problem.scene.grains)
+    assert law is not None
+    assert problem.time > stopping_time(problem.scene)
+    end = problem.exact(problem.time)
+    way = np.linalg.norm(end.positions[0] - np.array(problem.scene.arrangement.positions)[0])
+    assert law.dynamic * law.load * way == pytest.approx(0.5 * scales.mass * 0.5**2, rel=1e-12)
+    assert (end.velocities == 0.0).all()
+
+
+def test_scattering_keeps_energy_and_angular_momentum() -> None:
+    problem = exact_problem("scattering")
+    scales = Scales.of(problem.scene.grains)
+
+    def kept(time: float) -> tuple[float, float]:
+        now = problem.exact(time)
+        x, v = now.positions / scales.length, now.velocities / scales.velocity
+        apart, relative = x[1] - x[0], v[1] - v[0]
+        energy = 0.5 * (v**2).sum() + 0.25 / np.linalg.norm(apart) ** 3
+        return energy, apart[0] * relative[1] - apart[1] * relative[0]
+
+    energy, momentum = kept(0.0)
+    for time in (0.4, 0.5, 0.7, 1.0):
+        now = kept(time * problem.time)
+        assert now == pytest.approx((energy, momentum), rel=1e-13)
+
+
+def test_natural_units_agree_with_the_engine() -> None:
+    grains = exact_problem("bounce").scene.grains
+    scales = Scales.of(grains)
+    with mpmath.workdps(30):
+        units = natural_units(grains)
+    for name in ("length", "mass", "force", "time"):
+        assert float(getattr(units, name)) == pytest.approx(getattr(scales, name), rel=4e-16)
+
+
+def test_unknown_problem_is_named() -> None:
+    with pytest.raises(InputError, match="did you mean 'bounce'"):
+        exact_problem("bouncy")

@@ -1,0 +1,42 @@
+"""Problems whose motion is known to thirty digits, one a file."""
+
+from __future__ import annotations
+
+import importlib
+
+from validation.exact.problem import Moment, Problem
+
+NAMES = (
+    "free-fall",
+    "bounce",
+    "oscillation",
+    "scattering",
+    "drag",
+    "sliding",
+    "driven-piston",
+)
+
+__all__ = ["NAMES", "Moment", "Problem", "exact_problem", "exact_problems"]
+
+
+def exact_problem(name: str) -> Problem:
+    """The exact problem of that name.
+
+    Raises
+    ------
+    InputError
+        If there is none; the nearest name is given.
+    """
+    from granular.errors import InputError
+    from granular.schema import unknown
+
+    if name not in NAMES:
+        raise InputError(unknown(name, NAMES, "exact problem"))
+    module = importlib.import_module(f"validation.exact.{name.replace('-', '_')}")
+    found: Problem = module.problem()
+    return found
+
+
+def exact_problems() -> tuple[Problem, ...]:
+    """All exact problems, in the order of `NAMES`."""
+    return tuple(exact_problem(name) for name in NAMES)

@@ -1,0 +1,117 @@
+"""One grain bouncing on the magnetic bottom wall under gravity, from rest.
+
+The source tests its method with it [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, some five bounces. In
+natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The
+motion is periodic; with the turning points a < b (b is the start) its period is
+
+    T = 2 integral_a^b dy / sqrt(2 (u(b) - u(y))),   u(y) = (1/5) y^-2.5 + G y,
+
+taken by quadrature (see `validation.exact.quadrature`). a is the other root of u(a) = u(b), where
+(1/5) a^-2.5 is close to G (b - a).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.scene import Scene
+from validation.exact.constants import DIGITS, Number, natural_units
+from validation.exact.problem import BOTTOM_ONLY, Moment, Problem, lone_scene
+from validation.exact.quadrature import Potential, period, place_from_top, speed
+
+START = 40
+"""Height at the start [D]."""
+
+TIME = 2.0
+
+
+class Well(NamedTuple):
+    """The well that the grain moves in, in natural units.
+
+    Attributes
+    ----------
+    potential : callable
+        u(y)
+    low, high : mpf
+        Turning points [D].
+    velocity, length, time : mpf
+        The natural units [m/s], [m], [s].
+    """
+
+    potential: Potential
+    low: Number
+    high: Number
+    velocity: Number
+    length: Number
+    time: Number
+
+
+def problem(start: float = START, time: float = TIME) -> Problem:
+    """The bounce from a height [D], compared after a time [s]."""
+    scene = bounce_scene(start, time)
+    return Problem(
+        "bounce",
+        "a grain bouncing on the magnetic wall",
+        scene,
+        time,
+        lambda t: moment(scene, t),
+        fewest=round(2000 * time / TIME) * 4,
+    )
+
+
+def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
+    """A lone grain at a height [D] over the bottom wall, held for a time [s]."""
+    effects = {"gravity": {}, "walls": BOTTOM_ONLY}
+    arrangement = {"positions": [["30 D", f"{start!r} D"]]}
+    return lone_scene(name, time, effects, arrangement=arrangement)
+
+
+def well(scene: Scene) -> Well:
+    """The well of a scene with a lone grain at rest; within mpmath's working precision."""
+    from mpmath import findroot, mpf
+
+    units = natural_units(scene.grains)
+    assert scene.effects.gravity is not None
+    assert scene.arrangement.positions is not None
+    weight = mpf(scene.effects.gravity.acceleration) / units.acceleration
+
+    def potential(y: Number) -> Number:
+        return y ** mpf(-2.5) / 5 + weight * y
+
+    start = mpf(scene.arrangement.positions[0][1]) / units.length
+    rest = (1 / (2 * weight)) ** (mpf(2) / 7)
+    # The other turning point lies as far beyond the place of rest, to first order.
+    guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
+    other = findroot(lambda y: potential(y) - potential(start), guess)
+    low, high = min(start, other), max(start, other)
+    return Well(potential, low, high, units.velocity, units.length, units.time)
+
+
+def bounce_period(scene: Scene) -> Number:
+    """Period [s], to thirty digits and more."""
+    from mpmath import workdps
+
+    with workdps(DIGITS):
+        one = well(scene)
+        return period(one.potential, one.low, one.high) * one.time
+
+
+def moment(scene: Scene, time: float) -> Moment:
+    """Place and velocity at a time [s], for a start at the upper turning point."""
+    from mpmath import floor, mpf, workdps
+
+    assert scene.arrangement.positions is not None
+    with workdps(DIGITS):
+        one = well(scene)
+        late = mpf(time) / one.time
+        place = place_from_top(one.potential, one.low, one.high, late)
+        magnitude = speed(one.potential, one.potential(one.high), place)
+        half = period(one.potential, one.low, one.high) / 2
+        upwards = int(floor(late / half)) % 2 == 1
+        velocity = magnitude if upwards else -magnitude
+        return Moment(
+            np.array([[scene.arrangement.positions[0][0], float(place * one.length)]]),
+            np.array([[0.0, float(velocity * one.velocity)]]),
+        )

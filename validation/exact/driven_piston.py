@@ -1,0 +1,77 @@
+"""A piston that comes down at constant speed V on one grain at rest, without gravity.
+
+In the piston's frame, which is inertial, the wall stands still and the grain comes at V: with the
+distance w = H - y, w'' = (1/2) w^-3.5 and the energy per mass w'^2/2 + (1/5) w^-2.5 stays. One
+turning point, the least distance; the quadrature gives w(t) (see `validation.exact.quadrature`) and
+the change of frame y = H_0 - V t - w. The piston does work on the grain: its energy is not kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granular.scene import Scene
+from validation.exact.constants import DIGITS, natural_units
+from validation.exact.problem import Moment, Problem, lone_scene
+from validation.exact.quadrature import place_after_turning, time_from_turning
+
+TIME = 0.05
+SPEED = 0.5
+"""V [m/s]"""
+GAP = 4.0
+"""Distance of grain and piston at the start [D]."""
+
+
+def problem(speed: float = SPEED, time: float = TIME) -> Problem:
+    """The grain struck by the piston."""
+    top = 40.0
+    scene = lone_scene(
+        "driven-piston",
+        time,
+        {"walls": {"left": "none", "right": "none", "bottom": "none"}},
+        arrangement={"positions": [["30 D", f"{top - GAP!r} D"]]},
+        piston={"height": f"{top!r} D"},
+        protocol=[{"kind": "move", "name": "move", "to": 0.005 * top - speed * time,
+                   "duration": time}],
+    )  # fmt: skip
+    return Problem(
+        "driven-piston",
+        "a piston driven against a grain",
+        scene,
+        time,
+        lambda t: moment(scene, t),
+        fewest=64,
+        conservative=False,
+    )
+
+
+def moment(scene: Scene, time: float) -> Moment:
+    """Place and velocity at a time [s] within the stage."""
+    from mpmath import findroot, mpf, sqrt, workdps
+
+    from granular.protocol import Move
+
+    move = scene.protocol[0]
+    assert scene.piston is not None
+    assert scene.arrangement.positions is not None
+    assert isinstance(move, Move)
+    assert move.duration is not None
+    with workdps(DIGITS):
+        units = natural_units(scene.grains)
+        height, (x, y) = mpf(scene.piston.height), scene.arrangement.positions[0]
+        down = (height - mpf(move.to)) / mpf(move.duration)
+        start, speed = (height - mpf(y)) / units.length, down / units.velocity
+
+        def potential(w: object) -> object:
+            return mpf(w) ** mpf(-2.5) / 5
+
+        energy = speed**2 / 2 + potential(start)
+        turning = findroot(lambda w: potential(w) - energy, (5 * energy) ** mpf(-0.4))
+        late = mpf(time) / units.time - time_from_turning(potential, turning, start)
+        gap = place_after_turning(potential, turning, late)
+        opening = sqrt(2 * abs(energy - potential(gap))) * (1 if late > 0 else -1)
+        place = height - down * mpf(time) - gap * units.length
+        return Moment(
+            np.array([[x, float(place)]]),
+            np.array([[0.0, float(-down - opening * units.velocity)]]),
+        )

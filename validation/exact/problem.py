@@ -1,0 +1,99 @@
+"""What an exact problem is: a scene, a time, and the state of its grains then."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.scene import Scene
+
+
+class Moment(NamedTuple):
+    """The grains at one time.
+
+    Attributes
+    ----------
+    positions, velocities : float64 (n, 2)
+        [m], [m/s]
+    """
+
+    positions: np.ndarray
+    velocities: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A scene whose motion is known.
+
+    Attributes
+    ----------
+    name, title : str
+    scene : Scene
+    time : float
+        When a simulation is compared with it [s].
+    exact : callable
+        The grains at a time [s], correct to the last bit but a few.
+    fewest : int
+        Steps up to ``time`` at which one step is about half a radian of the stiffest mode: the
+        longest that a composition method of high order can be judged at.
+    conservative : bool
+        Whether the energy stays the same.
+    smooth : bool
+        Whether the motion has as many derivatives as a method of high order asks for.
+    """
+
+    name: str
+    title: str
+    scene: Scene
+    time: float
+    exact: Callable[[float], Moment]
+    fewest: int
+    conservative: bool = True
+    smooth: bool = True
+
+    def nudged(self, bits: int) -> Problem:
+        """The same problem with its start moved by a few units in the last place.
+
+        The exact motion is not moved along: what a simulation of the nudged problem differs from
+        one of this is the rounding that both suffer.
+        """
+        plan = self.scene.arrangement
+        factor = 1.0 + bits * np.finfo(float).eps
+        moved = {
+            f"arrangement.{name}": [[factor * x, factor * y] for x, y in rows]
+            for name, rows in (("positions", plan.positions), ("velocities", plan.velocities))
+            if rows is not None
+        }
+        return dataclasses.replace(self, scene=self.scene.replace(**moved))
+
+
+def lone_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
+    """A scene of grains of 5 mm in a cell 60 D wide, held for a time [s].
+
+    Parameters
+    ----------
+    effects : dict
+        The effects that act, as plain data.
+    **parts
+        Further keys of the scene; ``arrangement`` must be among them.
+    """
+    from granular.scene import Scene
+
+    count = len(parts["arrangement"]["positions"])
+    plain: dict[str, Any] = {
+        "name": name,
+        "grains": {"count": count, "species": [{"name": "grain", "diameter": "5 mm"}]},
+        "cell": {"width": "60 D"},
+        "effects": effects,
+        "protocol": [{"kind": "hold", "name": "hold", "duration": time}],
+        "output": {"scalars": time, "frames": time},
+        **parts,
+    }
+    return Scene.from_plain(plain)
+
+
+BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
+"""Walls of a scene where only the bottom repels."""

@@ -1,0 +1,125 @@
+"""Motion in one dimension from its energy integral.
+
+For q'' = -u'(q) with the energy e per mass, the time is t = integral of dq / sqrt(2 (e - u(q)))
+(Landau and Lifshitz, Mechanics, section 11). The integrand is singular where the motion turns;
+
+    q = q_t + s^2                        for one turning point q_t,
+    q = a + (b - a) sin^2(phi/2)         between two, a and b,
+
+make it analytic, so Gauss-Legendre quadrature converges faster than any power. The place at a
+given time is the root of t(s), by Newton's method in the working precision; dt/ds is the integrand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from validation.exact.constants import Number
+
+Potential = Callable[[Number], Number]
+
+
+def integral(integrand: Potential, end: Number) -> Number:
+    """Integral from zero to the end."""
+    from mpmath import mp
+
+    # Intervals of equal length keep the degree low where the integrand bends most, at its start.
+    points = [end * k / 8 for k in range(9)]
+    return mp.quad(integrand, points, method="gauss-legendre")
+
+
+def _inverse(integrand: Potential, time: Number, guess: Number) -> Number:
+    """The upper end at which the integral from zero equals the time."""
+    from mpmath import mp, mpf
+
+    end = guess
+    for _ in range(80):
+        step = (integral(integrand, end) - time) / integrand(end)
+        end -= step
+        if abs(step) < mpf(10) ** (5 - mp.dps) * (1 + abs(end)):
+            return end
+    raise ArithmeticError(f"no place found for the time {time}; the guess {guess} is too far off")
+
+
+def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
+    """A first guess of the upper end, by Simpson's rule over ever longer stretches."""
+    width, end, reached = scale / 64, 0 * scale, 0 * scale
+    before = integrand(width / 10**6)
+    while True:
+        middle, after = integrand(end + width / 2), integrand(end + width)
+        gain = width * (before + 4 * middle + after) / 6
+        if reached + gain >= time:
+            return end + width * (time - reached) / gain
+        reached, end, before = reached + gain, end + width, after
+
+
+def open_integrand(potential: Potential, turning: Number) -> Potential:
+    """dt/ds for q = turning + s^2, where the potential falls beyond the turning point."""
+    from mpmath import sqrt
+
+    energy = potential(turning)
+    return lambda s: 2 * s / sqrt(2 * (energy - potential(turning + s * s)))
+
+
+def time_from_turning(potential: Potential, turning: Number, place: Number) -> Number:
+    """Time between the turning point and a place beyond it."""
+    from mpmath import sqrt
+
+    return integral(open_integrand(potential, turning), sqrt(place - turning))
+
+
+def place_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
+    """Place at a time before or after the turn (the motion is even in time)."""
+    integrand = open_integrand(potential, turning)
+    time = abs(time)
+    if time == 0:
+        return turning
+    guess = _rough_inverse(integrand, time, 1 + 0 * turning)
+    s = _inverse(integrand, time, guess)
+    return turning + s * s
+
+
+def closed_integrand(potential: Potential, turning: Number, other: Number) -> Potential:
+    """dt/dphi for q = turning + (other - turning) sin^2(phi/2), between two turning points."""
+    from mpmath import sin, sqrt
+
+    energy = potential(turning)
+    span = other - turning
+
+    def integrand(phi: Number) -> Number:
+        place = turning + span * sin(phi / 2) ** 2
+        return abs(span) * sin(phi) / 2 / sqrt(2 * (energy - potential(place)))
+
+    return integrand
+
+
+def period(potential: Potential, low: Number, high: Number) -> Number:
+    """Period of the motion between two turning points."""
+    from mpmath import pi
+
+    half = +pi / 2
+    lower = integral(closed_integrand(potential, low, high), half)
+    return 2 * (lower + integral(closed_integrand(potential, high, low), half))
+
+
+def place_from_top(potential: Potential, low: Number, high: Number, time: Number) -> Number:
+    """Place at a time after the upper turning point."""
+    from mpmath import floor, pi, sin
+
+    whole = period(potential, low, high)
+    late = abs(time - whole * floor(time / whole + 0.5))
+    early = whole / 2 - late
+    # Counted from the nearer turn, where the energies cancel least.
+    turning, other, away = (high, low, late) if late < early else (low, high, early)
+    if away <= 0:
+        return turning
+    integrand = closed_integrand(potential, turning, other)
+    phi = _inverse(integrand, away, _rough_inverse(integrand, away, +pi))
+    return turning + (other - turning) * sin(phi / 2) ** 2
+
+
+def speed(potential: Potential, energy: Number, place: Number) -> Number:
+    """Magnitude of the velocity."""
+    from mpmath import sqrt
+
+    return sqrt(2 * abs(energy - potential(place)))

@@ -1,0 +1,153 @@
+"""Two grains that pass each other, repelling: scattering with an impact parameter.
+
+In natural units the distance vector obeys r'' = 2 (3/4) rhat/r^4 (each grain has the mass 1). With
+the angular momentum l = r^2 phi' the distance moves in
+
+    u(r) = 1/(2 r^3) + l^2/(2 r^2),
+
+with one turning point, the closest approach. r(t) is the quadrature of the energy integral and the
+angle swept is the integral of l/r^2 dt along it (Landau and Lifshitz, Mechanics, sections 14, 18).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.scene import Scene
+from validation.exact.constants import DIGITS, Number, natural_units
+from validation.exact.problem import Moment, Problem, lone_scene
+from validation.exact.quadrature import (
+    Potential,
+    integral,
+    open_integrand,
+    place_after_turning,
+    time_from_turning,
+)
+
+TIME = 0.025
+SPEED = 1.0
+"""Of each grain [m/s]."""
+APART, ASIDE = 6.0, 0.5
+"""Distance at the start along and across the velocities [D]."""
+
+
+class Orbit(NamedTuple):
+    """The relative motion, in natural units.
+
+    Attributes
+    ----------
+    potential : callable
+        u(r)
+    turning : mpf
+        Closest approach.
+    momentum : mpf
+        l, signed.
+    before : mpf
+        Time from the start to the closest approach.
+    """
+
+    potential: Potential
+    turning: Number
+    momentum: Number
+    before: Number
+
+
+def problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> Problem:
+    """Two grains that come from left and right at a speed [m/s] each, ``aside`` [D] off centre."""
+    across, along = aside / 2.0, APART / 2.0
+    arrangement = {
+        "positions": [[f"{30 - along!r} D", f"{30 - across!r} D"],
+                      [f"{30 + along!r} D", f"{30 + across!r} D"]],
+        "velocities": [[speed, 0.0], [-speed, 0.0]],
+    }  # fmt: skip
+    scene = lone_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
+    return Problem(
+        "scattering",
+        "two grains that scatter",
+        scene,
+        time,
+        lambda t: moment(scene, t),
+        fewest=64,
+    )
+
+
+def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
+    """The relative motion and the direction at the start (angle, distance)."""
+    from mpmath import atan2, findroot, mpf, sqrt
+
+    units = natural_units(scene.grains)
+    assert scene.arrangement.positions is not None
+    assert scene.arrangement.velocities is not None
+    first, second = scene.arrangement.positions
+    slow, fast = scene.arrangement.velocities
+    x, y = ((mpf(b) - mpf(a)) / units.length for a, b in zip(first, second, strict=True))
+    vx, vy = ((mpf(b) - mpf(a)) / units.velocity for a, b in zip(slow, fast, strict=True))
+    momentum = x * vy - y * vx
+    distance = sqrt(x * x + y * y)
+
+    def potential(r: Number) -> Number:
+        return 1 / (2 * r**3) + momentum**2 / (2 * r**2)
+
+    energy = potential(distance) + ((x * vx + y * vy) / distance) ** 2 / 2
+    reach = (2 * energy) ** (mpf(-1) / 3)  # the turning point of the head-on collision
+    guess = sqrt(reach**2 + momentum**2 / (2 * energy))
+    turning = findroot(lambda r: potential(r) - energy, guess)
+    before = time_from_turning(potential, turning, distance)
+    return Orbit(potential, turning, momentum, before), (atan2(y, x), distance)
+
+
+def _angle(one: Orbit, distance: Number) -> Number:
+    """Angle swept between the closest approach and a distance."""
+    from mpmath import sqrt
+
+    integrand = open_integrand(one.potential, one.turning)
+    return integral(
+        lambda s: one.momentum / (one.turning + s * s) ** 2 * integrand(s),
+        sqrt(distance - one.turning),
+    )
+
+
+def moment(scene: Scene, time: float) -> Moment:
+    """Places and velocities at a time [s]."""
+    from mpmath import cos, mpf, sin, sqrt, workdps
+
+    with workdps(DIGITS):
+        units = natural_units(scene.grains)
+        one, (angle, start) = orbit(scene)
+        late = mpf(time) / units.time - one.before
+        distance = place_after_turning(one.potential, one.turning, late)
+        side = 1 if late > 0 else -1
+        angle += _angle(one, start) + side * _angle(one, distance)
+        energy = one.potential(one.turning)
+        along = side * sqrt(2 * abs(energy - one.potential(distance)))
+        across = one.momentum / distance
+        c, s = cos(angle), sin(angle)
+        place = [distance * c, distance * s]
+        velocity = [along * c - across * s, along * s + across * c]
+        return _grains(scene, units.length, units.velocity, place, velocity, time)
+
+
+def _grains(
+    scene: Scene,
+    length: Number,
+    speed: Number,
+    place: list[Number],
+    velocity: list[Number],
+    time: float,
+) -> Moment:
+    """Both grains from the relative motion and that of their centre."""
+    from mpmath import mpf
+
+    assert scene.arrangement.positions is not None
+    assert scene.arrangement.velocities is not None
+    positions, velocities = np.empty((2, 2)), np.empty((2, 2))
+    for axis in range(2):
+        start = sum(mpf(row[axis]) for row in scene.arrangement.positions) / 2
+        drift = sum(mpf(row[axis]) for row in scene.arrangement.velocities) / 2
+        for grain, sign in ((0, -1), (1, 1)):
+            where = start + drift * mpf(time) + sign * place[axis] * length / 2
+            positions[grain, axis] = float(where)
+            velocities[grain, axis] = float(drift + sign * velocity[axis] * speed / 2)
+    return Moment(positions, velocities)
