@@ -1,0 +1,97 @@
+"""The frames of a run, one after the other, with the grains that are in the cell."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.trajectory import Trajectory, load_trajectory
+
+BLOCK = 64
+"""Frames that are read at once: few enough to fit into memory with any bed."""
+
+
+class BedFrame(NamedTuple):
+    """The bed at one instant, in SI: the k grains that are in the cell.
+
+    Attributes
+    ----------
+    number : int
+        Index of the frame in the run.
+    time : float
+        [s]
+    height : float or None
+        Of the piston [m]; None where the scene has none.
+    grains : int (k,)
+        Index of each grain in the scene.
+    position, velocity, force : float64 (k, 2)
+        [m], [m/s], [N]; the force is magnetic, weight and contact.
+    interaction : float64 (k, 2)
+        The force of grains and walls alone [N]: without weight.
+    """
+
+    number: int
+    time: float
+    height: float | None
+    grains: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    force: np.ndarray
+    interaction: np.ndarray
+
+
+def opened(run: Trajectory | str | Path) -> Trajectory:
+    """A run, or the run in a directory.
+
+    Raises
+    ------
+    StoreError
+        If the directory holds no run.
+    InputError
+        If the run has no frame.
+    """
+    run = run if isinstance(run, Trajectory) else load_trajectory(run)
+    if not run.dataset.sizes["frame"]:
+        raise InputError("the run has no frames; run it for longer, or lower output.frames")
+    return run
+
+
+def bed_frames(
+    run: Trajectory, numbers: Sequence[int] | None = None, bar: str | None = None
+) -> Iterator[BedFrame]:
+    """Frames of a run, in the order of their numbers (all of them where none are given).
+
+    Grains that have left the cell (their position is NaN) are left out. With ``bar``, a progress
+    bar of that name is shown.
+    """
+    from tqdm import tqdm
+
+    chosen = range(run.dataset.sizes["frame"]) if numbers is None else numbers
+    with tqdm(total=len(chosen), desc=bar, unit="frame", file=sys.stderr, disable=not bar) as shown:
+        for start in range(0, len(chosen), BLOCK):
+            for frame in _block(run, list(chosen[start : start + BLOCK])):
+                yield frame
+                shown.update()
+
+
+def _block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
+    from granular.observables import interaction_forces
+
+    has_piston = run.scene.piston is not None
+    part = dataclasses.replace(run, dataset=run.dataset.isel(frame=numbers).load())
+    data = part.dataset
+    times, heights = data["frame_time"].values, data["frame_height"].values
+    fields = [data[name].values for name in ("position", "velocity", "force")]
+    fields.append(interaction_forces(part).values)
+    for k, number in enumerate(numbers):
+        grains = np.flatnonzero(np.isfinite(fields[0][k]).all(axis=1))
+        height = float(heights[k]) if has_piston else None
+        yield BedFrame(
+            int(number), float(times[k]), height, grains, *(one[k][grains] for one in fields)
+        )

@@ -1,0 +1,121 @@
+"""GSD, the binary format of HOOMD-blue, which OVITO and freud read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.export.frames import BedFrame, bed_frames, opened
+from granular.export.target import replacing
+from granular.observables.forces import grain_masses
+from granular.trajectory import Trajectory
+
+
+def to_gsd(
+    run: Trajectory | str | Path, path: str | Path, *, overwrite: bool = False,
+    progress: bool = False,
+) -> Path:  # fmt: skip
+    """Write the frames of a run as GSD (schema ``hoomd``), in SI (m, kg, s).
+
+    GSD holds positions, velocities, masses and diameters in single precision, and its box is
+    centred on the origin: the positions are counted from the middle of a box that is the same in
+    all frames, as wide as the cell and as high as the highest piston (or grain) of the run, in two
+    dimensions. The exact values in double precision, in the coordinates of the cell, are beside
+    them as logged quantities, which OVITO shows as properties of the particles: ``position``,
+    ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3), and ``grain`` (its index in
+    the scene); and for the frame ``time`` [s] and, with a piston, ``piston_height`` [m]. The step
+    is the number of the frame. Grains that have left the cell are left out.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+    path : path
+        The file.
+    overwrite : bool
+        Whether a file of that name may be replaced.
+    progress : bool
+        Whether to show a bar.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be written, the run cannot be read, or the library ``gsd`` is
+        missing.
+
+    References
+    ----------
+    The schema: https://gsd.readthedocs.io/en/stable/schema-hoomd.html.
+    """
+    try:
+        import gsd.hoomd
+    except ImportError:
+        raise InputError(
+            "GSD needs the library gsd; install it with: pip install 'granular-damper[export]'"
+        ) from None
+    run, path = opened(run), Path(path)
+    low, size = _box(run)
+    with replacing(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
+        unchanging = _unchanging(run)
+        for frame in bed_frames(run, bar=path.name if progress else None):
+            file.append(_frame(gsd.hoomd.Frame(), frame, unchanging, low, size))
+    return path
+
+
+def _box(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left corner and size of a box that holds the cell at any time (2,), (2,) [m]."""
+    heights = [0.0] if run.scene.piston is None else run.dataset["frame_height"].values
+    low, high = np.zeros(2), np.array([run.scene.cell.width, np.nanmax(heights)])
+    for frame in bed_frames(run):
+        low = np.minimum(low, frame.position.min(axis=0, initial=np.inf))
+        high = np.maximum(high, frame.position.max(axis=0, initial=-np.inf))
+    return low, high - low
+
+
+def _unchanging(run: Trajectory) -> dict[str, Any]:
+    """What is the same in all frames, by name: for all grains of the scene."""
+    grains = run.scene.grains
+    return {
+        "types": [one.name for one in grains.species],
+        "typeid": grains.assignment().astype(np.uint32),
+        "diameter": grains.diameters(),
+        "mass": grain_masses(run),
+    }
+
+
+def _frame(
+    new: Any, frame: BedFrame, unchanging: dict[str, Any], low: np.ndarray, size: np.ndarray
+) -> Any:
+    new.configuration.step = frame.number
+    new.configuration.dimensions = 2
+    new.configuration.box = [*size.tolist(), 0.0, 0.0, 0.0, 0.0]
+    particles = new.particles
+    particles.N = len(frame.grains)
+    particles.types = unchanging["types"]
+    for name in ("typeid", "diameter", "mass"):
+        setattr(particles, name, unchanging[name][frame.grains])
+    particles.position = _in_space(frame.position - low - size / 2.0)
+    particles.velocity = _in_space(frame.velocity)
+    new.log = {
+        "time": np.array([frame.time]),
+        "particles/position": _in_space(frame.position),
+        "particles/velocity": _in_space(frame.velocity),
+        "particles/force": _in_space(frame.force),
+        "particles/grain": frame.grains.astype(np.int32),
+    }
+    if frame.height is not None:
+        new.log["piston_height"] = np.array([frame.height])
+    return new
+
+
+def _in_space(plane: np.ndarray) -> np.ndarray:
+    """Vectors (k, 2) as vectors of space (k, 3)."""
+    return np.column_stack([plane, np.zeros(len(plane))])

@@ -1,0 +1,265 @@
+"""The ``.dat`` files of the source's program [D, Appendix B], at its cadences.
+
+The source's text names the files and how often each is written; everything else is chosen here:
+
+- All numbers are dimensionless, as in the source's computations: lengths in D, times in T, masses
+  in m, forces in m D/T^2. ``charUnits.dat`` holds these units in SI: D, T, m, D/T, m D/T^2.
+- T is the duration of the compression, stroke/V_c; a run without compression has T = 1 s, as the
+  source's single particle.
+- The source's step is 1e-6 T, so that "every 250 time steps" is every 2.5e-4 T. Nothing is
+  interpolated: for each such instant the nearest recorded frame is written, once. A run recorded
+  more coarsely has all of its frames in the files.
+- Particle files have a line a grain, in the order of the scene; a comment with number and time
+  comes before each frame and a blank line after it. Grains that have left the cell have no line;
+  the comment names them.
+- ``posPart``, ``velPart``, ``forPart`` have the columns x and y; the force is magnetic and weight
+  (and contact), without friction and drag. ``comPart`` has one column: the magnitude of the
+  resulting magnetic force [D, eq. 4.35; Fig. 5.3].
+- ``piston`` has the columns time and height, ``avgDis`` time and mean distance, in the source's
+  convention: half of the mean over all pairs.
+- The files with ``_0`` (every 10 steps) cover the whole run, and are left out where they would only
+  repeat those without.
+- ``comPart_norm`` is divided by its greatest value in the run; ``posPart_norm`` is in D.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.export.frames import BedFrame, bed_frames, opened
+from granular.export.target import check_target, replacing
+from granular.observables import force_magnitudes, source_pair_distance
+from granular.protocol import Move
+from granular.scales import Scales
+from granular.trajectory import Trajectory
+
+STEPS_PER_TIME = 10**6
+"""Steps of the source in its unit of time T [D, 2.3.2]."""
+
+USUAL, FINE, COARSE = 250, 10, 1000
+"""Steps of the source from record to record: of most files, of those with _0, of averages."""
+
+
+class SourceCadence(NamedTuple):
+    """The source's clock for a run.
+
+    Attributes
+    ----------
+    time_unit : float
+        T, the duration of the compression [s].
+    step : float
+        1e-6 T [s]
+    frames : float
+        250 steps [s]: the ``output.frames`` of a scene whose files are to be as fine as the
+        source's.
+    """
+
+    time_unit: float
+    step: float
+    frames: float
+
+
+def source_cadence(run: Trajectory) -> SourceCadence:
+    """The source's units of time for a run: T, its step, and its interval of frames.
+
+    T is the duration of the first stage that lowers the piston at constant speed, stroke/V_c
+    [D, 2.3.2, 4.13], as the scene prescribes it; 1 s where there is none.
+    """
+    unit = 1.0
+    height = None if run.scene.piston is None else run.scene.piston.height
+    for stage, done in zip(run.scene.protocol, run.stages, strict=False):
+        if isinstance(stage, Move) and height is not None and stage.to < height:
+            unit = stage.span(height) or unit
+            break
+        height = done.height
+    return SourceCadence(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
+
+
+def to_source_files(
+    run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False,
+    progress: bool = False,
+) -> tuple[Path, ...]:  # fmt: skip
+    """Write the files of the source's program; see the module's text for what each holds.
+
+    All files appear together when the last one is complete. A warning tells where the run was
+    recorded more coarsely than the source's files.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+    directory : path
+        Is made if it does not exist.
+    overwrite : bool
+        Whether files of these names may be replaced.
+    progress : bool
+        Whether to show bars.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        If a file exists or cannot be written, or the run cannot be read.
+    """
+    run, directory = opened(run), Path(directory)
+    cadence = source_cadence(run)
+    contents = {
+        **_particle_files(run, cadence, progress),
+        **_piston_files(run, cadence),
+        "avgDis": _distances(run, cadence, progress),
+        **_constants(run, cadence),
+    }
+    paths = {name: directory / f"{name}.dat" for name in contents}
+    _warn_of_coarse_frames(run, cadence)
+    _make(directory)
+    for path in paths.values():
+        check_target(path, overwrite)
+    with contextlib.ExitStack() as stack:
+        for name, lines in contents.items():
+            part = stack.enter_context(replacing(paths[name], overwrite))
+            with part.open("w", encoding="utf-8") as file:
+                file.writelines(lines)
+    return tuple(paths.values())
+
+
+def _make(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{directory} cannot be made: {error.strerror}") from None
+
+
+def _warn_of_coarse_frames(run: Trajectory, cadence: SourceCadence) -> None:
+    times = run.dataset["frame_time"].values
+    interval = (times[-1] - times[0]) / max(1, len(times) - 1)
+    if interval > 1.01 * cadence.frames:
+        warnings.warn(
+            f"the run has a frame every {interval:.3g} s, the source every {cadence.frames:.3g} s "
+            f"({USUAL} steps of 1e-6 T); all frames are written, for more lower output.frames",
+            stacklevel=3,
+        )
+
+
+def _nearest(times: np.ndarray, cadence: SourceCadence, every: int) -> list[int]:
+    """Indices of the records nearest to every so many steps of the source, each once."""
+    interval = every * cadence.step
+    instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
+    after = np.clip(np.searchsorted(times, instants), 1, max(1, len(times) - 1))
+    before = after - 1
+    after = np.minimum(after, len(times) - 1)
+    nearer = np.where(instants - times[before] <= times[after] - instants, before, after)
+    return [int(one) for one in np.unique(nearer)]
+
+
+def _rows(table: np.ndarray) -> str:
+    """The lines of a table (k, columns), to the last bit."""
+    line = " ".join(["%.17g"] * table.shape[1]) + "\n"
+    return line * len(table) % tuple(table.ravel().tolist())
+
+
+def _particle_files(
+    run: Trajectory, cadence: SourceCadence, progress: bool
+) -> dict[str, Iterator[str]]:
+    units, unit = Scales.of(run.scene.grains), cadence.time_unit
+    speed, force = units.length / unit, units.mass * units.length / unit**2
+    tables: dict[str, tuple[str, Callable[[BedFrame], np.ndarray]]] = {
+        "posPart": ("x y [D]", lambda frame: frame.position / units.length),
+        "velPart": ("x y [D/T]", lambda frame: frame.velocity / speed),
+        "forPart": ("x y [m D/T^2]", lambda frame: frame.force / force),
+        "comPart": ("magnetic force [m D/T^2]", lambda frame: _compression(frame) / force),
+    }
+    times = run.dataset["frame_time"].values
+    chosen = {every: _nearest(times, cadence, every) for every in (FINE, USUAL, COARSE)}
+    files: dict[str, Iterator[str]] = {}
+
+    def add(name: str, every: int, table: tuple[str, Callable[[BedFrame], np.ndarray]]) -> None:
+        bar = f"{name}.dat" if progress else None
+        files[name] = _frame_lines(run, cadence, every, chosen[every], *table, bar)
+
+    for name, table in tables.items():
+        add(name, USUAL, table)
+        if len(chosen[FINE]) > len(chosen[USUAL]):
+            add(f"{name}_0", FINE, table)
+    greatest = max(
+        (float(_compression(one).max(initial=0.0)) for one in bed_frames(run, chosen[COARSE])),
+        default=0.0,
+    )
+    share = "magnetic force/(its greatest)"
+    add("comPart_norm", COARSE, (share, lambda frame: _compression(frame) / (greatest or 1.0)))
+    add("posPart_norm", COARSE, tables["posPart"])
+    return files
+
+
+def _compression(frame: BedFrame) -> np.ndarray:
+    """Magnitude of the resulting magnetic force on each grain (k, 1) [N]."""
+    return force_magnitudes(frame.interaction)[:, None]
+
+
+def _frame_lines(
+    run: Trajectory,
+    cadence: SourceCadence,
+    every: int,
+    chosen: Sequence[int],
+    columns: str,
+    table: Callable[[BedFrame], np.ndarray],
+    bar: str | None,
+) -> Iterator[str]:
+    yield f"# {columns}, every {every} steps\n"
+    everyone = np.arange(run.scene.grains.count)
+    for frame in bed_frames(run, chosen, bar):
+        absent = np.setdiff1d(everyone, frame.grains)
+        note = f", without grains {' '.join(map(str, absent))}" if len(absent) else ""
+        yield f"# frame {frame.number}, t = {frame.time / cadence.time_unit:.17g} T{note}\n"
+        yield _rows(table(frame)) + "\n"
+
+
+def _piston_files(run: Trajectory, cadence: SourceCadence) -> dict[str, Iterator[str]]:
+    if run.scene.piston is None:
+        return {}
+    diameter = run.scene.grains.species[0].diameter
+    times = run.dataset["time"].values
+    heights = run.dataset["piston_height"].values
+
+    def lines(chosen: list[int], every: int) -> Iterator[str]:
+        yield f"# t [T], height [D], every {every} steps\n"
+        yield _rows(np.column_stack([times / cadence.time_unit, heights / diameter])[chosen])
+
+    usual, fine = (_nearest(times, cadence, every) for every in (USUAL, FINE))
+    files = {"piston": lines(usual, USUAL)}
+    if len(fine) > len(usual):
+        files["piston_0"] = lines(fine, FINE)
+    return files
+
+
+def _distances(run: Trajectory, cadence: SourceCadence, progress: bool) -> Iterator[str]:
+    diameter = run.scene.grains.species[0].diameter
+    chosen = _nearest(run.dataset["frame_time"].values, cadence, COARSE)
+    yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
+    for frame in bed_frames(run, chosen, "avgDis.dat" if progress else None):
+        distance = source_pair_distance(frame.position) / diameter
+        yield _rows(np.array([[frame.time / cadence.time_unit, distance]]))
+
+
+def _constants(run: Trajectory, cadence: SourceCadence) -> dict[str, Iterator[str]]:
+    units, unit = Scales.of(run.scene.grains), cadence.time_unit
+    sizes = (
+        units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2,
+    )  # fmt: skip
+    scales = run.scene.grains.diameters() / units.length
+    return {
+        "charUnits": iter(
+            ["# D [m], T [s], m [kg], D/T [m/s], m D/T^2 [N]\n", _rows(np.array(sizes)[:, None])]
+        ),
+        "scales": iter(["# diameter of each grain [D]\n", _rows(scales[:, None])]),
+    }

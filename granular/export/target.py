@@ -1,0 +1,45 @@
+"""Files that are written elsewhere first and appear all at once."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from granular.errors import InputError
+
+
+@contextlib.contextmanager
+def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A place to write a file to, which takes its real name when all went well.
+
+    Raises
+    ------
+    InputError
+        If there is something of that name and it may not be overwritten, if it is a directory, or
+        if its directory does not exist or cannot be written to.
+    """
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        check_target(path, overwrite)
+        part.touch()
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def check_target(path: Path, overwrite: bool) -> None:
+    """Refuse a file that cannot be written or may not be overwritten; see `replacing`."""
+    if not path.name:
+        raise InputError(f"{str(path)!r} names no file; give one, such as out/bed.gsd")
+    if path.is_dir():
+        raise InputError(f"{path} is a directory; name a file in it")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists; give another name, or overwrite it with --force")
+    if not path.parent.is_dir():
+        raise InputError(f"there is no directory {path.parent}; make it first")
