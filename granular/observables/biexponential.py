@@ -1,0 +1,144 @@
+"""The bi-exponential law A exp(l1 x) + B exp(l2 x), as for the greatest piston force over R."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+
+RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
+"""Rates of the starts, over the span of x; every two of them make one."""
+
+LARGEST_RATE = 60.0
+"""Bound of the rates, over the span of x."""
+
+REFINED = 12
+"""How many of the starts, the best ones, are followed to their minimum."""
+
+
+class BiexponentialFit(NamedTuple):
+    """A exp(l1 x) + B exp(l2 x), with l1 <= l2.
+
+    Attributes
+    ----------
+    amplitudes, rates : float (2,)
+        (A, B) in the unit of y; (l1, l2) in one over the unit of x.
+    amplitude_intervals, rate_intervals : float (2, 2)
+        Lower and upper end of the intervals of 95 % confidence, for each; infinite where the data
+        leave a value open.
+    residual : float
+        Standard deviation of the residuals, with n - 4 degrees of freedom, in the unit of y.
+    """
+
+    amplitudes: np.ndarray
+    rates: np.ndarray
+    amplitude_intervals: np.ndarray
+    rate_intervals: np.ndarray
+    residual: float
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """The law at x, in the shape of x."""
+        parts = np.exp(np.multiply.outer(np.asarray(x, dtype=np.float64), self.rates))
+        return np.asarray(parts @ self.amplitudes)
+
+
+def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
+    """Least-squares fit of A exp(l1 x) + B exp(l2 x), as [D, Fig. 4.8, Table 4.5] for F_max(R).
+
+    The rates are sought from many starts with the best amplitudes for every pair of rates (variable
+    projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 413, 1973). The intervals are those of
+    the law linearised at the minimum, with Student's t.
+
+    Parameters
+    ----------
+    x, y : float (n,)
+        At least five samples, all finite.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, there are fewer than five samples or different x, or a value is not
+        finite.
+    """
+    x, y = _checked(x, y)
+    start, span = float(x.min()), float(np.ptp(x))
+    u = (x - start) / span
+    rates = _best_rates(u, y)
+    amplitudes = _amplitudes(u, y, rates) * np.exp(-rates * start / span)
+    rates = rates / span
+    order = np.argsort(rates)
+    return _with_intervals(x, y, amplitudes[order], rates[order])
+
+
+def _checked(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise InputError(f"x has the shape {x.shape} and y {y.shape}; both must be (n,)")
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise InputError("x or y holds a value that is not finite; drop such samples")
+    if len(np.unique(x)) < 5:
+        raise InputError(
+            f"{len(np.unique(x))} different x; four parameters with intervals need at least 5"
+        )
+    return x, y
+
+
+def _basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    return np.exp(np.multiply.outer(u, rates))
+
+
+def _amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    basis = _basis(u, rates)
+    sizes = np.linalg.norm(basis, axis=0)
+    return np.asarray(np.linalg.lstsq(basis / sizes, y, rcond=None)[0] / sizes)
+
+
+def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The two rates over the span that leave the least sum of squares."""
+    from scipy.optimize import least_squares
+
+    size = float(np.abs(y).max()) or 1.0
+
+    def misfit(rates: np.ndarray) -> np.ndarray:
+        return (_basis(u, rates) @ _amplitudes(u, y, rates) - y) / size
+
+    starts = [np.array([a, b]) for k, a in enumerate(RATES) for b in RATES[k + 1 :]]
+    starts.sort(key=lambda rates: float(np.square(misfit(rates)).sum()))
+    found = [
+        least_squares(
+            misfit, one, bounds=(-LARGEST_RATE, LARGEST_RATE), xtol=1e-12, ftol=1e-14, gtol=1e-14
+        )
+        for one in starts[:REFINED]
+    ]
+    return np.asarray(min(found, key=lambda one: float(one.cost)).x)
+
+
+def _with_intervals(
+    x: np.ndarray, y: np.ndarray, amplitudes: np.ndarray, rates: np.ndarray
+) -> BiexponentialFit:
+    from scipy.special import stdtrit
+
+    basis = _basis(x, rates)
+    left = y - basis @ amplitudes
+    free = len(x) - 4
+    variance = float(left @ left) / free
+    slopes = np.concatenate([basis, basis * amplitudes * x[:, None]], axis=1)
+    widths = stdtrit(free, 0.975) * np.sqrt(variance * _inverse_diagonal(slopes))
+    values = np.concatenate([amplitudes, rates])
+    intervals = np.stack([values - widths, values + widths], axis=1)
+    return BiexponentialFit(
+        amplitudes, rates, intervals[:2], intervals[2:], float(np.sqrt(variance))
+    )
+
+
+def _inverse_diagonal(slopes: np.ndarray) -> np.ndarray:
+    """Diagonal of (J^T J)^-1; infinite where J leaves a parameter open."""
+    sizes = np.linalg.norm(slopes, axis=0)
+    if not (sizes > 0.0).all():
+        return np.full(slopes.shape[1], np.inf)
+    singular, turns = np.linalg.svd(slopes / sizes, full_matrices=False)[1:]
+    if singular[-1] < singular[0] * len(slopes) * np.finfo(float).eps:
+        return np.full(slopes.shape[1], np.inf)
+    return np.asarray(((turns / singular[:, None]) ** 2).sum(axis=0) / sizes**2)

@@ -1,0 +1,137 @@
+"""Defects of the hexagonal order: disclinations, dislocations and their Burgers vectors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.observables.frames import checked_positions, frame_dataset, frame_positions
+from granular.observables.voronoi import VoronoiCells, voronoi_cells
+
+if TYPE_CHECKING:
+    import xarray
+
+    from granular.trajectory import Trajectory
+
+
+class Dislocations(NamedTuple):
+    """Pairs of a pentagon and a neighbouring heptagon.
+
+    Attributes
+    ----------
+    pairs : int (d, 2)
+        The grain with five neighbours, and the one with seven.
+    positions : float (d, 2)
+        The middle of both [m].
+    burgers : float (d, 2)
+        Burgers vectors [m].
+    """
+
+    pairs: np.ndarray
+    positions: np.ndarray
+    burgers: np.ndarray
+
+
+def disclination_charges(cells: VoronoiCells) -> np.ndarray:
+    """Charge of each grain, 6 minus the number of its neighbours, int (n,).
+
+    Pentagons have the charge 1 and heptagons -1; grains without an interior cell have 0.
+    """
+    return np.where(cells.interior, 6 - cells.sides, 0)
+
+
+def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Dislocations:
+    """The dislocations: as many pairs of neighbouring pentagons and heptagons as can be made.
+
+    Only interior cells count, and each belongs to one pair at most. Where the defects cluster, the
+    greatest number of pairs can be made in several ways, of which one is taken.
+
+    The Burgers vector of a pair is
+
+        b = a z x (r7 - r5)/|r7 - r5|,
+
+    a turn by +90 degrees of the direction from the pentagon to the heptagon, with a the spacing of
+    the hexagonal lattice that has the mean cell area of both grains and their neighbours. Around a
+    pair, as many triangles meet at each grain as around every other pair, and the image of the
+    circuit in the perfect lattice always fails to close by one lattice vector across the pair. The
+    sign is that of the integral of du over a counter-clockwise circuit, u being the displacement
+    from the perfect lattice (the convention FS/RH of Hirth and Lothe, Theory of Dislocations, 1982,
+    with the line direction out of the plane): b = +a x has its extra half row, and the pentagon,
+    above.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    cells : VoronoiCells, optional
+        Of the same positions, where they are there already.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
+    """
+    positions = checked_positions(positions)
+    cells = voronoi_cells(positions) if cells is None else cells
+    pairs = _matched(cells)
+    five, seven = positions[pairs[:, 0]], positions[pairs[:, 1]]
+    arm = seven - five
+    across = np.stack([-arm[:, 1], arm[:, 0]], axis=1) / np.linalg.norm(arm, axis=1)[:, None]
+    spacing = np.sqrt(2.0 / np.sqrt(3.0) * _mean_areas(cells, pairs))
+    return Dislocations(pairs, 0.5 * (five + seven), spacing[:, None] * across)
+
+
+def defect_series(run: Trajectory) -> xarray.Dataset:
+    """Numbers of defects in every frame.
+
+    Returns
+    -------
+    xarray.Dataset
+        On ``frame``: ``disclinations`` (interior cells that are no hexagons), ``dislocations``
+        (pairs, see `dislocations`) and ``unpaired`` (disclinations that belong to none).
+    """
+    rows = []
+    for positions in frame_positions(run):
+        cells = voronoi_cells(positions)
+        number = int(np.count_nonzero(disclination_charges(cells)))
+        pairs = len(_matched(cells))
+        rows.append((number, pairs, number - 2 * pairs))
+    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return frame_dataset(
+        run,
+        {
+            "disclinations": (table[:, 0], "1", "cells that are no hexagons"),
+            "dislocations": (table[:, 1], "1", "pairs of a pentagon and a heptagon"),
+            "unpaired": (table[:, 2], "1", "disclinations in no pair"),
+        },
+    )
+
+
+def _matched(cells: VoronoiCells) -> np.ndarray:
+    """A greatest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+
+    charge = disclination_charges(cells)
+    both = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
+    both = both[(charge[both[:, 0]] == 1) & (charge[both[:, 1]] == -1)]
+    if not len(both):
+        return np.empty((0, 2), dtype=np.intp)
+    fives, rows = np.unique(both[:, 0], return_inverse=True)
+    sevens, columns = np.unique(both[:, 1], return_inverse=True)
+    graph = csr_array((np.ones(len(both), dtype=bool), (rows, columns)))
+    partner = maximum_bipartite_matching(graph, perm_type="column")
+    return np.stack([fives[partner >= 0], sevens[partner[partner >= 0]]], axis=1)
+
+
+def _mean_areas(cells: VoronoiCells, pairs: np.ndarray) -> np.ndarray:
+    """Mean area of the interior cells of each pair and of their neighbours (d,) [m^2]."""
+    owner = np.full(len(cells.sides), -1)
+    owner[pairs.ravel()] = np.repeat(np.arange(len(pairs)), 2)
+    both = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
+    both = both[(owner[both[:, 0]] >= 0) & cells.interior[both[:, 1]]]
+    # Cells at both grains of a pair, and the two themselves, count once.
+    chosen = np.unique(np.stack([owner[both[:, 0]], both[:, 1]], axis=1), axis=0)
+    total = np.bincount(chosen[:, 0], cells.area[chosen[:, 1]], minlength=len(pairs))
+    return np.asarray(total / np.bincount(chosen[:, 0], minlength=len(pairs)))

@@ -1,0 +1,68 @@
+"""Mean distance of the grains' pairs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.observables.frames import frame_array, over_frames, present_positions
+
+if TYPE_CHECKING:
+    import xarray
+
+    from granular.trajectory import Trajectory
+
+BLOCK = 1024
+"""Grains whose distances to all others are held at once."""
+
+
+def mean_pair_distance(positions: np.ndarray) -> float:
+    """The mean distance of two grains, over all n (n - 1)/2 pairs, as [D, eq. 2.1] reads.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+
+    Returns
+    -------
+    float
+        [m]; NaN for fewer than two grains.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
+    """
+    points = present_positions(positions)
+    count = len(points)
+    if count < 2:
+        return np.nan
+    return _sum_of_distances(points) / (count * (count - 1) / 2)
+
+
+def source_pair_distance(positions: np.ndarray) -> float:
+    """Half of `mean_pair_distance`: the convention of the source's tables and figures.
+
+    The source's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
+    N (N - 1), while its eq. 2.1 sums over all i and j.
+    """
+    return 0.5 * mean_pair_distance(positions)
+
+
+def pair_distance_series(run: Trajectory) -> xarray.DataArray:
+    """`mean_pair_distance` of every frame [m], on ``frame``."""
+    return frame_array(run, over_frames(run, mean_pair_distance), "m", "mean pair distance")
+
+
+def _sum_of_distances(points: np.ndarray) -> float:
+    from scipy.spatial.distance import cdist, pdist
+
+    total = 0.0
+    for start in range(0, len(points), BLOCK):
+        block = points[start : start + BLOCK]
+        total += float(pdist(block).sum())
+        for later in range(start + BLOCK, len(points), BLOCK):
+            total += float(cdist(block, points[later : later + BLOCK]).sum())
+    return total

@@ -1,0 +1,136 @@
+"""Distribution of the forces on the grains, in bins by Knuth's rule."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.observables.forces import force_magnitudes, interaction_forces
+from granular.observables.frames import species_names
+
+if TYPE_CHECKING:
+    from granular.trajectory import Trajectory
+
+MOST_BINS = 1000
+
+
+class Histogram(NamedTuple):
+    """A histogram of bins of one width.
+
+    Attributes
+    ----------
+    edges : float (k + 1,)
+        In the unit of the values.
+    counts : int (k,)
+    density : float (k,)
+        Of probability, in one over the unit of the values; its integral is 1.
+    """
+
+    edges: np.ndarray
+    counts: np.ndarray
+    density: np.ndarray
+
+
+def knuth_bins(values: np.ndarray) -> int:
+    """The number of bins of Knuth's rule.
+
+    The number M that makes the logarithm of the posterior greatest, [D, eq. 4.33]:
+
+        n ln M + ln G(M/2) - M ln G(1/2) - ln G(n + M/2) + sum_k ln G(n_k + 1/2)
+
+    (K. H. Knuth, Digital Signal Processing 95, 102581, 2019). Every number up to that of the values
+    is tried (but no more than `MOST_BINS`), so that a local maximum cannot be taken for the
+    greatest.
+
+    Parameters
+    ----------
+    values : float (n,)
+        NaN is ignored.
+
+    Raises
+    ------
+    InputError
+        If there is no value.
+    """
+    from scipy.special import gammaln
+
+    values = _known(values)
+    count, low, high = len(values), values[0], values[-1]
+    if low == high:
+        return 1
+    bins = np.arange(1, min(count, MOST_BINS) + 1)
+    filled = np.array(
+        [gammaln(_counts(values, np.linspace(low, high, m + 1)) + 0.5).sum() for m in bins]
+    )
+    posterior = (
+        count * np.log(bins)
+        + gammaln(0.5 * bins)
+        - bins * gammaln(0.5)
+        - gammaln(count + 0.5 * bins)
+        + filled
+    )
+    return int(bins[np.argmax(posterior)])
+
+
+def knuth_histogram(values: np.ndarray) -> Histogram:
+    """The histogram of the values in the bins of `knuth_bins`, from the least to the greatest.
+
+    Values that are all the same have one bin about them, of width 1.
+
+    Raises
+    ------
+    InputError
+        If there is no value.
+    """
+    values = _known(values)
+    counts, edges = np.histogram(values, knuth_bins(values))
+    return Histogram(edges, counts, counts / (counts.sum() * np.diff(edges)))
+
+
+def force_distribution_of_run(run: Trajectory, frame: int = -1) -> dict[str, Histogram]:
+    """Histograms of the magnetic force on the grains of a frame, by species [D, Fig. 4.21].
+
+    Parameters
+    ----------
+    run : Trajectory
+    frame : int
+        Index of the frame; the last if not given.
+
+    Returns
+    -------
+    dict of str to Histogram
+        Of the magnitudes [N] by the name of the species, for the species that have grains there.
+
+    Raises
+    ------
+    InputError
+        If there is no such frame.
+    """
+    total = run.dataset.sizes["frame"]
+    if not -total <= frame < total:
+        raise InputError(f"frame = {frame}; the run has the frames 0 to {total - 1}")
+    magnitudes = force_magnitudes(interaction_forces(run).values[frame])
+    owner = run.dataset["species"].values
+    found = {}
+    for k, name in enumerate(species_names(run)):
+        chosen = (owner == k) & np.isfinite(magnitudes)
+        if chosen.any():
+            found[name] = knuth_histogram(magnitudes[chosen])
+    return found
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    """The finite values in order."""
+    array = np.asarray(values, dtype=np.float64).ravel()
+    array = np.sort(array[np.isfinite(array)])
+    if not len(array):
+        raise InputError("0 values; at least 1 finite value makes a histogram")
+    return array
+
+
+def _counts(ordered: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """How many values each bin holds; the last bin holds its upper edge too."""
+    places = np.searchsorted(ordered, edges[1:-1], side="left")
+    return np.diff(np.concatenate([[0], places, [len(ordered)]]))

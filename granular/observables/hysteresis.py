@@ -1,0 +1,163 @@
+"""Hysteresis: the energy that a cycle of compression and expansion leaves in the bed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.observables.forces import piston_force
+
+if TYPE_CHECKING:
+    import xarray
+
+    from granular.trajectory import Trajectory
+
+LEAST_STROKE = 0.01
+"""A reversal of the piston by less than this share of its whole range makes no cycle."""
+
+
+class Cycle(NamedTuple):
+    """Where a cycle lies among the samples: from a highest place down and up to the next one."""
+
+    start: int
+    lowest: int
+    stop: int
+
+
+def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
+    """Work of the piston on the bed over one cycle, the area of the loop of force over height.
+
+    Parameters
+    ----------
+    height : float (n,)
+        Of the piston over a cycle: down and up again [m].
+    force : float (n,)
+        Of the grains on the piston, upwards [N].
+
+    Returns
+    -------
+    float
+        -(integral of F dh) [J], positive where the bed takes up energy, by the trapezoidal rule.
+        Where the cycle does not end at the height it began at, only the part of the loop up to the
+        lower of both is counted, so that it is closed.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three samples, or the shapes differ.
+    """
+    height = np.asarray(height, dtype=np.float64)
+    force = np.asarray(force, dtype=np.float64)
+    if height.ndim != 1 or height.shape != force.shape or len(height) < 3:
+        raise InputError(
+            f"height has the shape {height.shape} and force {force.shape}; both must be (n,) with "
+            "at least 3 samples"
+        )
+    top = min(height[0], height[-1])
+    return -_integral_below(height, force, top)
+
+
+def cycle_bounds(height: np.ndarray) -> list[Cycle]:
+    """The cycles of a motion, from each highest place to the next.
+
+    Parameters
+    ----------
+    height : float (n,)
+        Of the piston [m].
+
+    Returns
+    -------
+    list of Cycle
+        A piston that starts upwards, or ends downwards, makes no cycle there. Reversals by less
+        than `LEAST_STROKE` of the whole range are passed over. Where the piston rests at a highest
+        place, the rest belongs to no cycle.
+    """
+    height = np.asarray(height, dtype=np.float64)
+    turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)
+    return [
+        Cycle(_last_at(height, a, b), b, c)
+        for a, b, c in zip(turns, turns[1:], turns[2:], strict=False)
+        if height[b] < height[a]
+    ]
+
+
+def hysteresis_of_run(run: Trajectory) -> xarray.Dataset:
+    """`hysteresis_energy` of every cycle of compression and expansion of a run.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``energy`` [J], ``start``, ``stop`` [s], ``lowest`` and ``highest`` [m] (between which the
+        loop is closed) on ``cycle``; empty where there is no cycle.
+
+    Raises
+    ------
+    InputError
+        If nothing acts on the piston.
+    """
+    import xarray
+
+    force = piston_force(run).values
+    height = run.dataset["piston_height"].values
+    time = run.dataset["time"].values
+    cycles = cycle_bounds(height)
+    parts = [slice(one.start, one.stop + 1) for one in cycles]
+    columns = {
+        "energy": ([hysteresis_energy(height[k], force[k]) for k in parts], "J", "energy lost"),
+        "start": ([time[one.start] for one in cycles], "s", "start of the compression"),
+        "stop": ([time[one.stop] for one in cycles], "s", "end of the expansion"),
+        "lowest": ([height[one.lowest] for one in cycles], "m", "least height"),
+        "highest": (
+            [min(height[one.start], height[one.stop]) for one in cycles],
+            "m",
+            "height up to which the loop is counted",
+        ),
+    }
+    return xarray.Dataset(
+        {
+            name: ("cycle", np.array(values, dtype=float), {"units": unit, "long_name": meaning})
+            for name, (values, unit, meaning) in columns.items()
+        },
+        coords={"cycle": np.arange(len(cycles))},
+    )
+
+
+def _integral_below(height: np.ndarray, force: np.ndarray, top: float) -> float:
+    """Integral of F dh over the parts of the path at or below the height ``top``."""
+    start, step = height[:-1], np.diff(height)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (top - start) / step
+    # Each piece of the path counts from share a to share b of its length.
+    crossing = np.clip(np.where(step == 0.0, 0.0, share), 0.0, 1.0)
+    a = np.where(step < 0.0, crossing, 0.0)
+    b = np.where(step > 0.0, crossing, 1.0)
+    middle = 0.5 * (a + b)
+    mean_force = force[:-1] + middle * np.diff(force)
+    return float(np.sum(mean_force * (b - a) * step))
+
+
+def _turning_points(height: np.ndarray, least: float) -> list[int]:
+    """Samples where the motion turns by more than ``least``, with the extremes at both ends."""
+    turns: list[int] = []
+    low = high = 0
+    rising: bool | None = None
+    for k, value in enumerate(height):
+        high = k if value > height[high] else high
+        low = k if value < height[low] else low
+        if rising is not True and value - height[low] > least:
+            turns.append(low)
+            rising, high = True, k
+        elif rising is not False and height[high] - value > least:
+            turns.append(high)
+            rising, low = False, k
+    if rising is not None:
+        turns.append(high if rising else low)
+    return turns
+
+
+def _last_at(height: np.ndarray, turn: int, after: int) -> int:
+    """The last sample of a rest that begins at a turning point."""
+    same = np.flatnonzero(height[turn:after] == height[turn])
+    return turn + int(same[-1])

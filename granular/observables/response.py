@@ -1,0 +1,289 @@
+"""The answer of a driven piston: amplitude ratio and phase, with higher harmonics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.schema import unknown
+
+if TYPE_CHECKING:
+    import xarray
+
+    from granular.protocol import Oscillate, Push
+    from granular.trajectory import Trajectory
+
+LEAST_PERIODS = 3
+"""Whole periods that are needed after the transient."""
+
+
+class FrequencyResponse(NamedTuple):
+    """The steady answer to a sinusoidal drive, for the harmonics k = 1 ... K.
+
+    With the drive's fundamental U cos(p(t)) the answer is
+
+        mean + sum_k ratio_k U cos(k p(t) + phase_k).
+
+    Attributes
+    ----------
+    frequency : float
+        Of the drive [Hz].
+    harmonics : int (K,)
+    ratio : float (K,)
+        Amplitude of the answer's harmonic over U.
+    phase : float (K,)
+        From -pi to pi; negative where the answer lags [rad].
+    ratio_error, phase_error : float (K,)
+        Standard errors, from the scatter of the single periods.
+    drive_amplitude : float
+        U
+    periods : int
+        Whole periods that were used.
+    """
+
+    frequency: float
+    harmonics: np.ndarray
+    ratio: np.ndarray
+    phase: np.ndarray
+    ratio_error: np.ndarray
+    phase_error: np.ndarray
+    drive_amplitude: float
+    periods: int
+
+
+def frequency_response(
+    time: np.ndarray,
+    drive: np.ndarray,
+    answer: np.ndarray,
+    frequency: float,
+    harmonics: int = 3,
+    discard: float | None = None,
+) -> FrequencyResponse:
+    """Amplitude ratio and phase of an answer to a sinusoidal drive.
+
+    Mean, slow drift (linear in time) and harmonics are fitted together by least squares over the
+    last whole periods after the transient. The standard errors are those of the mean over single
+    periods, taken as independent; a transient that goes on shows in them.
+
+    Parameters
+    ----------
+    time : float (n,)
+        [s], not decreasing.
+    drive, answer : float (n,)
+    frequency : float
+        Of the drive [Hz].
+    harmonics : int
+        The highest one that is fitted.
+    discard : float, optional
+        Length of the transient at the start that is left out [s]; half of the record if not given.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, fewer than `LEAST_PERIODS` whole periods are left, or there are too
+        few samples in a period for the harmonics.
+    """
+    time, drive, answer = (np.asarray(one, dtype=np.float64) for one in (time, drive, answer))
+    if time.ndim != 1 or not time.shape == drive.shape == answer.shape or not len(time):
+        raise InputError(
+            f"time, drive and answer have the shapes {time.shape}, {drive.shape}, {answer.shape}; "
+            "all must be (n,)"
+        )
+    if harmonics < 1 or not frequency > 0.0:
+        raise InputError(
+            f"harmonics = {harmonics} and frequency = {frequency:g} Hz; give at least 1, and a "
+            "frequency above 0 Hz"
+        )
+    periods = _whole_periods(time, frequency, discard)
+    chosen = time >= time[-1] - (periods + 1e-9) / frequency
+    time, drive, answer = time[chosen], drive[chosen], answer[chosen]
+    _check_samples(len(time), periods, harmonics)
+    # Time from the middle of the window leaves the drift independent of the rest.
+    middle = time[-1] - 0.5 * periods / frequency
+    into, out = (_harmonics(time - middle, one, frequency, harmonics) for one in (drive, answer))
+    transfer = _transfer(into, out)
+    spread = _period_transfers(time, middle, drive, answer, frequency, harmonics, periods)
+    along, across = _errors(transfer, spread)
+    ratio = np.abs(transfer)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        phase_error = np.where(ratio > 0.0, across / ratio, np.inf)
+    return FrequencyResponse(
+        frequency=float(frequency),
+        harmonics=np.arange(1, harmonics + 1),
+        ratio=ratio,
+        phase=np.angle(transfer),
+        ratio_error=along,
+        phase_error=phase_error,
+        drive_amplitude=float(np.abs(into[0])),
+        periods=periods,
+    )
+
+
+def response_of_run(
+    run: Trajectory,
+    stage: str | None = None,
+    harmonics: int = 3,
+    discard: float | None = None,
+) -> xarray.Dataset:
+    """`frequency_response` of a stage that pushes the piston, or moves it, to and fro.
+
+    Of a ``push`` the drive is the force from outside and the answer the piston's height (ratio in
+    m/N); of an ``oscillate`` the drive is the height and the answer the force of the grains on the
+    piston (ratio in N/m).
+
+    Parameters
+    ----------
+    run : Trajectory
+    stage : str, optional
+        Name of the stage; the only one of these kinds if not given.
+    harmonics : int
+        The highest one that is fitted.
+    discard : float, optional
+        Length of the transient [s]; half of the stage if not given.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``ratio``, ``phase`` [rad], ``ratio_error``, ``phase_error`` on ``harmonic``; the frequency
+        [Hz], the drive's amplitude and the number of periods in the attributes.
+
+    Raises
+    ------
+    InputError
+        If there is no such stage, or it is too short.
+    """
+    import xarray
+
+    driven = _driven_stage(run, stage)
+    time, drive, answer, unit = _signals(run, driven)
+    found = frequency_response(time, drive, answer, driven.frequency, harmonics, discard)
+    columns = {
+        "ratio": (found.ratio, unit, "amplitude of the answer over that of the drive"),
+        "phase": (found.phase, "rad", "phase of the answer to the drive"),
+        "ratio_error": (found.ratio_error, unit, "standard error of the ratio"),
+        "phase_error": (found.phase_error, "rad", "standard error of the phase"),
+    }
+    return xarray.Dataset(
+        {
+            name: ("harmonic", values, {"units": one, "long_name": meaning})
+            for name, (values, one, meaning) in columns.items()
+        },
+        coords={"harmonic": found.harmonics},
+        attrs={
+            "stage": driven.name,
+            "frequency": found.frequency,
+            "drive_amplitude": found.drive_amplitude,
+            "periods": found.periods,
+        },
+    )
+
+
+def _whole_periods(time: np.ndarray, frequency: float, discard: float | None) -> int:
+    span = float(time[-1] - time[0])
+    left = span - (0.5 * span if discard is None else discard)
+    periods = int(left * frequency + 1e-6)
+    if periods < LEAST_PERIODS:
+        raise InputError(
+            f"{max(periods, 0)} whole periods are left after the transient; at least "
+            f"{LEAST_PERIODS} are needed: a longer record, or a smaller discard"
+        )
+    return periods
+
+
+def _check_samples(samples: int, periods: int, harmonics: int) -> None:
+    least = 2 * harmonics + 3
+    if samples < periods * least:
+        raise InputError(
+            f"{samples / periods:.3g} samples a period; {harmonics} harmonics need at least "
+            f"{least}: record more often, or ask for fewer harmonics"
+        )
+
+
+def _harmonics(time: np.ndarray, values: np.ndarray, frequency: float, number: int) -> np.ndarray:
+    """Complex amplitudes X_k of sum_k Re(X_k exp(i k w t)) (K,), beside a mean and a drift."""
+    turn = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
+    basis = np.concatenate(
+        [np.ones((len(time), 1)), frequency * time[:, None], np.cos(turn), np.sin(turn)], axis=1
+    )
+    found = np.linalg.lstsq(basis, values, rcond=None)[0]
+    return np.asarray(found[2 : 2 + number] - 1j * found[2 + number :])
+
+
+def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """The answer's harmonics (K,) in the phase of the drive, over its amplitude."""
+    size = abs(into[0])
+    if size == 0.0:
+        raise InputError("the drive has no amplitude at its frequency; give the drive's frequency")
+    turns = np.arange(1, len(out) + 1)
+    return np.asarray(out * np.exp(-1j * turns * np.angle(into[0])) / size)
+
+
+def _period_transfers(
+    time: np.ndarray,
+    middle: float,
+    drive: np.ndarray,
+    answer: np.ndarray,
+    frequency: float,
+    harmonics: int,
+    periods: int,
+) -> np.ndarray:
+    """`_transfer` of every single period (p, K)."""
+    place = (time - time[-1]) * frequency + periods
+    which = np.clip(np.floor(place).astype(int), 0, periods - 1)
+    rows = []
+    for one in range(periods):
+        here = which == one
+        parts = (
+            _harmonics(time[here] - middle, values[here], frequency, harmonics)
+            for values in (drive, answer)
+        )
+        rows.append(_transfer(*parts))
+    return np.array(rows)
+
+
+def _errors(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Standard errors along and across each complex mean (K,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
+    turned = spread * direction.conj()
+    number = np.sqrt(len(spread))
+    return turned.real.std(axis=0, ddof=1) / number, turned.imag.std(axis=0, ddof=1) / number
+
+
+def _driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
+    from granular.protocol import Oscillate, Push
+
+    driven = {
+        one.name: one
+        for one in run.scene.protocol
+        if isinstance(one, Oscillate) or (isinstance(one, Push) and one.amplitude > 0.0)
+    }
+    if name is None and len(driven) == 1:
+        return next(iter(driven.values()))
+    if name is None:
+        raise InputError(
+            f"the scene has {len(driven)} stages with a sinusoidal drive; name one"
+            if driven
+            else "the scene has no stage with a sinusoidal drive; give it an oscillate or a push"
+        )
+    if name not in driven:
+        raise InputError(unknown(name, tuple(driven), "driven stage"))
+    return driven[name]
+
+
+def _signals(
+    run: Trajectory, driven: Oscillate | Push
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
+    """Time [s], drive and answer of the records of the stage, and the unit of their ratio."""
+    from granular.protocol import Push
+
+    record = run.piston(driven.name)
+    if isinstance(driven, Push):
+        since = record.time - run.stage(driven.name).start
+        force = driven.mean + driven.amplitude * np.sin(2.0 * np.pi * driven.frequency * since)
+        return record.time, force, record.height, "m/N"
+    if record.force is None:
+        raise InputError("the run records no piston force; give the scene effects.walls.top")
+    return record.time, record.height, record.force, "N/m"

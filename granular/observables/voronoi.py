@@ -1,0 +1,242 @@
+"""Voronoi cells of the grains, and the shares of pentagons, hexagons and heptagons.
+
+Only cells wholly inside the box spanned by the outermost grain centres are counted, as in
+[D, 4.2.4, Algorithm 4.3]; such cells are called interior.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.observables.frames import checked_positions, frame_dataset, frame_positions
+
+if TYPE_CHECKING:
+    import xarray
+
+    from granular.trajectory import Trajectory
+
+SHORTEST_SIDE = 1e-9
+"""A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
+
+INSIDE = 1e-12
+"""How far a corner may be outside of the box, in sizes of the box: rounding."""
+
+
+class VoronoiCells(NamedTuple):
+    """The Voronoi diagram of n grains, as arrays.
+
+    Attributes
+    ----------
+    sides : int (n,)
+        Sides of each cell, which is the number of Voronoi neighbours; 0 for an absent grain.
+    area : float (n,)
+        Area of each interior cell [m^2], NaN for the others.
+    side_squares : float (n,)
+        Sum of the squares of the sides of each interior cell [m^2], NaN for the others.
+    interior : bool (n,)
+        Whether the cell lies wholly inside the box of the outermost centres.
+    neighbours : int (m, 2)
+        Every pair of Voronoi neighbours, once.
+    triangles : int (t, 3)
+        The Delaunay triangles.
+    corners : float (t, 2)
+        Their circumcentres, the corners of the cells [m].
+    """
+
+    sides: np.ndarray
+    area: np.ndarray
+    side_squares: np.ndarray
+    interior: np.ndarray
+    neighbours: np.ndarray
+    triangles: np.ndarray
+    corners: np.ndarray
+
+
+class CellShares(NamedTuple):
+    """Shares of the interior cells by their number of sides; they add up to 1.
+
+    Attributes
+    ----------
+    pentagons, hexagons, heptagons, others : float
+        NaN where there is no interior cell.
+    cells : int
+        Number of interior cells.
+    """
+
+    pentagons: float
+    hexagons: float
+    heptagons: float
+    others: float
+    cells: int
+
+
+def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
+    """The Voronoi cells of the grains.
+
+    A side of no length (four or more grains on one circle, as in a square lattice) is no side, and
+    those grains are no neighbours. Of grains at exactly the same place one has a cell. Fewer than
+    three grains, or grains in a line, have no interior cell and no neighbours.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+
+    Returns
+    -------
+    VoronoiCells
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
+
+    Notes
+    -----
+    The corners of the Voronoi cells are the circumcentres of the Delaunay triangles
+    [D, 4.2.3.1]; the Delaunay triangulation is that of Qhull (Barber, Dobkin, Huhdanpaa, ACM Trans.
+    Math. Software 22, 469, 1996).
+    """
+    positions = checked_positions(positions)
+    present = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    points = positions[present]
+    triangles, across = _triangulation(points)
+    corners = _circumcentres(points, triangles)
+    pairs, lengths, outer = _ridges(triangles, across, corners)
+    spacing = np.sqrt(np.prod(np.ptp(points, axis=0)) / len(points)) if len(points) else 0.0
+    real = outer | ~(lengths <= SHORTEST_SIDE * spacing)
+    interior = _interior(points, triangles, corners, pairs[outer])
+
+    count = len(points)
+    gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    area = np.where(interior, _sum_at(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0)
+    squares = _sum_at(pairs, np.where(outer, 0.0, lengths**2), count)
+    sides = np.bincount(pairs[real].ravel(), minlength=count)
+    return VoronoiCells(
+        sides=_spread(sides, present, len(positions), 0),
+        area=_spread(np.where(interior, area, np.nan), present, len(positions), np.nan),
+        side_squares=_spread(np.where(interior, squares, np.nan), present, len(positions), np.nan),
+        interior=_spread(interior, present, len(positions), False),
+        neighbours=present[pairs[real]],
+        triangles=present[triangles],
+        corners=corners,
+    )
+
+
+def cell_shares(cells: VoronoiCells) -> CellShares:
+    """Shares of pentagons, hexagons, heptagons and all others among the interior cells."""
+    sides = cells.sides[cells.interior]
+    if not len(sides):
+        return CellShares(np.nan, np.nan, np.nan, np.nan, 0)
+    five, six, seven = (int(np.count_nonzero(sides == k)) for k in (5, 6, 7))
+    total = len(sides)
+    rest = total - five - six - seven
+    return CellShares(five / total, six / total, seven / total, rest / total, total)
+
+
+def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
+    """The corners of every interior cell, counter-clockwise, as float (k, 2) [m] by grain."""
+    around: dict[int, list[int]] = {int(i): [] for i in np.flatnonzero(cells.interior)}
+    for triangle, grains in enumerate(cells.triangles.tolist()):
+        for grain in grains:
+            if grain in around:
+                around[grain].append(triangle)
+    polygons = {}
+    for grain, chosen in around.items():
+        corners = cells.corners[chosen]
+        # A convex cell: its corners turn about their mean.
+        arms = corners - corners.mean(axis=0)
+        polygons[grain] = corners[np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))]
+    return polygons
+
+
+def share_series(run: Trajectory) -> xarray.Dataset:
+    """Shares of pentagons, hexagons, heptagons and others of every frame [D, Fig. 4.9, 4.11].
+
+    Returns
+    -------
+    xarray.Dataset
+        ``pentagons``, ``hexagons``, ``heptagons``, ``others`` and ``cells`` on ``frame``.
+    """
+    shares = [cell_shares(voronoi_cells(positions)) for positions in frame_positions(run)]
+    columns = {
+        name: ([getattr(one, name) for one in shares], "1", f"share of {name} in Voronoi cells")
+        for name in ("pentagons", "hexagons", "heptagons", "others")
+    }
+    columns["cells"] = ([one.cells for one in shares], "1", "number of interior Voronoi cells")
+    return frame_dataset(run, columns)
+
+
+def _triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Delaunay triangles (t, 3), and the triangle across each side, -1 outside (t, 3)."""
+    from scipy.spatial import Delaunay, QhullError
+
+    none = np.empty((0, 3), dtype=np.intp)
+    if len(points) < 3:
+        return none, none
+    # Places about the middle lose fewest bits where they are squared.
+    centred = points - points.mean(axis=0)
+    try:
+        mesh = Delaunay(centred)
+    except QhullError:
+        return none, none
+    return mesh.simplices.astype(np.intp), mesh.neighbors.astype(np.intp)
+
+
+def _circumcentres(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Circumcentres (t, 2); infinite or NaN for a triangle of no area."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    p, q = b - a, c - a
+    twice = 2.0 * (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
+    pp, qq = (p**2).sum(axis=1), (q**2).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = (q[:, 1] * pp - p[:, 1] * qq) / twice
+        y = (p[:, 0] * qq - q[:, 0] * pp) / twice
+    return a + np.stack([x, y], axis=1)
+
+
+def _ridges(
+    triangles: np.ndarray, across: np.ndarray, corners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Neighbour pairs (m, 2), the lengths of the sides between them (m,), and which are endless."""
+    here = np.repeat(np.arange(len(triangles)), 3)
+    there = across.ravel()
+    pairs = np.stack([triangles[:, [1, 2, 0]].ravel(), triangles[:, [2, 0, 1]].ravel()], axis=1)
+    once = (there < 0) | (here < there)
+    here, there, pairs = here[once], there[once], pairs[once]
+    outer = there < 0
+    with np.errstate(invalid="ignore"):
+        lengths = np.linalg.norm(corners[here] - corners[there], axis=1)
+    return pairs, np.where(outer, np.inf, lengths), outer
+
+
+def _interior(
+    points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
+) -> np.ndarray:
+    """Which cells are bounded and have all corners inside the box of the centres."""
+    inside = np.zeros(len(points), dtype=bool)
+    if not len(triangles):
+        return inside
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = INSIDE * (high - low).max()
+    within = ((corners >= low - margin) & (corners <= high + margin)).all(axis=1)
+    inside[triangles.ravel()] = True
+    inside[triangles[~within].ravel()] = False
+    inside[rim.ravel()] = False
+    return inside
+
+
+def _sum_at(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Sum over the pairs of each grain (count,)."""
+    return np.asarray(
+        np.bincount(pairs[:, 0], values, minlength=count)
+        + np.bincount(pairs[:, 1], values, minlength=count)
+    )
+
+
+def _spread(values: np.ndarray, places: np.ndarray, count: int, absent: object) -> np.ndarray:
+    spread = np.full(count, absent, dtype=values.dtype)
+    spread[places] = values
+    return spread
