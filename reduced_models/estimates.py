@@ -11,6 +11,9 @@ from granular.errors import RecordError
 from granular.record import PistonRecord
 
 LEAST_SAMPLES = 20
+LEAST_CROSSINGS = 3
+"""Passages through rest below which frequency and rest level are hardly better than guesses."""
+_SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +28,8 @@ class Estimates:
         Angular frequency [rad/s] and decay rate [1/s] of the swing about it.
     height, velocity : float
         At the start [m], [m/s].
+    crossings : int
+        Passages through the level of rest that were counted.
     """
 
     rest: float
@@ -33,21 +38,51 @@ class Estimates:
     decay: float
     height: float
     velocity: float
+    crossings: int
 
     def seen_as(self, shift: float, scale: float) -> Estimates:
         """The same guesses for z = (height - shift)/scale."""
-        return Estimates(
+        return dataclasses.replace(
+            self,
             rest=(self.rest - shift) / scale,
             amplitude=self.amplitude / scale,
-            frequency=self.frequency,
-            decay=self.decay,
             height=(self.height - shift) / scale,
             velocity=self.velocity / scale,
         )
 
     @property
+    def poor(self) -> bool:
+        """Whether the record is too short to tell frequency and rest level at a glance."""
+        return self.crossings < LEAST_CROSSINGS
+
+    @property
+    def frequency_spread(self) -> float:
+        """Half-width of the logarithm of the starting frequencies."""
+        return _SPREAD_IF_POOR if self.poor else _SPREAD
+
+    @property
     def period(self) -> float:
+        """Of the swing [s]."""
         return 2.0 * math.pi / self.frequency
+
+    @property
+    def shortest_period(self) -> float:
+        """Of all motions that a search may start from [s]."""
+        return self.period * math.exp(-self.frequency_spread)
+
+    def frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """Random starting frequencies [rad/s], log-uniform about the estimate."""
+        spread = self.frequency_spread
+        return np.asarray(self.frequency * np.exp(random.uniform(-spread, spread, count)))
+
+    def levels(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """Random starting levels of rest [m], uniform about the estimate."""
+        spread = 1.0 if self.poor else 0.1
+        return np.asarray(self.rest + self.amplitude * random.uniform(-spread, spread, count))
+
+    def decays(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """Random starting decay rates [1/s], log-uniform about the estimate."""
+        return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
 
 
 def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
@@ -73,8 +108,8 @@ def estimates(record: PistonRecord) -> Estimates:
     time, height = record.time - record.time[0], record.height
     if len(time) < LEAST_SAMPLES:
         raise RecordError(
-            f"the record has {len(time)} samples; at least {LEAST_SAMPLES} are needed to identify "
-            "a law"
+            f"the record has {len(time)} samples to fit; at least {LEAST_SAMPLES} are needed to "
+            "identify a law: sample faster, or hold out less"
         )
     rest = float(height[-len(height) // 3 :].mean())
     swing = height - rest
@@ -82,11 +117,12 @@ def estimates(record: PistonRecord) -> Estimates:
     if amplitude <= 1e-12 * max(abs(rest), 1e-300):
         raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
     threshold = min(max(0.01 * amplitude, 4.0 * noise_level(height)), 0.5 * amplitude)
-    half = _half_period(crossings(time, swing, threshold), float(time[-1]))
+    passages = crossings(time, swing, threshold)
+    half = _half_period(passages, float(time[-1]))
     frequency = math.pi / half
     start, speed = _initial_motion(time, height, half)
     decay = _decay(time, swing, half)
-    return Estimates(rest, amplitude, frequency, decay, start, speed)
+    return Estimates(rest, amplitude, frequency, decay, start, speed, len(passages))
 
 
 def noise_level(height: np.ndarray) -> float:
@@ -97,12 +133,12 @@ def noise_level(height: np.ndarray) -> float:
     return float(np.median(np.abs(np.diff(height, 3))) / (0.6745 * math.sqrt(20.0)))
 
 
-def _half_period(passes: np.ndarray, duration: float) -> float:
+def _half_period(passages: np.ndarray, duration: float) -> float:
     """Half a period from the passages through the level of rest."""
-    if len(passes) > 1:
-        return float(np.median(np.diff(passes)))
-    if len(passes) == 1:
-        return 2.0 * float(passes[0])
+    if len(passages) > 1:
+        return float(np.median(np.diff(passages)))
+    if len(passages) == 1:
+        return 2.0 * float(passages[0])
     return 0.5 * duration
 
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from reduced_models.estimates import Estimates
 
 Starts = Callable[["Estimates", np.random.Generator, int], dict[str, np.ndarray]]
+MappedStarts = Callable[
+    [np.ndarray, np.ndarray, "Estimates", np.random.Generator, int], dict[str, np.ndarray] | None
+]
 
 _ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,'= ]+")
 _FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tanh", "sign", "Abs")
@@ -33,9 +36,9 @@ class Law:
     name : str
     equation : str
         Such as ``"z'' + 2*lam*z' + omega**2*z = g0"``: linear in ``z''``.
-    start : callable
+    start : callable or None
         ``start(estimates, random, count)`` gives random start values, an array of ``count`` for
-        each parameter.
+        each parameter. None for a law that was read from a file: it predicts, but cannot be fitted.
     positive : tuple of str
         Parameters that are above zero; they are searched for on a logarithmic scale.
     units : mapping of str to str
@@ -44,16 +47,37 @@ class Law:
         The law does not keep its form when the height is shifted or scaled, so it holds for
         z = (height - shift)/scale with a map of its own. Its z is a pure number and its time unit
         is fixed at 1 s.
+    mapped_start : callable, optional
+        For a mapped law: ``mapped_start(time, swing, estimates, random, count)`` gives random start
+        values also of ``shift`` and ``scale``, for a swing about the level of rest in amplitudes;
+        None where the record does not tell.
     source : str
     """
 
     name: str
     equation: str
-    start: Starts
+    start: Starts | None = None
     positive: tuple[str, ...] = ()
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     mapped: bool = False
+    mapped_start: MappedStarts | None = None
     source: str = ""
+
+    def starts(
+        self, estimates: Estimates, random: np.random.Generator, count: int
+    ) -> dict[str, np.ndarray]:
+        """Random start values, an array of ``count`` for each parameter.
+
+        Raises
+        ------
+        InputError
+            If the law does not say where to start.
+        """
+        if self.start is None:
+            raise InputError(
+                f"the law {self.name!r} does not say where to start a fit; give it a start function"
+            )
+        return self.start(estimates, random, count)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -148,7 +172,7 @@ def compiled_slopes(equation: str) -> Callable[..., Any]:
     import sympy
 
     parsed = parse(equation)
-    slopes = [parsed.acceleration.diff(one) for one in (parsed.symbol_z, parsed.symbol_v)]
+    slopes = [parsed.acceleration.diff(by) for by in (parsed.symbol_z, parsed.symbol_v)]
     return sympy.lambdify(_arguments(equation), slopes, "numpy", cse=True)
 
 

@@ -11,14 +11,17 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from granular.console import finite
 from granular.errors import InputError
 from granular.record import PistonRecord
 from reduced_models.law import Law
-from reduced_models.laws import law_named
+from reduced_models.laws import LAWS
 from reduced_models.printing import latex, rounded
 
 if TYPE_CHECKING:
     import sympy
+
+    from reduced_models.rollout import Motion
 
 FORMAT = 1
 
@@ -57,7 +60,8 @@ class Direction:
     powers : mapping of str to float
         How the parameters change together: each one as t to this power, for a common t.
     spread : float
-        Standard deviation of log t that the data leave.
+        Standard deviation of log t that the data leave. A parameter that may be zero and is small
+        against its natural size moves by so many of those sizes instead.
     """
 
     powers: Mapping[str, float]
@@ -101,8 +105,9 @@ class Quality:
     relative : float
         The same over the rms swing of the record.
     holdout : float or None
-        Error of the roll-out over the held-out stretch of a model that has not seen it, over the
-        rms swing of the whole record.
+        Rms error of the roll-out over the held-out stretch of a model that has not seen it, over
+        the rms swing of the whole record; infinite where that model blows up. To be compared with
+        ``holdout_at_rest``.
     holdout_from : float or None
         Time since the record's start at which that stretch begins [s].
     starts, converged : int
@@ -111,6 +116,11 @@ class Quality:
     solver_error : float
         Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
         1e-10, over the amplitude.
+    holdout_at_rest : float or None
+        The same error of a piston that stays at the level of rest of the training stretch: what
+        a prediction has to beat.
+    noise : float
+        Standard deviation of white noise in the record, from its third differences [m].
     """
 
     residual: float
@@ -121,6 +131,8 @@ class Quality:
     converged: int
     samples: int
     solver_error: float
+    holdout_at_rest: float | None = None
+    noise: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -146,6 +158,8 @@ class ReducedModel:
         Directions that the data leave open.
     domain : mapping of str to (float, float)
         Range of heights [m] and velocities [m/s] seen.
+    notes : tuple of str
+        What is to be doubted, in plain words.
     """
 
     law: Law
@@ -158,6 +172,7 @@ class ReducedModel:
     quality: Quality
     undetermined: tuple[Direction, ...] = ()
     domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def equation(self) -> sympy.Eq:
@@ -199,7 +214,7 @@ class ReducedModel:
         Raises
         ------
         InputError
-            If the times do not increase, or the solution blows up.
+            If the times do not increase, the solution blows up, or it is too stiff to follow.
         """
         from reduced_models.rollout import motion
 
@@ -215,15 +230,10 @@ class ReducedModel:
         if self.at_rest is not None:
             size = max(abs(start[0] - self.at_rest.height) / scale, 1e-6 * size)
         values = [self.parameters[name] for name in self.law.parameters]
-        z, v = motion(self.law, times, self.map.to_law(start[0]), start[1] / scale, values, size)
-        height, velocity = self.map.to_height(z), scale * v
-        if not np.isfinite(height).all():
-            last = times[int(np.argmin(np.isfinite(height))) - 1]
-            raise InputError(
-                f"the solution of the law {self.law.name!r} blows up behind t = {last:g} s; start "
-                "nearer to rest or ask for a shorter time"
-            )
-        return PistonRecord(times, height, velocity)
+        found = motion(self.law, times, self.map.to_law(start[0]), start[1] / scale, values, size)
+        if found.ending != "complete":
+            raise InputError(_incomplete(self.law.name, times, found))
+        return PistonRecord(times, self.map.to_height(found.z), scale * found.velocity)
 
     def __str__(self) -> str:
         lines = [f"{self.law.name}: {self.law.equation}"]
@@ -248,7 +258,10 @@ class ReducedModel:
         quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
         if self.quality.holdout is not None:
             quality += f", held-out stretch {100.0 * self.quality.holdout:.3g} %"
+        if self.quality.holdout_at_rest is not None:
+            quality += f" (a piston at rest: {100.0 * self.quality.holdout_at_rest:.3g} %)"
         lines.append(quality)
+        lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
@@ -259,20 +272,24 @@ class ReducedModel:
             "equation": self.law.equation,
             "latex": self.fitted_latex,
             "parameters": dict(self.parameters),
-            "units": {name: self.law.units.get(name, "") for name in self.parameters},
+            "units": dict(self.law.units),
+            "positive": list(self.law.positive),
+            "mapped": self.law.mapped,
+            "source": self.law.source,
             "intervals": {name: list(pair) for name, pair in self.intervals.items()},
             "confidence": self.confidence,
             "map": dataclasses.asdict(self.map),
             "initial": list(self.initial),
             "at_rest": None if self.at_rest is None else dataclasses.asdict(self.at_rest),
             "quality": dataclasses.asdict(self.quality),
-            "undetermined": [dataclasses.asdict(one) for one in self.undetermined],
+            "undetermined": [dataclasses.asdict(direction) for direction in self.undetermined],
             "domain": {name: list(pair) for name, pair in self.domain.items()},
+            "notes": list(self.notes),
         }
 
     def save(self, path: str | Path) -> None:
         """Write the model to a JSON file, which `load_model` reads back to the same bits."""
-        text = json.dumps(_without_nan(self.to_plain()), indent=2)
+        text = json.dumps(finite(self.to_plain()), indent=2, allow_nan=False)
         Path(path).write_text(text + "\n", encoding="utf-8")
 
     @classmethod
@@ -287,7 +304,7 @@ class ReducedModel:
         try:
             at_rest = plain["at_rest"]
             return cls(
-                law=law_named(plain["law"]),
+                law=_law_from_plain(plain),
                 parameters=plain["parameters"],
                 intervals=_pairs(plain["intervals"]),
                 confidence=plain["confidence"],
@@ -296,12 +313,56 @@ class ReducedModel:
                 at_rest=None
                 if at_rest is None
                 else AtRest(**{**at_rest, "intervals": _pairs(at_rest["intervals"])}),
-                quality=Quality(**plain["quality"]),
-                undetermined=tuple(Direction(**one) for one in plain["undetermined"]),
+                quality=_quality_from_plain(plain["quality"]),
+                undetermined=tuple(Direction(**direction) for direction in plain["undetermined"]),
                 domain=_pairs(plain["domain"]),
+                notes=tuple(plain["notes"]),
             )
-        except (KeyError, TypeError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(f"the data are not those of a reduced model: {error!r}") from None
+
+
+def _incomplete(name: str, times: np.ndarray, found: Motion) -> str:
+    """Why a solution does not reach the last of the times."""
+    from reduced_models.rollout import STEP_BUDGETS
+
+    reached = np.flatnonzero(np.isfinite(found.z))
+    last = times[reached[-1]] if len(reached) else times[0]
+    if found.ending == "blow-up":
+        cause = f"blows up behind t = {last:g} s"
+    else:
+        cause = (
+            f"needs more than {STEP_BUDGETS[-1]} steps behind t = {last:g} s (it is stiff there, "
+            "or leaves where the law is defined)"
+        )
+    return (
+        f"the solution of the law {name!r} {cause}; start nearer to rest or ask for a shorter time"
+    )
+
+
+def _law_from_plain(plain: Mapping[str, Any]) -> Law:
+    """A law of the package, or one of the user's own, from its equation."""
+    own = Law(
+        name=plain["law"],
+        equation=plain["equation"],
+        positive=tuple(plain["positive"]),
+        units=dict(plain["units"]),
+        mapped=bool(plain["mapped"]),
+        source=plain["source"],
+    )
+    if set(own.parameters) != set(plain["parameters"]):
+        raise ValueError("the equation does not have the parameters that are given")
+    packaged = LAWS.get(own.name)
+    return packaged if packaged is not None and packaged.equation == own.equation else own
+
+
+def _quality_from_plain(plain: Mapping[str, Any]) -> Quality:
+    quality = Quality(**plain)
+    if quality.holdout is None and quality.holdout_from is not None:
+        return dataclasses.replace(quality, holdout=math.inf)
+    return quality
 
 
 def _pairs(plain: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
@@ -312,17 +373,6 @@ def _pairs(plain: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
         name: (number(low, -math.inf), number(high, math.inf))
         for name, (low, high) in plain.items()
     }
-
-
-def _without_nan(plain: Any) -> Any:
-    """JSON has no infinities: an open end of an interval is written as null."""
-    if isinstance(plain, dict):
-        return {key: _without_nan(value) for key, value in plain.items()}
-    if isinstance(plain, list | tuple):
-        return [_without_nan(value) for value in plain]
-    if isinstance(plain, float) and not math.isfinite(plain):
-        return None
-    return plain
 
 
 def load_model(path: str | Path) -> ReducedModel:

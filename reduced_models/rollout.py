@@ -8,13 +8,15 @@ prediction made, by diffrax with an adaptive step.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import diffrax
 import numpy as np
 
+from granular.errors import RecordError
 from reduced_models.jax_setup import jax
 from reduced_models.law import Law, compiled_rate
 
@@ -22,7 +24,10 @@ jnp = jax.numpy
 
 TOLERANCE = 1e-10
 """Relative tolerance of an adaptive solution; times the motion's amplitude, the absolute one."""
-MOST_STEPS = 2**14
+STEP_BUDGETS = (2**14, 2**17)
+"""Steps of an adaptive solution; the second budget is spent where the first does not suffice."""
+FAR = 1e9
+"""A solution that goes this many amplitudes away blows up."""
 
 # J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964) 179:
 # seven stages, sixth order.
@@ -37,14 +42,45 @@ _STAGES = (
 )
 _WEIGHTS = (13 / 200, 0.0, 11 / 40, 11 / 40, 4 / 25, 4 / 25, 13 / 200)
 
-GRIDS = (128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096, 6144, 8192, 16384, 32768)
+GRIDS = (
+    128,
+    192,
+    256,
+    384,
+    512,
+    768,
+    1024,
+    1536,
+    2048,
+    3072,
+    4096,
+    6144,
+    *(2**k for k in range(13, 19)),
+)
 """Numbers of grid steps: few, so that records share compiled code."""
 
 
 def grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Steps of a grid over a record with at least that many steps a period (or the most)."""
+    """Steps of a grid over a record with at least that many steps a period.
+
+    Raises
+    ------
+    RecordError
+        If these are more than the finest grid has.
+    """
     wanted = per_period * duration / period
-    return next((one for one in GRIDS if one >= wanted), GRIDS[-1])
+    for steps in GRIDS:
+        if steps >= wanted:
+            return steps
+    raise RecordError(
+        f"the record holds about {duration / period:.3g} periods, and a fit can follow at most "
+        f"{GRIDS[-1] // per_period}; fit a part of it, record.between(start, stop)"
+    )
+
+
+def finer_grid(steps: int) -> int | None:
+    """The next grid of at least twice as many steps; None behind the finest."""
+    return next((finer for finer in GRIDS if finer >= 2 * steps), None)
 
 
 def on_grid(
@@ -87,13 +123,34 @@ def between(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:
     )
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motion:
+    """A solution at given times.
+
+    Attributes
+    ----------
+    z, velocity : float64 (n,)
+        NaN at times that the solution does not reach.
+    ending : str
+        ``"complete"``; ``"blow-up"`` where z leaves every bound; ``"steps"`` where the solver's
+        step budget was spent, on a stiff law or at the edge of where the law is defined.
+    """
+
+    z: np.ndarray
+    velocity: np.ndarray
+    ending: Literal["complete", "blow-up", "steps"]
+
+
 @functools.cache
-def _adaptive(equation: str) -> Callable[..., Any]:
+def _adaptive(equation: str, budget: int) -> Callable[..., Any]:
     rate = compiled_rate(equation)
 
     def field(t: Any, state: Any, parameters: Any) -> Any:
         z, v = state
-        return v, rate(z, v, *parameters)
+        return v, rate(z, v, *parameters[0])
+
+    def far_away(t: Any, state: Any, parameters: Any, **_: Any) -> Any:
+        return jnp.abs(state[0]) > FAR * parameters[1]
 
     def solve(times: Any, z0: Any, v0: Any, parameters: Any, size: Any) -> Any:
         # A dense solution: asking for times here would check them by a callback into Python, and
@@ -105,23 +162,27 @@ def _adaptive(equation: str) -> Callable[..., Any]:
             times[-1],
             None,
             (z0, v0),
-            parameters,
-            saveat=diffrax.SaveAt(dense=True),
+            (parameters, size),
+            saveat=diffrax.SaveAt(dense=True, t1=True),
             stepsize_controller=diffrax.PIDController(rtol=TOLERANCE, atol=TOLERANCE * size),
-            max_steps=MOST_STEPS,
+            event=diffrax.Event(far_away),
+            max_steps=budget,
             throw=False,
         )
         z, v = jax.vmap(result.evaluate)(times)
-        fine = result.result == diffrax.RESULTS.successful
-        return jnp.where(fine, z, jnp.nan), jnp.where(fine, v, jnp.nan)
+        reached = times <= result.ts[-1]
+        complete = result.result == diffrax.RESULTS.successful
+        blown_up = result.result == diffrax.RESULTS.event_occurred
+        reached = (reached & jnp.isfinite(z)) | complete
+        return jnp.where(reached, z, jnp.nan), jnp.where(reached, v, jnp.nan), complete, blown_up
 
     return jax.jit(solve)
 
 
 def motion(
     law: Law, times: np.ndarray, z0: float, v0: float, parameters: Sequence[float], size: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Z and its velocity at increasing times, by diffrax; NaN where the solution blows up.
+) -> Motion:
+    """The motion of a law at increasing times, by diffrax.
 
     ``size`` is the amplitude of z, which the absolute tolerance refers to.
     """
@@ -129,5 +190,10 @@ def motion(
     padded = np.full(-(-count // 1024) * 1024, times[-1])
     padded[:count] = times
     values = tuple(map(float, parameters))
-    z, v = _adaptive(law.equation)(padded, float(z0), float(v0), values, float(size))
-    return np.asarray(z)[:count], np.asarray(v)[:count]
+    for budget in STEP_BUDGETS:
+        solve = _adaptive(law.equation, budget)
+        z, v, complete, blown_up = solve(padded, float(z0), float(v0), values, float(size))
+        if complete or blown_up:
+            break
+    ending: Any = "complete" if complete else ("blow-up" if blown_up else "steps")
+    return Motion(np.asarray(z)[:count], np.asarray(v)[:count], ending)

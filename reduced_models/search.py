@@ -20,6 +20,7 @@ jnp = jax.numpy
 
 BLOWN_UP = 1e3
 """Residual of a sample that a solution does not reach, in amplitudes."""
+_MOST_TRIALS = 120
 _PATIENCE = 4  # trials without a gain after which a start counts as done
 
 
@@ -105,28 +106,47 @@ def equations(equation: str, physical: Callable[..., Any], steps: int) -> Equati
         step, place, share, height, weight = samples
         values, shift, scale, z0, v0 = physical(theta, scales)
         grid = on_grid(rate, z0, v0, values, step, steps)
-        miss = (shift + scale * between(*grid, step, place, share) - height) / scales[1]
-        return weight * jnp.where(jnp.abs(miss) < BLOWN_UP, miss, BLOWN_UP)
+        residuals = (shift + scale * between(*grid, step, place, share) - height) / scales[1]
+        return weight * jnp.where(jnp.abs(residuals) < BLOWN_UP, residuals, BLOWN_UP)
 
     def normal(theta: Any, samples: Any, scales: Any) -> Any:
         def twice(vector: Any) -> Any:
-            miss = residual(vector, samples, scales)
-            return miss, miss
+            residuals = residual(vector, samples, scales)
+            return residuals, residuals
 
-        jacobian, miss = jax.jacfwd(twice, has_aux=True)(theta)
+        jacobian, residuals = jax.jacfwd(twice, has_aux=True)(theta)
         jacobian = jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
-        return miss @ miss, jacobian.T @ miss, jacobian.T @ jacobian
+        return residuals @ residuals, jacobian.T @ residuals, jacobian.T @ jacobian
 
     return Equations(jax.jit(jax.vmap(normal, in_axes=(0, None, None))), jax.jit(residual))
 
 
+class Prior(NamedTuple):
+    """A normal prior about the start of a search.
+
+    Attributes
+    ----------
+    precision : float64 (p,)
+        Of each entry, in units of what one sample weighs.
+    samples : float
+        Number of samples behind a cost.
+    """
+
+    precision: np.ndarray
+    samples: float
+
+
+class Point(NamedTuple):
+    """A batch of search vectors with what the normal equations say there."""
+
+    theta: np.ndarray
+    cost: np.ndarray
+    gradient: np.ndarray
+    matrix: np.ndarray
+
+
 def search(
-    normal: Callable[[np.ndarray], Any],
-    theta: np.ndarray,
-    pulled: np.ndarray,
-    samples: float,
-    most: int,
-    tolerance: float = 1e-6,
+    normal: Callable[[np.ndarray], Any], start: np.ndarray, prior: Prior, tolerance: float = 1e-6
 ) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg-Marquardt on a batch.
 
@@ -134,15 +154,10 @@ def search(
     ----------
     normal : callable
         From search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p).
-    theta : float64 (s, p)
+    start : float64 (s, p)
         Start vectors.
-    pulled : float64 (p,)
-        How strongly each entry is pulled to its start, in units of what one sample weighs: it
-        keeps a flat direction from running away.
-    samples : float
-        Number of samples behind the cost.
-    most : int
-        Most trials.
+    prior : Prior
+        About the start vectors.
     tolerance : float
         Stop when no trial changes a cost by this fraction any more.
 
@@ -150,29 +165,39 @@ def search(
     -------
     theta, cost : float64 (s, p), (s,)
     """
-    start = theta
-    damping = np.full(len(theta), 1e-2)
-    cost, gradient, matrix = (np.asarray(one) for one in normal(theta))
-    idle = np.zeros(len(theta), dtype=int)
-    identity = np.eye(theta.shape[1])
-    for _ in range(most):
-        pull = cost[:, None] / samples * pulled
-        full = matrix + pull[:, :, None] * identity
-        diagonal = np.maximum(np.einsum("sii->si", full), 1e-300)
-        lifted = full + (damping[:, None] * diagonal)[:, :, None] * identity
-        slope = gradient + pull * (theta - start)
-        trial = theta - np.linalg.solve(lifted, slope[:, :, None])[:, :, 0]
-        trial_cost, trial_gradient, trial_matrix = (np.asarray(one) for one in normal(trial))
-        total = cost + (pull * (theta - start) ** 2).sum(axis=1)
-        trial_total = trial_cost + (pull * (trial - start) ** 2).sum(axis=1)
+    best = _point(normal, start)
+    damping = np.full(len(start), 1e-2)
+    idle = np.zeros(len(start), dtype=int)
+    for _ in range(_MOST_TRIALS):
+        precision = best.cost[:, None] / prior.samples * prior.precision
+        trial = _point(normal, best.theta - _step(best, start, precision, damping))
+        total = best.cost + (precision * (best.theta - start) ** 2).sum(axis=1)
+        trial_total = trial.cost + (precision * (trial.theta - start) ** 2).sum(axis=1)
         better = trial_total < total
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
-        theta = np.where(better[:, None], trial, theta)
-        cost = np.where(better, trial_cost, cost)
-        gradient = np.where(better[:, None], trial_gradient, gradient)
-        matrix = np.where(better[:, None, None], trial_matrix, matrix)
+        best = Point(*map(functools.partial(_chosen, better), trial, best))
         damping = np.clip(np.where(better, 0.2 * damping, 5.0 * damping), 1e-12, 1e12)
         if (idle >= _PATIENCE).all():
             break
-    return theta, cost
+    return best.theta, best.cost
+
+
+def _point(normal: Callable[[np.ndarray], Any], theta: np.ndarray) -> Point:
+    return Point(theta, *map(np.asarray, normal(theta)))
+
+
+def _step(
+    point: Point, start: np.ndarray, precision: np.ndarray, damping: np.ndarray
+) -> np.ndarray:
+    """The damped Gauss-Newton steps of a batch, subtracted from its vectors."""
+    identity = np.eye(start.shape[1])
+    full = point.matrix + precision[:, :, None] * identity
+    diagonal = np.maximum(np.einsum("sii->si", full), 1e-300)
+    damped = full + (damping[:, None] * diagonal)[:, :, None] * identity
+    slope = point.gradient + precision * (point.theta - start)
+    return np.asarray(np.linalg.solve(damped, slope[:, :, None])[:, :, 0])
+
+
+def _chosen(better: np.ndarray, trial: np.ndarray, former: np.ndarray) -> np.ndarray:
+    return np.where(better.reshape(-1, *[1] * (trial.ndim - 1)), trial, former)

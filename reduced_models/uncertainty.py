@@ -18,11 +18,12 @@ from reduced_models.law import compiled_rate, compiled_slopes
 from reduced_models.model import AtRest, Direction
 
 if TYPE_CHECKING:
-    from reduced_models.fitting import Problem
+    from reduced_models.problem import Problem
 
 OPEN = 0.25
 """A direction is undetermined if the data leave the logarithm along it this uncertain."""
 _SMALL_POWER = 0.05
+_NEAR_ZERO = 0.25  # in units of the entry
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
 _WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
 
@@ -55,26 +56,26 @@ def interval_analysis(
     problem: Problem,
     theta: np.ndarray,
     normal: np.ndarray,
-    miss: np.ndarray,
+    residuals: np.ndarray,
     confidence: float,
 ) -> Analysis:
     """Intervals of a fit, from the matrix J'J (p, p) and the residuals (n,) at its minimum."""
     from scipy.stats import t as student
 
-    freedom = max(1, len(miss) - len(theta))
-    variance = float((miss**2).sum()) / freedom * autocorrelation_time(miss)
+    freedom = max(1, len(residuals) - len(theta))
+    variance = float((residuals**2).sum()) / freedom * autocorrelation_time(residuals)
     covariance = _covariance(normal, variance)
-    wide = float(student.ppf(0.5 + 0.5 * confidence, freedom))
+    quantile = float(student.ppf(0.5 + 0.5 * confidence, freedom))
     names, values, logs = _named(problem, theta)
     intervals = {}
     for k, name in enumerate(names):
-        spread = wide * math.sqrt(max(covariance[k, k], 0.0))
+        spread = quantile * math.sqrt(max(covariance[k, k], 0.0))
         intervals[name] = _interval(values[k], spread, problem, k, logarithmic=logs[k])
-    known = _information(problem, theta, normal, variance)
+    information = _information(problem, theta, normal, variance)
     return Analysis(
         intervals=intervals,
-        at_rest=_at_rest(problem, theta, covariance, wide),
-        undetermined=_open_directions(names, known),
+        at_rest=_at_rest(problem, theta, covariance, quantile),
+        undetermined=_open_directions(names, information),
     )
 
 
@@ -127,10 +128,11 @@ def _information(
     relative = np.ones(count)
     for k, log in enumerate(logs):
         if not log:
-            own = values[k]
+            value = values[k]
             if k >= len(problem.units):  # the shift counts from the rest level
-                own += problem.rest / problem.amplitude
-            relative[k] = own if own != 0.0 else 1.0
+                value += problem.rest / problem.amplitude
+            # A value near zero is no measure of how well it is known; its unit is.
+            relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
     asked, nuisance = normal[:count, :count], normal[count:, count:]
     cross = normal[:count, count:]
     left = asked - cross @ np.linalg.solve(nuisance, cross.T)
@@ -156,7 +158,7 @@ def _open_directions(names: list[str], information: np.ndarray) -> tuple[Directi
 
 
 def _at_rest(
-    problem: Problem, theta: np.ndarray, covariance: np.ndarray, wide: float
+    problem: Problem, theta: np.ndarray, covariance: np.ndarray, quantile: float
 ) -> AtRest | None:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
     figures = _small_motion(problem, theta)
@@ -170,15 +172,15 @@ def _at_rest(
         if sides[0] is None or sides[1] is None:
             return None
         slope[:, k] = (sides[0] - sides[1]) / (2.0 * step[k])
-    spread = wide * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
+    spread = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
     names = ("height", "period", "damping_ratio")
     return AtRest(
         height=float(figures[0]),
         period=float(figures[1]),
         damping_ratio=float(figures[2]),
         intervals={
-            name: (float(figure - one), float(figure + one))
-            for name, figure, one in zip(names, figures, spread, strict=True)
+            name: (float(figure - width), float(figure + width))
+            for name, figure, width in zip(names, figures, spread, strict=True)
         },
     )
 
@@ -195,7 +197,7 @@ def _small_motion(problem: Problem, theta: np.ndarray) -> np.ndarray | None:
             z -= change
             if not math.isfinite(z) or abs(change) <= 1e-15 * max(1.0, abs(z)):
                 break
-        stiffness, damping = (-one for one in slopes(z, 0.0, *values))
+        stiffness, damping = (-slope for slope in slopes(z, 0.0, *values))
     if not math.isfinite(z) or not stiffness > 0.0:
         return None
     omega = math.sqrt(stiffness)

@@ -9,11 +9,11 @@ from reduced_models.law import Law
 
 
 def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequency * np.exp(random.uniform(-0.15, 0.15, count))
+    omega = estimates.frequencies(random, count)
     return {
-        "lam": estimates.decay * np.exp(random.uniform(-1.5, 1.5, count)),
+        "lam": estimates.decays(random, count),
         "omega": omega,
-        "g0": omega**2 * (estimates.rest + estimates.amplitude * random.uniform(-0.1, 0.1, count)),
+        "g0": omega**2 * estimates.levels(random, count),
     }
 
 

@@ -15,15 +15,53 @@ import numpy as np
 
 from reduced_models.estimates import Estimates
 from reduced_models.law import Law
+from reduced_models.weak_form import quadratic_damping
+
+_UNEXPLAINED = 0.3
+"""Share of the record that its quadratic damping may leave over before it says nothing."""
+_SPREAD = 0.1  # of the start values, in the size of the damping
 
 
 def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequency * np.exp(random.uniform(-0.15, 0.15, count))
-    level = estimates.rest + estimates.amplitude * random.uniform(-0.1, 0.1, count)
+    omega = estimates.frequencies(random, count)
+    level = estimates.levels(random, count)
     # Twice the decay is the damping 2 alpha ((level - 1)^2 - 1), where that is positive.
     shape = np.maximum(np.abs((level - 1.0) ** 2 - 1.0), 0.1)
-    alpha = estimates.decay / shape * np.exp(random.uniform(-1.5, 1.5, count))
+    alpha = estimates.decays(random, count) / shape
     return {"alpha": alpha, "omega": omega, "g0": omega**2 * level}
+
+
+def _mapped_start(
+    time: np.ndarray,
+    swing: np.ndarray,
+    estimates: Estimates,
+    random: np.random.Generator,
+    count: int,
+) -> dict[str, np.ndarray] | None:
+    """Start values from a quadratic damping, which is this law seen through its map.
+
+    With z = p + q u the damping 2 alpha (z^2 - 2 z) is c0 + c1 u + c2 u^2 where c2 = 2 alpha q^2,
+    c1 = 4 alpha q (p - 1), c0 = 2 alpha ((p - 1)^2 - 1), so 2 alpha = c1^2/(4 c2) - c0.
+    """
+    found = quadratic_damping(time, swing, estimates.period)
+    if not found.unexplained < _UNEXPLAINED or not found.stiffness > 0.0:
+        return None
+    size = float(np.abs(found.damping).sum())
+    c0, c1, c2 = found.damping[:, None] + _SPREAD * size * random.normal(size=(3, count))
+    # The law's damping is a parabola that opens upwards and is negative at its vertex; where a draw
+    # is not, it is moved to one that is.
+    c2 = np.maximum(c2, _SPREAD**2 * size)
+    double_alpha = np.maximum(c1**2 / (4.0 * c2) - c0, np.maximum(-c0, _SPREAD * size))
+    q = np.sqrt(c2 / double_alpha)
+    p = 1.0 + np.where(c1 < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(1.0 + c0 / double_alpha, 0.0))
+    stiffness = found.stiffness * np.exp(random.uniform(-_SPREAD, _SPREAD, count))
+    return {
+        "alpha": 0.5 * double_alpha,
+        "omega": np.sqrt(stiffness),
+        "g0": stiffness * p + found.force * q,
+        "shift": -p / q,
+        "scale": 1.0 / q,
+    }
 
 
 VAN_DER_POL_LIKE = Law(
@@ -33,5 +71,6 @@ VAN_DER_POL_LIKE = Law(
     positive=("alpha", "omega"),
     units={"alpha": "1/s", "omega": "rad/s", "g0": "1/s^2"},
     mapped=True,
+    mapped_start=_mapped_start,
     source="[D, eq. 5.12]",
 )

@@ -17,7 +17,7 @@ from reduced_models.rollout import motion
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
-CLEAN = motion(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0)[0]
+CLEAN = motion(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0).z
 
 
 def noisy(seed: int, level: float = 0.01) -> PistonRecord:

@@ -1,0 +1,56 @@
+"""Random start vectors of a search."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granular.record import PistonRecord
+from reduced_models.estimates import Estimates
+from reduced_models.problem import Problem
+
+
+def start_vectors(
+    problem: Problem,
+    guess: Estimates,
+    record: PistonRecord,
+    count: int,
+    random: np.random.Generator,
+) -> np.ndarray:
+    """Start vectors (count, p) of a search, from a record and its first guesses."""
+    law = problem.law
+    if problem.map is not None:
+        draws = law.starts(guess.seen_as(problem.map.shift, problem.map.scale), random, count)
+        mapping: list[np.ndarray] = []
+    else:
+        draws = _mapped_draws(problem, guess, record, count, random)
+        mapping = [draws["shift"], np.log(draws["scale"])]
+    parameters = [
+        np.log(draws[name]) if name in law.positive else draws[name] / unit
+        for name, unit in zip(law.parameters, problem.units, strict=True)
+    ]
+    height = np.full(count, (guess.height - guess.rest) / guess.amplitude)
+    velocity = np.full(count, guess.velocity / problem.speed)
+    return np.stack([*parameters, *mapping, height, velocity], axis=1)
+
+
+def _mapped_draws(
+    problem: Problem,
+    guess: Estimates,
+    record: PistonRecord,
+    count: int,
+    random: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    """Parameters with a shift (from the rest level) and a scale, both in amplitudes."""
+    seen = guess.seen_as(guess.rest, guess.amplitude)
+    if problem.law.mapped_start is not None:
+        swing = (record.height - guess.rest) / guess.amplitude
+        found = problem.law.mapped_start(record.time, swing, seen, random, count)
+        if found is not None:
+            return found
+    scale = np.exp(random.uniform(-1.5, 1.5, count))
+    shift = -scale * random.uniform(-2.0, 4.0, count)
+    each = [problem.law.starts(seen.seen_as(shift[k], scale[k]), random, 1) for k in range(count)]
+    draws = {
+        name: np.array([float(one[name][0]) for one in each]) for name in problem.law.parameters
+    }
+    return draws | {"shift": shift, "scale": scale}
