@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class GranularError(Exception):
     """Base of every error that the toolkit raises on purpose."""
@@ -39,7 +41,7 @@ class RunError(GranularError, RuntimeError):
     remedy : str
         What to change.
     trajectory : Trajectory or None
-        Everything that was recorded before.
+        Everything that was recorded before; a copy that crossed to another process has none.
     """
 
     def __init__(
@@ -62,6 +64,17 @@ class RunError(GranularError, RuntimeError):
         where = f"step {step}, t = {time:.9g} s" + ("" if grain is None else f", grain {grain}")
         super().__init__(f"{where}: {cause}; {remedy}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (type(self), self.cause, self._facts())
+
+    def _facts(self) -> dict[str, Any]:
+        names = ("step", "time", "grain", "value", "remedy")
+        return {name: getattr(self, name) for name in names}
+
+
+def _rebuilt(kind: type[RunError], cause: str, facts: dict[str, Any]) -> RunError:
+    return kind(cause, **facts)
+
 
 class NotFiniteError(RunError):
     """A position, velocity or force became infinite or undefined."""
@@ -73,10 +86,6 @@ class OutsideError(RunError):
 
 class EnergyError(RunError):
     """The energy ledger does not close."""
-
-
-class StepError(RunError):
-    """The time step is too long for what happens in the bed."""
 
 
 class NotAtRestError(RunError):

@@ -10,6 +10,7 @@ from granular.engine.forces import kinetic_energy, measure_forces, potential_ene
 from granular.engine.state import State, new_measurement, new_state
 from granular.engine.system import Constants, natural_system
 from granular.errors import InputError
+from granular.methods import METHODS
 from granular.scene import Scene
 
 
@@ -73,6 +74,7 @@ def evaluate(
         speed / scales.velocity,
         piston_height / scales.length,
         constants.acting,
+        METHODS["stormer-verlet"],
     )
     measurement = new_measurement(state)
     outside = measure_forces(state, constants, 0.0, measurement)
@@ -105,7 +107,10 @@ def _normal_load(state: State, constants: Constants) -> np.ndarray:
 def _field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:
     if values is None:
         return np.zeros((count, 2))
-    array = np.asarray(values, dtype=np.float64)
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be ({count}, 2) numbers") from None
     if array.shape != (count, 2):
         raise InputError(f"{name} has the shape {array.shape}; the scene's is ({count}, 2)")
     if not np.isfinite(array).all():

@@ -1,62 +1,213 @@
 """Integration methods, each one table of coefficients run by the same loop.
 
-A step alternates kicks (velocities, positions frozen; drag is solved with the kick, exactly) and
-drifts (positions, velocities frozen): kick b_0, drift a_1, kick b_1, ..., drift a_s, kick b_s, with
-the fractions of the step below. Symplectic for conservative scenes by construction.
+Composition methods alternate kicks (velocities, positions frozen; drag is solved with the kick,
+exactly) and drifts (positions, velocities frozen): kick b_0, drift a_1, kick b_1, ..., drift a_s,
+kick b_s, with the fractions of the step below. They are symplectic where nothing dissipates, and
+those here keep their order with viscous drag too, since each flow is exact and no order condition
+that only kinetic energy quadratic in the momenta would spare is left out.
+
+Runge-Kutta methods are given by their Butcher tableau. They are not symplectic, and are here as
+controls.
 """
 
 from __future__ import annotations
 
 import dataclasses
-
-import numpy as np
+import itertools
+import math
 
 from granular.errors import InputError
 from granular.schema import unknown
 
+COMPENSATED = "+compensated"
+"""Behind the name of a composition method: positions and velocities as compensated sums."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Method:
-    """A composition method.
+    """An integration method.
 
     Attributes
     ----------
-    name, source : str
+    name : str
     order : int
         Order of convergence.
+    source : str
     kicks, drifts : tuple of float
         Fractions of the step; one kick more than drifts.
+    tableau : tuple of tuple of float, or None
+        Butcher tableau of a Runge-Kutta method: its rows, and the weights behind them.
+    variable : bool
+        Whether the step follows the stiffest collision, in a time-reversible way.
+    compensated : bool
+        Whether positions and velocities are compensated sums.
     """
 
     name: str
     order: int
-    kicks: tuple[float, ...]
-    drifts: tuple[float, ...]
     source: str
+    kicks: tuple[float, ...] = (0.0,)
+    drifts: tuple[float, ...] = ()
+    tableau: tuple[tuple[float, ...], ...] | None = None
+    variable: bool = False
+    compensated: bool = False
 
-    def tables(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array(self.kicks), np.array(self.drifts)
+    @property
+    def symplectic(self) -> bool:
+        """Whether it is symplectic where nothing dissipates (variable steps: reversible only)."""
+        return self.tableau is None and not self.variable
+
+    @property
+    def force_calls(self) -> int:
+        """Evaluations of all forces a step."""
+        if self.tableau is not None:
+            return len(self.tableau) - 1
+        return sum(1 for kick in self.kicks[1:] if kick) or 1
+
+    @property
+    def backward(self) -> bool:
+        """Whether some part of the step runs backward in time, where dry friction is undefined."""
+        return min((*self.kicks, *self.drifts)) < 0.0
+
+    @property
+    def takes_dry_friction(self) -> bool:
+        return self.tableau is None and not self.backward
 
 
-STORMER_VERLET = Method(
-    name="stormer-verlet",
-    order=2,
-    kicks=(0.5, 0.5),
-    drifts=(1.0,),
-    source="Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144",
-)
+def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
+    """A symmetric method from the first half of its fractions: kick, drift, kick, ..."""
+    whole = _mirrored(fractions)
+    return Method(name, order, source, kicks=whole[::2], drifts=whole[1::2])
 
-METHODS = {method.name: method for method in (STORMER_VERLET,)}
+
+def _ends_with_drifts(name: str, order: int, source: str, *fractions: float) -> Method:
+    """A symmetric method from the first half of its fractions: drift, kick, drift, ..."""
+    whole = _mirrored(fractions)
+    return Method(name, order, source, kicks=(0.0, *whole[1::2], 0.0), drifts=whole[::2])
+
+
+def _mirrored(fractions: tuple[float, ...]) -> tuple[float, ...]:
+    """The fractions and, around the last of them, their mirror image."""
+    return (*fractions, *reversed(fractions[:-1]))
+
+
+def _of_verlet_steps(name: str, order: int, source: str, *steps: float) -> Method:
+    """A composition of Stormer-Verlet steps, from the first half of their fractions."""
+    middle = 1.0 - 2.0 * math.fsum(steps)
+    whole = (*steps, middle, *reversed(steps))
+    inner = tuple(0.5 * (a + b) for a, b in itertools.pairwise(whole))
+    return Method(
+        name, order, source, kicks=(0.5 * whole[0], *inner, 0.5 * whole[-1]), drifts=whole
+    )
+
+
+def _blanes_moan(
+    name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]
+) -> Method:
+    """From the fractions that are printed; the middle ones follow from consistency."""
+    kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
+    drifts = (*inner, 0.5 - math.fsum(inner))
+    source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"
+    return Method(name, order, source, kicks=_mirrored(kicks), drifts=(*drifts, *reversed(drifts)))
+
+
+_CUBE_ROOT = 2.0 ** (1.0 / 3.0)
+_KAHAN_LI = "Kahan and Li 1997, doi:10.1090/S0025-5718-97-00873-9"
+
+_TABLES = (
+    Method(
+        "symplectic-euler",
+        1,
+        "de Vogelaere 1956; Hairer, Lubich and Wanner 2006, I.1.2",
+        kicks=(1.0, 0.0),
+        drifts=(1.0,),
+    ),
+    _ends_with_kicks(
+        "stormer-verlet", 2, "Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144",
+        0.5, 1.0,
+    ),
+    _ends_with_drifts(
+        "position-verlet", 2, "Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137",
+        0.5, 1.0,
+    ),
+    Method(
+        "adaptive-verlet",
+        2,
+        "Hairer and Soderlind 2005, doi:10.1137/040606995",
+        kicks=(0.5, 0.5),
+        drifts=(1.0,),
+        variable=True,
+    ),
+    _of_verlet_steps(
+        "forest-ruth", 4, "Forest and Ruth 1990, doi:10.1016/0167-2789(90)90019-L",
+        1.0 / (2.0 - _CUBE_ROOT),
+    ),
+    _ends_with_drifts(
+        "pefrl", 4, "Omelyan, Mryglod and Folk 2002, doi:10.1016/S0010-4655(02)00451-4",
+        0.1786178958448091, 0.5 * (1.0 - 2.0 * -0.2123418310626054), -0.06626458266981849,
+        -0.2123418310626054, 1.0 - 2.0 * (-0.06626458266981849 + 0.1786178958448091),
+    ),
+    _blanes_moan(
+        "blanes-moan-4", 4,
+        (0.0792036964311957, 0.353172906049774, -0.0420650803577195),
+        (0.209515106613362, -0.143851773179818),
+    ),
+    _blanes_moan(
+        "blanes-moan-6", 6,
+        (0.0502627644003922, 0.413514300428344, 0.0450798897943977, -0.188054853819569,
+         0.541960678450780),
+        (0.148816447901042, -0.132385865767784, 0.067307604692185, 0.432666402578175),
+    ),
+    _of_verlet_steps(
+        "yoshida-6", 6, "Yoshida 1990, solution A, doi:10.1016/0375-9601(90)90092-3",
+        0.784513610477560, 0.235573213359357, -1.17767998417887,
+    ),
+    _of_verlet_steps(
+        "kahan-li-6", 6, _KAHAN_LI,
+        0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981,
+        0.08221359629355080023,
+    ),
+    _of_verlet_steps(
+        "kahan-li-8", 8, _KAHAN_LI,
+        0.13020248308889008088, 0.56116298177510838456, -0.38947496264484728641,
+        0.15884190655515560090, -0.39590389413323757734, 0.18453964097831570709,
+        0.25837438768632204729, 0.29501172360931029887,
+    ),
+    Method("explicit-euler", 1, "Euler 1768; not symplectic, a control", tableau=((0.0,), (1.0,))),
+    Method(
+        "runge-kutta-4",
+        4,
+        "Kutta 1901; not symplectic, a control",
+        tableau=(
+            (0.0, 0.0, 0.0, 0.0),
+            (0.5, 0.0, 0.0, 0.0),
+            (0.0, 0.5, 0.0, 0.0),
+            (0.0, 0.0, 1.0, 0.0),
+            (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0),
+        ),
+    ),
+)  # fmt: skip
+
+METHODS = {method.name: method for method in _TABLES}
 
 
 def method_named(name: str) -> Method:
-    """The method of that name.
+    """The method of that name; with ``+compensated`` behind it, with compensated sums.
 
     Raises
     ------
     InputError
         If there is none; the nearest name is given.
     """
-    if name not in METHODS:
-        raise InputError(unknown(str(name), tuple(METHODS), "method"))
-    return METHODS[name]
+    word = str(name)
+    plain = word.removesuffix(COMPENSATED)
+    if plain not in METHODS:
+        raise InputError(unknown(word, tuple(METHODS), "method"))
+    method = METHODS[plain]
+    if plain == word:
+        return method
+    if method.tableau is not None:
+        raise InputError(
+            f"method = {word!r}: a Runge-Kutta method has no compensated form; take {plain!r}"
+        )
+    return dataclasses.replace(method, name=word, compensated=True)

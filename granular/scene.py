@@ -179,6 +179,21 @@ class Output(Section):
     frames: float = quantity("s", default=0.1, above=0.0)
     record: str | None = text(default=None, optional=True)
 
+    @property
+    def frames_every(self) -> int:
+        """Records from frame to frame."""
+        return round(self.frames / self.scalars)
+
+    def validate(self) -> None:
+        ratio = self.frames / self.scalars
+        if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+            near = max(1, round(ratio)) * self.scalars
+            raise FieldError(
+                f"{self.frames:g} s is no whole multiple of scalars = {self.scalars:g} s; "
+                f"give {near:g} s",
+                "frames",
+            )
+
 
 class Scene(Section):
     """A complete description of a run. See the attributes' classes for their keys."""
@@ -299,6 +314,13 @@ def _put(plain: Any, path: list[str], value: Any) -> None:
                 raise FieldError(f"has no parts; remove '.{path[depth + 1]}'", *path[: depth + 1])
 
 
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that no file can have
+        return False
+
+
 def scene_names() -> tuple[str, ...]:
     """Names of the packaged scenes."""
     return tuple(sorted(path.stem for path in SCENES.glob("*.toml")))
@@ -315,7 +337,7 @@ def load_scene(source: str | Path) -> Scene:
     path = Path(source)
     if str(source) in scene_names():
         path = SCENES / f"{source}.toml"
-    elif not path.is_file():
+    elif not _is_file(path):
         if path.suffix:
             raise SceneError(f"there is no scene file {str(source)!r}; check the path")
         raise SceneError(unknown(str(source), scene_names(), "scene"))

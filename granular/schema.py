@@ -99,13 +99,16 @@ class Quantity(Kind):
 @dataclasses.dataclass(frozen=True)
 class Whole(Kind):
     least: int = 0
+    most: int = 10**8
 
     def parse(self, value: Any, diameter: float | None) -> int:
         number = _number(value)
-        if isinstance(value, bool) or number != math.floor(number):
+        if isinstance(value, bool) or not math.isfinite(number) or number % 1.0:
             raise FieldError(f"{value!r} must be a whole number")
         if number < self.least:
             raise FieldError(f"{int(number)} must be at least {self.least}")
+        if number > self.most:
+            raise FieldError(f"{number:g} must be at most {self.most:g}")
         return int(number)
 
 
@@ -218,7 +221,7 @@ class Many(Kind):
             raise FieldError(f"{item!r} must be a table")
         if "kind" not in item:
             raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
-        if item["kind"] not in self.kinds:
+        if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
             raise FieldError(unknown(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
         rest = {key: value for key, value in item.items() if key != "kind"}
         return self.kinds[item["kind"]].build(rest, diameter)

@@ -24,12 +24,12 @@ from granular.engine.run import Run
 from granular.engine.step_size import LONGEST, Step
 from granular.engine.system import System, natural_system
 from granular.errors import InputError, Interrupted, RunError, StoreError
-from granular.methods import method_named
+from granular.methods import Method, method_named
 from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.progress import ProgressBar
 from granular.recorder import Recorder
 from granular.scene import Scene
-from granular.store import Store, clear_unstarted, is_run, read_settings
+from granular.store import Store, is_run, read_settings
 from granular.trajectory import Trajectory, finished, load_trajectory
 from granular.variables import (
     FRAME_HEIGHT,
@@ -73,7 +73,8 @@ def simulate(
         Stop at this time [s], also within a stage; a last stage that is timed is lengthened up to
         it. Without: at the end of the protocol.
     method : str
-        Integration method, one of `granular.methods.METHODS`.
+        Integration method, one of `granular.methods.METHODS`; "+compensated" behind it turns
+        positions and velocities into compensated sums.
     out : str or Path, optional
         Directory to write to while running; it must be empty or not exist yet.
     resume : bool
@@ -100,6 +101,7 @@ def simulate(
     """
     plan = method_named(method)
     step = checked_step(dt)
+    _check_method(plan, step, scene)
     _check_end(scene, t_end)
     count = _thread_count(scene, threads)
     system = natural_system(scene, threads=count)
@@ -159,7 +161,7 @@ class _Job:
             return
         outcome = self._outcome(complete, self.run.time if until is None else until)
         self.store.write(self.run.recorder)
-        readable = {"readable_rows": self.store.rows, "readable_frames": self.store.frames}
+        readable = _readable(self.store.rows, self.store.frames)
         self.store.commit(self.kept | readable | {"outcome": np.array(json.dumps(outcome))})
         self.last_commit = time.perf_counter()
 
@@ -170,6 +172,11 @@ class _Job:
         run = self.run
         data = _dataset(run.scene, run.system, run.recorder)
         return finished(run.scene, data, self.settings, self._outcome(complete, until), None)
+
+
+def _readable(rows: int, frames: int) -> dict[str, int]:
+    """Entries of a checkpoint: how much can be read, of what lies before and behind it."""
+    return {"readable_rows": rows, "readable_frames": frames}
 
 
 def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset:
@@ -219,6 +226,31 @@ def checked_step(dt: float | str) -> Step:
     return Step(float(dt), 1.0)
 
 
+def _check_method(method: Method, step: Step, scene: Scene) -> None:
+    effects, piston = scene.effects, scene.piston
+    dry = [name for name in ("friction", "contact") if getattr(effects, name) is not None]
+    if piston is not None and piston.mass is not None and piston.friction:
+        dry.append("piston.friction")
+    if dry and not method.takes_dry_friction:
+        raise InputError(
+            f"method = {method.name!r} cannot run a scene with {dry[0]}, which is undefined "
+            "backward in time; take 'stormer-verlet'"
+        )
+    if not method.variable:
+        return
+    if not step.automatic:
+        raise InputError(
+            f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto', or a "
+            "multiple such as 'auto/2'"
+        )
+    slab = effects.walls is not None and effects.walls.has_slab
+    for name in (*dry, *(["a slab as wall"] if slab else [])):
+        raise InputError(
+            f"method = {method.name!r} cannot run a scene with {name}, across which its steps "
+            "would jump; take 'stormer-verlet'"
+        )
+
+
 def _check_end(scene: Scene, t_end: float | None) -> None:
     if t_end is not None and not (isinstance(t_end, int | float) and 0.0 < t_end < math.inf):
         raise InputError(f"t_end = {t_end!r}; give a time above 0 s")
@@ -261,13 +293,13 @@ def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
 
 
 def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:
-    if not resume:
-        if is_run(path):
-            raise StoreError(f"{path} holds a run; resume it, or give a new directory")
-        return Store.create(path, run.scene, run.system, settings)
-    clear_unstarted(path)
+    if is_run(path) and not resume:
+        raise StoreError(f"{path} holds a run; resume it, or give a new directory")
     if not is_run(path):
-        return Store.create(path, run.scene, run.system, settings)
+        first = run.snapshot() | {"rows": 0, "frames": 0} | _readable(0, 0)
+        outcome = {"figures": run.figures(), "complete": False, "stages": []}
+        first["outcome"] = np.array(json.dumps(outcome))
+        return Store.create(path, run.scene, run.system, settings, first)
     former = read_settings(path)[1]
     for name in ("scene_digest", "dt", "method"):
         if former[name] != settings[name]:

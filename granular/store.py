@@ -12,6 +12,7 @@ import json
 import os
 import shutil
 import warnings
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -36,14 +37,32 @@ from granular.variables import (
 TIME_CHUNK = 4096
 FRAME_CHUNK = 2**16  # numbers in a chunk of a grain field
 CHECKPOINT = "checkpoint.npz"
+CHECKPOINT_PART = CHECKPOINT + ".part.npz"
 TRAJECTORY = "trajectory.zarr"
+SCENE = "scene.toml"
+SETTINGS = "run.json"
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file in one step."""
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    os.replace(part, path)
+def _empty_part(path: Path) -> Path:
+    """An empty directory beside the run's, which becomes it when it is complete."""
+    path = path.absolute()
+    part = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if part.exists():  # left by a run that was killed while it began
+            _remove_part(part)
+        part.mkdir()
+    except OSError as error:
+        raise StoreError(f"{path} cannot be made: {error.strerror}") from None
+    return part
+
+
+def _remove_part(part: Path) -> None:
+    known = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT_PART}
+    strange = sorted(one.name for one in part.iterdir() if one.name not in known)
+    if strange:
+        raise StoreError(f"{part} holds {strange[0]!r}, which is no part of a run; move it away")
+    shutil.rmtree(part)
 
 
 class Store:
@@ -56,8 +75,15 @@ class Store:
         self.fields = frame_variables(scene)
 
     @classmethod
-    def create(cls, path: Path, scene: Scene, system: System, settings: dict[str, Any]) -> Store:
-        """Start a run directory.
+    def create(
+        cls,
+        path: Path,
+        scene: Scene,
+        system: System,
+        settings: dict[str, Any],
+        checkpoint: Mapping[str, Any],
+    ) -> Store:
+        """Start a run directory with its first checkpoint, in one step.
 
         Raises
         ------
@@ -68,14 +94,11 @@ class Store:
 
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
-        store = cls(path, scene, system)
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StoreError(f"{path} cannot be made: {error.strerror}") from None
-        scene.save(path / "scene.toml")
-        write_atomically(path / "run.json", json.dumps(settings, indent=2).encode())
-        group = zarr.create_group(path / TRAJECTORY)
+        part = _empty_part(path)
+        store = cls(part, scene, system)
+        scene.save(part / SCENE)
+        (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
+        group = zarr.create_group(part / TRAJECTORY)
         count = scene.grains.count
         for one in (TIME, *store.scalars):
             store._create(group, one, (0,), (TIME_CHUNK,))
@@ -87,6 +110,9 @@ class Store:
             rest = (count, 2)[: len(one.dims) - 1]
             chunks = (depth, max(1, count), 2)[: len(one.dims)]
             store._create(group, one, (0, *rest), chunks)
+        store.commit(checkpoint)
+        os.replace(part, path)
+        store.path = path
         return store
 
     @staticmethod
@@ -133,7 +159,7 @@ class Store:
 
     def commit(self, kept: Mapping[str, Any]) -> None:
         """Replace the checkpoint."""
-        part = self.path / (CHECKPOINT + ".part.npz")
+        part = self.path / CHECKPOINT_PART
         np.savez(part, **kept)
         os.replace(part, self.path / CHECKPOINT)
 
@@ -158,25 +184,27 @@ def read_checkpoint(path: Path) -> dict[str, np.ndarray]:
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise StoreError(f"{path} holds no run; give the directory that a run wrote") from None
-    except (OSError, ValueError) as error:
-        raise StoreError(f"{path / CHECKPOINT} cannot be read: {error}") from None
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
+        raise StoreError(
+            f"{path / CHECKPOINT} is damaged ({error}); restore it, or run the scene anew"
+        ) from None
 
 
 def read_settings(path: Path) -> tuple[Scene, dict[str, Any]]:
     """Scene and settings of a run directory."""
     try:
-        settings = json.loads((path / "run.json").read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError):
+        settings = json.loads((path / SETTINGS).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
         raise StoreError(f"{path} holds no run; give the directory that a run wrote") from None
-    return load_scene(path / "scene.toml"), settings
+    missing = [name for name in ("scene_digest", "dt", "method") if name not in settings]
+    if missing:
+        raise StoreError(f"{path / SETTINGS} lacks {missing[0]!r}; it is not what a run wrote")
+    return load_scene(path / SCENE), settings
 
 
 def is_run(path: Path) -> bool:
     """Whether the directory holds a run that can be loaded or resumed."""
-    return (path / CHECKPOINT).is_file()
-
-
-def clear_unstarted(path: Path) -> None:
-    """Remove a run directory that was interrupted before its first checkpoint."""
-    if path.is_dir() and not is_run(path) and (path / "run.json").is_file():
-        shutil.rmtree(path)
+    try:
+        return (path / CHECKPOINT).is_file()
+    except OSError:
+        return False

@@ -47,6 +47,11 @@ class Swing(NamedTuple):
     y: float
     omega: float
 
+    @property
+    def greatest_speed(self) -> float:
+        """Of the cell [D/tau]."""
+        return math.hypot(self.x, self.y) / self.omega
+
 
 @compiled
 def acceleration(swing: Swing | None, time: float) -> tuple[float, float]:

@@ -89,6 +89,11 @@ class Walls(Section):
                 raise FieldError("must be given for a slab at the side", side, "length")
 
     @property
+    def has_slab(self) -> bool:
+        walls = (getattr(self, side) for side in SIDES)
+        return any(wall is not None and wall.law == "slab" for wall in walls)
+
+    @property
     def has_gap(self) -> bool:
         return self.bottom is not None and self.bottom.has_gap
 

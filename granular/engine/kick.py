@@ -14,6 +14,7 @@ from granular.compiled import Array, compiled
 from granular.effects import contact, drag
 from granular.effects.contact import ContactLaw
 from granular.effects.friction import FrictionLaw, normal_force, sliding
+from granular.engine.compensation import sum_with_low_part
 from granular.engine.state import CONTACT, DRAG, FRICTION, State
 from granular.engine.system import Constants
 from granular.pairs.cells import ClosePairs
@@ -21,31 +22,45 @@ from granular.pairs.vector import lane_sum
 
 
 @compiled
-def _kick_freely(span: float, state: State, count: int, charge: Array | None) -> None:
+def _speed_up(low: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
+    if low is None:
+        state.vx[i] += by_x
+        state.vy[i] += by_y
+    else:
+        state.vx[i], low[2, i] = sum_with_low_part(state.vx[i], low[2, i], by_x)
+        state.vy[i], low[3, i] = sum_with_low_part(state.vy[i], low[3, i], by_y)
+
+
+@compiled
+def _kick_freely(
+    low: Array | None, span: float, state: State, count: int, charge: Array | None
+) -> None:
     if charge is None:
         for i in range(count):
-            state.vx[i] += span * state.fx[i]
-            state.vy[i] += span * state.fy[i]
+            _speed_up(low, state, i, span * state.fx[i], span * state.fy[i])
     else:
         for i in range(count):
             gain = span / charge[i]
-            state.vx[i] += gain * state.fx[i]
-            state.vy[i] += gain * state.fy[i]
+            _speed_up(low, state, i, gain * state.fx[i], gain * state.fy[i])
 
 
 @compiled
 def _kick_with_drag(
-    rate: float, span: float, state: State, count: int, charge: Array | None
+    low: Array | None, rate: float, span: float, state: State, count: int, charge: Array | None
 ) -> None:
     decay, gain, a, b, c = drag.flow(rate, span)
+    loss = math.expm1(-rate * span)
     for i in range(count):
         mass = 1.0
         if charge is not None:
             mass = charge[i]
         ax, ay = state.fx[i] / mass, state.fy[i] / mass
         vx, vy = state.vx[i], state.vy[i]
-        state.vx[i] = decay * vx + gain * ax
-        state.vy[i] = decay * vy + gain * ay
+        if low is None:
+            state.vx[i] = decay * vx + gain * ax
+            state.vy[i] = decay * vy + gain * ay
+        else:
+            _speed_up(low, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
         state.push[i] = mass * lost
     state.ledger[DRAG] += lane_sum(state.push)
@@ -165,9 +180,9 @@ def _dry_kick(
 @compiled
 def _smooth_kick(rate: float | None, span: float, state: State, constants: Constants) -> None:
     if rate is None:
-        _kick_freely(span, state, constants.grains, constants.charge)
+        _kick_freely(state.low, span, state, constants.grains, constants.charge)
     else:
-        _kick_with_drag(rate, span, state, constants.grains, constants.charge)
+        _kick_with_drag(state.low, rate, span, state, constants.grains, constants.charge)
 
 
 @compiled

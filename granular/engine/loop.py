@@ -14,18 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.engine.forces import (
-    compute_forces,
-    kinetic_energy,
-    measure_forces,
-    potential_energies,
-)
-from granular.engine.kick import kick_grains
+from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.motion import Motion
-from granular.engine.piston import drift_piston, kick_piston, piston_energy
+from granular.engine.piston import piston_energy
 from granular.engine.state import Measurement, State
+from granular.engine.step import Plan, make_step
+from granular.engine.step_size import Pace, tick_start, tick_steps
 from granular.engine.stiffness import stiffest_mode
 from granular.engine.system import Constants
+from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, next_step
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, LEFT = range(6)
 
@@ -87,49 +84,6 @@ class Watch(NamedTuple):
 
 
 @compiled
-def _drift(
-    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float
-) -> None:
-    """Positions after ``span``, which ends at ``time`` in the stage."""
-    for i in range(constants.grains):
-        state.x[i] += span * state.vx[i]
-        state.y[i] += span * state.vy[i]
-    drift_piston(span, state, constants, motion, time, start)
-
-
-@compiled
-def _step(
-    h: float,
-    time: float,
-    start: float,
-    kicks: Array,
-    drifts: Array,
-    state: State,
-    constants: Constants,
-    motion: Motion,
-    measurement: Measurement | None,
-) -> int:
-    """One step from ``time`` in the stage; the last forces are measured if asked."""
-    outside = 0
-    stage = time
-    stages = drifts.size
-    for k in range(stages + 1):
-        if kicks[k] != 0.0:
-            opening = 2 * k < stages
-            kick_grains(kicks[k] * h, state, constants, opening)
-            kick_piston(kicks[k] * h, state, constants, motion, stage, start, opening)
-        if k < stages:
-            stage += drifts[k] * h
-            _drift(drifts[k] * h, state, constants, motion, stage, start)
-            last = k == stages - 1
-            if last and measurement is not None:
-                outside += measure_forces(state, constants, start + stage, measurement)
-            elif not last or kicks[stages] != 0.0:
-                outside += compute_forces(state, constants, start + stage)
-    return outside
-
-
-@compiled
 def measure(
     time: float,
     state: State,
@@ -181,75 +135,121 @@ def _resting(watch: Watch, tick: int, row: Array) -> bool:
     return tick - watch.band[0] >= watch.window
 
 
+class Window(NamedTuple):
+    """Which ticks to advance by.
+
+    Attributes
+    ----------
+    start : float
+        Time at the start of the stage [tau].
+    origin : float
+        Time from there to tick 0 [tau].
+    limit : float
+        Time in the stage that variable steps do not pass [tau].
+    first, ticks : int
+        Index of the first tick, and how many.
+    """
+
+    start: float
+    origin: float
+    limit: float
+    first: int
+    ticks: int
+
+
+@compiled
+def _make_tick(
+    fraction: float | None, tick: int, window: Window, pace: Pace, plan: Plan, state: State,
+    constants: Constants, motion: Motion, measurement: Measurement,
+) -> int:  # fmt: skip
+    """The steps of a tick; not zero where a grain is where it cannot be.
+
+    Variable steps go up to the first moment behind the tick's end; the last one of a stage is cut.
+    """
+    begin, end = window.origin + tick_start(pace, tick), window.origin + tick_start(pace, tick + 1)
+    steps, step, time, h, last = tick_steps(pace, tick), 0, begin, pace.h, False
+    if fraction is not None:
+        time = state.clock[TIME]
+        end = min(end, window.limit)
+        if time >= end:
+            return measure_forces(state, constants, window.start + time, measurement)
+    while not last:
+        if fraction is None:
+            time = begin + step * h
+            step += 1
+            last = step == steps
+            next_time = end if last else time + h
+        else:
+            h = next_step(fraction, state, constants)
+            next_time = time + h
+            last = next_time >= end
+            if next_time >= window.limit:
+                h, next_time = window.limit - time, window.limit
+            else:
+                state.clock[SHORTEST] = min(state.clock[SHORTEST], h)
+                state.clock[LONGEST] = max(state.clock[LONGEST], h)
+        if last:
+            outside = make_step(
+                plan.tableau, plan, h, time, window.start, state, constants, motion, measurement
+            )
+        else:
+            outside = make_step(
+                plan.tableau, plan, h, time, window.start, state, constants, motion, None
+            )
+        state.clock[TIME] = next_time
+        state.clock[STEPS] += 1.0
+        if outside > 0:
+            return outside
+        if fraction is not None:
+            time = next_time
+    return 0
+
+
 @compiled
 def advance(
-    ticks: int,
-    first_tick: int,
-    length: float,
-    steps: int,
-    h: float,
-    start: float,
-    record_every: int,
-    kicks: Array,
-    drifts: Array,
+    window: Window,
+    pace: Pace,
+    plan: Plan,
     state: State,
     constants: Constants,
     motion: Motion,
     measurement: Measurement,
     watch: Watch,
     rows: Array,
-) -> tuple[int, int, int, int]:
-    """Advance by up to ``ticks`` ticks.
+) -> tuple[int, int, int]:
+    """Advance tick by tick.
 
     Parameters
     ----------
-    ticks, first_tick : int
-        How many, and the index of the first in its stage.
-    length : float
-        A whole tick [tau].
-    steps, h : int, float
-        Steps of a tick, and the time step [tau].
-    start : float
-        Time at the start of the stage [tau].
-    record_every : int
-        Ticks from record to record.
     rows : float64 (r, len(COLUMNS))
         Filled with the records; the row behind them holds the last tick.
 
     Returns
     -------
     tuple of int
-        Status; ticks made; records written; steps made in an unfinished tick.
+        Status; ticks made; records written.
     """
     kept = 0
-    for tick in range(first_tick, first_tick + ticks):
-        begin = tick * length
-        for step in range(steps):
-            time = begin + step * h
-            if step == steps - 1:
-                outside = _step(
-                    h, time, start, kicks, drifts, state, constants, motion, measurement
-                )
-            else:
-                outside = _step(h, time, start, kicks, drifts, state, constants, motion, None)
-            if outside > 0:
-                return OUTSIDE, tick - first_tick, kept, step + 1
+    for tick in range(window.first, window.first + window.ticks):
+        outside = _make_tick(
+            plan.fraction, tick, window, pace, plan, state, constants, motion, measurement
+        )
+        if outside > 0:
+            return OUTSIDE, tick - window.first, kept
         row = rows[kept]
         done = tick + 1
-        # A short tick at the end of a stage has shorter steps than its length says.
-        end = start + min(done * length, begin + steps * h)
-        measure(end, state, constants, motion, measurement, row)
+        measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
         watch.seen[0] = max(watch.seen[0], row[STIFFEST])
         watch.seen[1] = row[STIFFEST]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
-        if done % record_every == 0:
+        if done % pace.every == 0:
             kept += 1
         if resting:
-            return RESTING, done - first_tick, kept, 0
+            return RESTING, done - window.first, kept
         if state.totals[3] >= motion.limit:
-            return REACHED, done - first_tick, kept, 0
+            return REACHED, done - window.first, kept
         if _anyone_below(state.y, constants.grains, constants.exit):
-            return LEFT, done - first_tick, kept, 0
-        if row[STIFFEST] * h > watch.stiff:
-            return STIFF, done - first_tick, kept, 0
-    return RUNNING, ticks, kept, 0
+            return LEFT, done - window.first, kept
+        if row[STIFFEST] * pace.h > watch.stiff:
+            return STIFF, done - window.first, kept
+    return RUNNING, window.ticks, kept

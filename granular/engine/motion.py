@@ -90,6 +90,26 @@ def _table(motion: Motion, time: float) -> tuple[float, float]:
     return heights[k] + speed * (time - times[k]), speed
 
 
+def greatest_speed(
+    motion: Motion, mass: float, gravity: float, height: float, speed: float
+) -> float:
+    """Greatest speed of the piston in the stage [D/tau], or a bound of it where it falls freely.
+
+    From a height [D] and with a speed [D/tau], for a mass [m] under gravity [F*/m].
+    """
+    if motion.free:
+        pull = gravity + (abs(motion.bias) + abs(motion.push)) / mass
+        return math.sqrt(speed**2 + 2.0 * pull * height)
+    if motion.kind == DESCENT:
+        k = motion.steepness
+        return motion.reach * k / motion.span * (1.0 + 1.0 / math.expm1(k))
+    if motion.kind == SINE:
+        return motion.reach * motion.omega
+    if motion.kind == TABLE:
+        return float(np.abs(np.diff(motion.heights) / np.diff(motion.times)).max())
+    return abs(motion.speed)
+
+
 @compiled
 def outer_force(motion: Motion, time: float) -> float:
     """Force from outside on a free piston, upwards [F*]."""

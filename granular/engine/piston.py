@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import Array, compiled
 from granular.effects import drag
 from granular.effects.friction import sliding
 from granular.effects.shaking import (
@@ -13,9 +13,26 @@ from granular.effects.shaking import (
     acceleration_rate,
     mass_moment,
 )
+from granular.engine.compensation import sum_with_low_part
 from granular.engine.motion import Motion, outer_force, path
 from granular.engine.state import PISTON, WORK, State
 from granular.engine.system import Constants, Resistance
+
+
+@compiled
+def _raise_speed(low: Array | None, by: float, state: State) -> None:
+    if low is None:
+        state.piston[1] += by
+    else:
+        state.piston[1], state.piston[3] = sum_with_low_part(state.piston[1], state.piston[3], by)
+
+
+@compiled
+def _raise_height(low: Array | None, by: float, state: State) -> None:
+    if low is None:
+        state.piston[0] += by
+    else:
+        state.piston[0], state.piston[2] = sum_with_low_part(state.piston[0], state.piston[2], by)
 
 
 @compiled
@@ -24,7 +41,7 @@ def _free_kick(
     opening: bool,
 ) -> None:  # fmt: skip
     if resistance is None:
-        state.piston[1] += span * force / mass
+        _raise_speed(state.low, span * force / mass, state)
     else:
         if not opening:
             _rub(resistance, span, mass, state)
@@ -65,13 +82,14 @@ def kick_piston(
         state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[1])
     else:
         state.ledger[WORK] -= span * state.totals[3] * path(motion, time)[1]
-    _add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
+    add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
 
 
 @compiled
-def _add_shaking_work(
+def add_shaking_work(
     swing: Swing | None, span: float, state: State, constants: Constants, time: float
 ) -> None:
+    """Enter the work that the shaking does on grains and piston in ``span``, at a time [tau]."""
     if swing is not None:
         rx, ry = acceleration_rate(swing, time)
         mx, my = mass_moment(constants.grains, constants.charge, state.x, state.y)
@@ -86,7 +104,7 @@ def drift_piston(
 ) -> None:
     """The piston's height after ``span``, which ends at ``time`` in the stage."""
     if motion.free:
-        state.piston[0] += span * state.piston[1]
+        _raise_height(state.low, span * state.piston[1], state)
     else:
         before = piston_energy(state, constants, start + time)
         height, velocity = path(motion, time)

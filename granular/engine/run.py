@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from granular.arrangement import initial_motion
-from granular.engine.forces import measure_forces
+from granular.engine.departure import grain_constants, take_out
+from granular.engine.failures import SHORTEN, misplaced, restless, unbalanced
+from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.ledger import Ledger
 from granular.engine.loop import (
     CLOSEST,
@@ -24,10 +26,11 @@ from granular.engine.loop import (
     STIFF,
     STIFFEST,
     Watch,
+    Window,
     advance,
     measure,
 )
-from granular.engine.motion import Motion, path
+from granular.engine.motion import Motion, greatest_speed, path
 from granular.engine.state import (
     KEPT,
     WORK,
@@ -36,12 +39,13 @@ from granular.engine.state import (
     new_measurement,
     new_state,
 )
-from granular.engine.step_size import REVIEW, Pace, Step
+from granular.engine.step import Plan
+from granular.engine.step_size import REVIEW, Pace, Step, whole_ticks
 from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
-from granular.errors import EnergyError, NotAtRestError, NotFiniteError, OutsideError, RunError
+from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_density
+from granular.errors import RunError, StoreError
 from granular.methods import Method
-from granular.pairs.direct import PADDING
 from granular.protocol import Stage
 from granular.protocol.stage import Timed
 from granular.recorder import Recorder
@@ -60,15 +64,15 @@ class Progress:
 
     Attributes
     ----------
-    stage, ticks, steps : int
-        Present stage (its index), ticks made in it, steps made in all.
+    stage, ticks : int
+        Present stage (its index), and ticks made in it.
     begun : bool
         Whether the present stage has been set up.
     start, last : float
         Start of the stage, and time of the last record [tau].
     height : float
         Piston height at the stage's start [m].
-    pace : dict
+    pace : list or None
         Fields of its `Pace`.
     stiffest : float
         Greatest product of step and highest angular frequency so far.
@@ -80,15 +84,27 @@ class Progress:
 
     stage: int = 0
     ticks: int = 0
-    steps: int = 0
     begun: bool = False
     start: float = 0.0
     last: float = 0.0
     height: float = 0.0
-    pace: dict[str, Any] = dataclasses.field(default_factory=dict)
+    pace: list[Any] | None = None
     stiffest: float = 0.0
     closest: float = math.inf
     results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+
+
+_PLACE = "place the grains apart from each other, inside the walls and below the piston"
+
+
+def _plan(method: Method, step: Step) -> Plan:
+    tableau = None if method.tableau is None else _tableau(method.tableau)
+    fraction = step.fraction if method.variable else None
+    return Plan(np.array(method.kicks), np.array(method.drifts), tableau, fraction)
+
+
+def _tableau(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    return np.array(rows)
 
 
 class Run:
@@ -97,10 +113,9 @@ class Run:
     def __init__(
         self, scene: Scene, system: System, method: Method, step: Step, t_end: float | None
     ) -> None:
-        self.scene, self.system, self.method = scene, system, method
-        self.step = step
+        self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
-        self.kicks, self.drifts = method.tables()
+        self.plan = _plan(method, step)
         self.recorder = Recorder(scene.grains.count)
         self.progress = Progress()
         positions, velocities = initial_motion(scene)
@@ -111,6 +126,7 @@ class Run:
             velocities / scales.velocity,
             height / scales.length,
             system.constants.acting,
+            method,
         )
         self.constants = system.constants
         self.measurement: Measurement = new_measurement(self.state)
@@ -125,6 +141,8 @@ class Run:
     def snapshot(self) -> dict[str, Any]:
         """All that is needed to go on from here, as arrays."""
         kept = {name: getattr(self.state, name).copy() for name in KEPT}
+        if self.state.low is not None:
+            kept["low"] = self.state.low.copy()
         kept |= {"band": self.band.copy(), "seen": self.seen.copy()}
         memory = {
             "progress": dataclasses.asdict(self.progress),
@@ -134,28 +152,55 @@ class Run:
         return kept | {"memory": np.array(json.dumps(memory))}
 
     def restore(self, kept: dict[str, np.ndarray]) -> None:
-        """Go back to a snapshot."""
-        for name in KEPT:
-            getattr(self.state, name)[:] = kept[name]
-        self.band[:], self.seen[:] = kept["band"], kept["seen"]
+        """Go back to a snapshot.
+
+        Raises
+        ------
+        StoreError
+            If the run has gone farther than its end is now to be.
+        """
+        state = self.state
+        self._put(kept)
         memory = json.loads(str(kept["memory"]))
         self.progress = Progress(**memory["progress"])
         self.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
-        for values in self._grain_constants():
-            values[:] = values[self.state.label[: len(values)]]
+        for values in grain_constants(self.constants):
+            values[:] = values[state.label[: len(values)]]
         self.constants = self.constants._replace(grains=memory["grains"])
         if self.progress.begun:
             self.motion = self._stage.motion(self.progress.height, self.system.scales)
+        # What is not kept follows from the positions; what is kept has the bits of the pass that
+        # made it, which may have been a measuring one.
+        compute_forces(state, self.constants, self.time)
+        self._put(kept)
+        self._check_end()
 
-    def _grain_constants(self) -> list[np.ndarray]:
-        """The constants that hold a value a grain; they move with the grains."""
-        acting = self.constants.acting
-        found = [] if self.constants.charge is None else [self.constants.charge]
-        if acting.friction is not None:
-            found += [acting.friction.factor, acting.friction.weight]
-        if acting.contact is not None:
-            found.append(acting.contact.radius)
-        return found
+    def _put(self, kept: dict[str, np.ndarray]) -> None:
+        for name in KEPT:
+            getattr(self.state, name)[:] = kept[name]
+        if self.state.low is not None:
+            self.state.low[:] = kept["low"]
+        self.band[:], self.seen[:] = kept["band"], kept["seen"]
+
+    def _check_end(self) -> None:
+        """Whether the run can still end where it is to end."""
+        seconds = self.system.scales.time
+        ahead = self.t_end * (1.0 + 1e-9) if math.isfinite(self.t_end) else math.inf
+        if self.time > ahead:
+            raise StoreError(
+                f"the run has reached {self.time * seconds:g} s already, t_end = "
+                f"{self.t_end * seconds:g} s lies before; give a later one"
+            )
+        if self.finished and math.isfinite(self.t_end) and self.time < self.t_end * (1.0 - 1e-9):
+            raise StoreError(
+                f"the protocol of this run has ended, at {self.time * seconds:g} s; "
+                f"t_end = {self.t_end * seconds:g} s needs a new run"
+            )
+        if not self.finished and self.progress.begun and self._rest_of_stage(0) < 0.0:
+            raise StoreError(
+                f"the run has gone on to {self.time * seconds:g} s, behind the end of stage "
+                f"{self._stage.name!r}; give a t_end from there on"
+            )
 
     # Stages ------------------------------------------------------------------------------------
 
@@ -177,7 +222,11 @@ class Run:
     @property
     def time(self) -> float:
         """Present time [tau], at the last whole tick."""
-        return self.progress.start + self.progress.ticks * self.progress.pace.get("length", 0.0)
+        return self.progress.start + float(self.state.clock[TIME])
+
+    @property
+    def steps(self) -> int:
+        return int(self.state.clock[STEPS])
 
     @property
     def finished(self) -> bool:
@@ -185,29 +234,35 @@ class Run:
 
     def figures(self) -> dict[str, Any]:
         """What a user should know of how the run went."""
-        scales, progress = self.system.scales, self.progress
+        scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
-            "steps": progress.steps,
+            "steps": self.steps,
             "ledger_residual": 0.0 if self.ledger is None else self.ledger.closure,
-            "step_times_highest_frequency": progress.stiffest,
         }
+        if self.steps:
+            figures["shortest_step"] = float(clock[SHORTEST]) * scales.time
+            figures["longest_step"] = float(clock[LONGEST]) * scales.time
+        if self.plan.fraction is None:
+            figures["step_times_highest_frequency"] = progress.stiffest
         if math.isfinite(progress.closest):
             figures["closest_distance"] = progress.closest * scales.length
         return figures
 
-    def _look(self) -> np.ndarray:
+    def _look(self, remedy: str) -> np.ndarray:
         """Forces and a record of the present moment."""
         outside = measure_forces(self.state, self.constants, self.time, self.measurement)
         measure(self.time, self.state, self.constants, self.motion, self.measurement, self._row)
         if outside:
-            raise self._failure(0)
+            raise self._misplaced(remedy)
         return self._row
 
     def begin_stage(self) -> None:
         """Set up the present stage: its motion, its pace, and its first record."""
         stage, progress, scales = self._stage, self.progress, self.system.scales
         progress.ticks = 0
-        progress.pace = {}
+        progress.pace = None
+        self.state.clock[TIME] = 0.0
+        self._open_ledger()
         by = stage.jump(float(self.state.piston[0]) * scales.length)
         if by:
             self._jump(by / scales.length)
@@ -215,10 +270,8 @@ class Run:
         self.motion = stage.motion(progress.height, scales)
         if not self.motion.free:
             self._take_hold(path(self.motion, 0.0)[1])
-        row = self._look()
-        if self.ledger is None:
-            self.ledger = Ledger.opened(row, dry=self.constants.acting.friction is not None)
-        progress.pace = dataclasses.asdict(self._pace(row))
+        row = self._look(_PLACE)
+        self._set_pace(row)
         self.band[:] = (0.0, row[1], row[1])
         self.seen[:] = 0.0
         progress.begun = True
@@ -227,10 +280,17 @@ class Run:
             self._keep(row[None])
             self._frame()
 
+    def _open_ledger(self) -> None:
+        if self.ledger is None:
+            row = self._look(_PLACE)
+            dry = self.constants.acting.friction is not None
+            self.ledger = Ledger.opened(row, dry=dry)
+
     def _jump(self, by: float) -> None:
-        before = self._energy(self._look())
+        before = self._energy(self._look(_PLACE))
         self.state.piston[0] += by
-        self.state.ledger[1] += self._energy(self._look()) - before
+        moved = f"stage {self._stage.name!r} sets the piston into the bed; let it end higher"
+        self.state.ledger[WORK] += self._energy(self._look(moved)) - before
 
     @staticmethod
     def _energy(row: np.ndarray) -> float:
@@ -240,22 +300,38 @@ class Run:
         """Give the piston the speed of its path; the hand that drives it does the work."""
         mass, piston = self.constants.mass, self.state.piston
         if math.isfinite(mass):
-            self.state.ledger[1] += 0.5 * mass * (speed**2 - piston[1] ** 2)
+            self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[1] ** 2)
         piston[1] = speed
 
-    def _pace(self, row: np.ndarray) -> Pace:
+    def _set_pace(self, row: np.ndarray) -> None:
+        """Cut the stage into ticks, by the speeds that the bed can reach from its start."""
         output, scales = self.scene.output, self.system.scales
-        record, frame = output.scalars / scales.time, output.frames / scales.time
-        # A grain may still gain what it loses in height.
         gravity = self.constants.acting.gravity or 0.0
+        # A grain may still gain what it loses in height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
-        speed = math.sqrt(row[FASTEST] ** 2 + 2.0 * gravity * top) + abs(float(row[2]))
+        speed = math.sqrt(row[FASTEST] ** 2 + 2.0 * gravity * top)
+        speed += greatest_speed(self.motion, self.constants.mass, gravity, *self.state.piston[:2])
+        if self.constants.acting.shaking is not None:
+            speed += self.constants.acting.shaking.greatest_speed
         frequency = max(float(row[STIFFEST]), collision_frequency(self.constants, speed))
-        return self.step.pace(record, frame, frequency, scales.time)
+        pace = self.step.pace(
+            output.scalars / scales.time, output.frames_every, frequency, scales.time
+        )
+        self._use(pace)
+        if self.plan.fraction is not None:
+            open_density(speed, 0.5 * pace.length, self.plan.fraction, self.state, self.constants)
+
+    def _use(self, pace: Pace) -> None:
+        self.progress.pace = list(pace)
+        if self.plan.fraction is None:
+            clock = self.state.clock
+            clock[SHORTEST] = min(clock[SHORTEST], pace.h)
+            clock[LONGEST] = max(clock[LONGEST], pace.h)
 
     @property
     def pace(self) -> Pace:
-        return Pace(**self.progress.pace)
+        assert self.progress.pace is not None
+        return Pace(*self.progress.pace)
 
     def _watch(self) -> Watch:
         stage, pace, scales = self._stage, self.pace, self.system.scales
@@ -265,7 +341,8 @@ class Run:
             if stage.tolerance is not None:
                 rest = stage.tolerance / scales.length
             window = math.ceil(stage.window / scales.time / pace.length)
-        return Watch(self.step.stiff, rest, window, self.band, self.seen)
+        stiff = self.step.stiff if self.plan.fraction is None else math.inf
+        return Watch(stiff, rest, window, self.band, self.seen)
 
     # Advancing ---------------------------------------------------------------------------------
 
@@ -305,17 +382,15 @@ class Run:
 
     def _ticks_to(self, time: float) -> float:
         """Whole ticks that are left to a time in the stage."""
-        if math.isinf(time):
-            return math.inf
-        return math.floor(time / self.pace.length + 1e-6) - self.progress.ticks
+        return whole_ticks(self.pace, time) - self.progress.ticks
 
-    def _rest_of_stage(self) -> float:
-        """What is left of the stage behind its last whole tick [tau]."""
+    def _rest_of_stage(self, least: float = 1e-6) -> float:
+        """What is left of the stage behind its last whole tick [tau], if at least so many steps."""
         total = self.total
         if math.isinf(total):
             return 0.0
-        left = total - self.progress.ticks * self.pace.length
-        return left if left > 1e-6 * self.pace.h else 0.0
+        left = total - float(self.state.clock[TIME])
+        return left if left > least * self.pace.h or left < -1e-6 * self.pace.length else 0.0
 
     def _whole_ticks(self) -> int:
         ticks, pace = self.progress.ticks, self.pace
@@ -329,31 +404,36 @@ class Run:
         )
         return int(left)
 
+    def _run(self, window: Window, pace: Pace, watch: Watch) -> tuple[int, int, np.ndarray]:
+        """Status, ticks made and records of one call; the row behind them holds the last tick."""
+        rows = np.empty((window.ticks // pace.every + 2, len(COLUMNS)))
+        status, done, kept = advance(
+            window, pace, self.plan, self.state, self.constants, self.motion,
+            self.measurement, watch, rows,
+        )  # fmt: skip
+        self.progress.ticks += done
+        if status == OUTSIDE:
+            self._keep(rows[:kept])
+            raise self._misplaced(SHORTEN)
+        return status, done, rows[: kept + 1]
+
     def _call(self, ticks: int) -> None:
         progress, pace = self.progress, self.pace
-        rows = np.empty((ticks // pace.every + 2, len(COLUMNS)))
+        limit = min(self.total, self.t_end - progress.start)
+        window = Window(progress.start, 0.0, limit, progress.ticks, ticks)
         begun = time.perf_counter()
-        status, done, kept, step = advance(
-            ticks, progress.ticks, pace.length, pace.steps, pace.h, progress.start, pace.every,
-            self.kicks, self.drifts, self.state, self.constants, self.motion,
-            self.measurement, self._watch(), rows,
-        )  # fmt: skip
+        status, done, rows = self._run(window, pace, self._watch())
         seconds = time.perf_counter() - begun
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
-        progress.ticks += done
-        progress.steps += done * pace.steps
-        if status == OUTSIDE:
-            self._keep(rows[:kept])
-            progress.steps += step
-            raise self._failure(step)
-        last = rows[kept - 1] if progress.ticks % pace.every == 0 else rows[kept]
+        on_record = progress.ticks % pace.every == 0
+        last = rows[-2] if on_record else rows[-1]
         progress.stiffest = max(progress.stiffest, last[STIFFEST] * pace.h)
-        self._keep(rows[:kept])
+        self._keep(rows[:-1])
         if progress.ticks % pace.frames_every == 0:
             self._frame()
         if status in (RESTING, REACHED):
-            if progress.ticks % pace.every:
+            if not on_record:
                 self._keep(last[None])
             reason = "rest" if status == RESTING else "force"
             self._end_stage(reason, new_frame=progress.ticks % pace.frames_every != 0)
@@ -373,46 +453,27 @@ class Run:
 
     def _let_go(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self._energy(self._look())
-        grains, state = self.constants.grains, self.state
-        for i in range(grains - 1, -1, -1):
-            if state.y[i] < self.constants.exit:
-                grains -= 1
-                self._move_last_to(i, grains)
-        self.constants = self.constants._replace(grains=grains)
-        state.push[:] = 0.0
-        if state.shove is not None:
-            state.shove[:] = 0.0
-        after = self._energy(self._look())
-        state.ledger[WORK] += after - before
-
-    def _move_last_to(self, i: int, last: int) -> None:
-        """Fill the place of a grain with the last one's values, and put the padding there."""
-        state = self.state
-        moving = (state.x, state.y, state.vx, state.vy, state.label, *self._grain_constants())
-        for values in moving:
-            values[[i, last]] = values[[last, i]]
-        state.x[last], state.y[last] = PADDING * (last + 1.0), 0.0
-        state.vx[last] = state.vy[last] = 0.0
+        before = self._energy(self._look(SHORTEN))
+        self.constants = take_out(self.state, self.constants)
+        self.state.ledger[WORK] += self._energy(self._look(SHORTEN)) - before
 
     def _set_steps(self, frequency: float) -> None:
-        steps = self.step.steps_of(self.pace.length, frequency)
-        self.progress.pace = {**self.progress.pace, "steps": steps}
+        if self.plan.fraction is None:
+            self._use(self.pace.with_steps(self.step.steps_of(self.pace.length, frequency)))
 
     def _short_tick(self, left: float) -> None:
         """The rest of a stage that is no whole tick, in steps that are a little shorter."""
-        progress, pace = self.progress, self.pace
+        pace, reached = self.pace, float(self.state.clock[TIME])
         steps = max(1, math.ceil(left / pace.h - 1e-6))
-        rows = np.empty((2, len(COLUMNS)))
         watch = self._watch()._replace(rest=-1.0, stiff=math.inf)
-        status, _, _, step = advance(
-            1, progress.ticks, pace.length, steps, left / steps, progress.start, 1,
-            self.kicks, self.drifts, self.state, self.constants, self.motion,
-            self.measurement, watch, rows,
-        )  # fmt: skip
-        progress.steps += step if status == OUTSIDE else steps
-        if status == OUTSIDE:
-            raise self._failure(step)
+        if self.plan.fraction is None:
+            window = Window(self.progress.start, reached, math.inf, 0, 1)
+            _, _, rows = self._run(window, Pace(left, left / steps, 1, 1, steps, 0), watch)
+            self.state.clock[TIME] = reached + left
+        else:
+            window = Window(self.progress.start, 0.0, reached + left, self.progress.ticks, 1)
+            _, _, rows = self._run(window, pace._replace(every=1), watch)
+        self.progress.ticks -= 1
         self._keep(rows[:1])
 
     def run_tail(self) -> float:
@@ -434,9 +495,13 @@ class Run:
     def _end_stage(self, reason: str, *, new_frame: bool) -> None:
         progress, stage = self.progress, self._stage
         if reason == "duration" and isinstance(stage, Timed) and stage.until == "rest":
-            raise self._not_at_rest(stage)
+            seconds = self.system.scales.time
+            spread = float(self.band[2] - self.band[1]) * self.system.scales.length
+            raise restless(
+                stage.name, stage.span(0.0) or 0.0, spread, self.steps, self.time * seconds
+            )
         end = progress.last
-        final = stage.final_height()
+        final = stage.final_height() if reason == "duration" else None
         if final is not None:
             self.state.piston[0] = final / self.system.scales.length
         height, spread = float(self.state.piston[0]), 0.0
@@ -450,7 +515,8 @@ class Run:
         progress.stage += 1
         progress.begun = False
         progress.ticks = 0
-        progress.pace = {}
+        progress.pace = None
+        self.state.clock[TIME] = 0.0
 
     def _result(self, reason: str, end: float, height: float, spread: float) -> dict[str, Any]:
         scales = self.system.scales
@@ -481,70 +547,17 @@ class Run:
         self.progress.last = float(rows[-1, 0])
         self.recorder.add_rows(rows if bad is None else rows[: bad + 1], self.progress.stage)
         if bad is not None:
-            raise self._energy_failure(rows[bad])
+            seconds = self.system.scales.time
+            raise unbalanced(self.ledger, self.steps, float(rows[bad, 0]) * seconds)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at
         self.recorder.add_frame(moment, self.state, self.constants)
 
-    def _where(self, step: int) -> tuple[int, float]:
-        pace = self.progress.pace
-        h = self.pace.h if pace else 0.0
-        return self.progress.steps, (self.time + step * h) * self.system.scales.time
-
-    def _failure(self, step: int) -> RunError:
-        count, scales = self.constants.grains, self.system.scales
-        steps, moment = self._where(step)
-        place = np.stack([self.state.x[:count], self.state.y[:count]], axis=1)
-        lost = ~np.isfinite(place).all(axis=1)
-        remedy = "shorten dt (or leave it 'auto')"
-        if lost.any():
-            grain = int(np.argmax(lost))
-            return NotFiniteError(
-                "the position is not finite any more",
-                step=steps, time=moment, grain=grain, remedy=remedy,
-            )  # fmt: skip
-        walls = self.constants.acting.walls
-        height = self.state.piston[0]
-        gaps = {
-            "the left wall": (walls.left, place[:, 0]),
-            "the right wall": (walls.right, self.constants.width - place[:, 0]),
-            "the bottom": (walls.bottom, place[:, 1]),
-            "the piston": (walls.top, height - place[:, 1]),
-        }
-        for name, (law, gap) in gaps.items():
-            if law is not None and len(gap) and not gap.min() > 0.0:
-                grain = int(gap.argmin())
-                value = -float(gap[grain]) * scales.length
-                return OutsideError(
-                    f"the grain is {value:.3g} m behind {name}, 0 m is the limit",
-                    step=steps, time=moment, grain=grain, value=value, remedy=remedy,
-                )  # fmt: skip
-        return NotFiniteError(
-            "a force is not finite any more", step=steps, time=moment, remedy=remedy
-        )
-
-    def _energy_failure(self, row: np.ndarray) -> EnergyError:
-        assert self.ledger is not None
-        return EnergyError(
-            f"the energy ledger is off by {self.ledger.closure:.2g} of the energy turned over, "
-            f"{self.ledger.wrong:g} is the limit",
-            step=self.progress.steps,
-            time=float(row[0]) * self.system.scales.time,
-            value=self.ledger.closure,
-            remedy="shorten dt (or leave it 'auto')",
-        )
-
-    def _not_at_rest(self, stage: Timed) -> NotAtRestError:
-        steps, moment = self._where(0)
-        value = float(self.band[2] - self.band[1]) * self.system.scales.length
-        return NotAtRestError(
-            f"stage {stage.name!r} did not come to rest within {stage.span(0.0):g} s; the piston "
-            f"still ranges over {value:.3g} m",
-            step=steps,
-            time=moment,
-            value=value,
-            remedy="give the stage a longer duration, a greater tolerance or more dissipation",
+    def _misplaced(self, remedy: str) -> RunError:
+        scales = self.system.scales
+        return misplaced(
+            self.state, self.constants, scales, self.steps, self.time * scales.time, remedy
         )
 
     def expected_seconds(self) -> float | None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.methods import Method
 from granular.pairs.cells import ClosePairs, close_pairs_room
 from granular.pairs.direct import padded_coordinates, part_buffers
 
@@ -16,6 +17,19 @@ WORK, DRAG, FRICTION, CONTACT, PISTON = range(5)
 """Entries of the ledger: work done from outside, and the losses."""
 
 
+class Rungs(NamedTuple):
+    """Slopes at the stages of a Runge-Kutta step, and behind them the values it starts from.
+
+    Attributes
+    ----------
+    grains : float64 (s + 1, 4, m)
+    piston : float64 (s + 1, 2)
+    """
+
+    grains: np.ndarray
+    piston: np.ndarray
+
+
 class State(NamedTuple):
     """The state of bed and piston, and the scratch arrays of the loop.
 
@@ -23,11 +37,13 @@ class State(NamedTuple):
     ----------
     x, y, vx, vy, fx, fy : float64 (m,)
         Positions, velocities and forces (magnetic, weight, contact, inertia), padded.
-    piston : float64 (2,)
-        Height and velocity of the piston.
+    piston : float64 (4,)
+        Height and velocity of the piston, and what compensated sums keep of each.
     ledger : float64 (5,)
         Work done on grains and piston from outside, and energy lost to drag, to friction, in
         contacts, and by the piston.
+    clock : float64 (7,)
+        See `granular.engine.variable`.
     totals : float64 (4,)
         Force on each wall, in the order of `granular.effects.walls.SIDES`.
     label : int64 (m,)
@@ -40,6 +56,10 @@ class State(NamedTuple):
         Scratch of the walls and of sums.
     buffers : float64 (parts, 5, m) or None
         Scratch of the pair sum.
+    low : float64 (4, m) or None
+        What compensated sums keep of x, y, vx and vy; None with plain sums.
+    rungs : Rungs or None
+        Scratch of a Runge-Kutta method.
     """
 
     x: np.ndarray
@@ -50,6 +70,7 @@ class State(NamedTuple):
     fy: np.ndarray
     piston: np.ndarray
     ledger: np.ndarray
+    clock: np.ndarray
     totals: np.ndarray
     label: np.ndarray
     load: np.ndarray | None
@@ -57,6 +78,8 @@ class State(NamedTuple):
     push: np.ndarray
     shove: np.ndarray | None
     buffers: np.ndarray | None
+    low: np.ndarray | None
+    rungs: Rungs | None
 
 
 class Measurement(NamedTuple):
@@ -77,12 +100,12 @@ class Measurement(NamedTuple):
     slopes: np.ndarray
 
 
-KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "totals", "label")
+KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "totals", "label")
 """Fields that a checkpoint holds; the others are scratch."""
 
 
 def new_state(
-    positions: np.ndarray, velocities: np.ndarray, height: float, acting: Acting
+    positions: np.ndarray, velocities: np.ndarray, height: float, acting: Acting, method: Method
 ) -> State:
     """A state from positions [D], velocities [D/tau] and the piston's height [D].
 
@@ -100,8 +123,9 @@ def new_state(
         vy=vy,
         fx=np.zeros_like(x),
         fy=np.zeros_like(x),
-        piston=np.array([height, 0.0]),
+        piston=np.array([height, 0.0, 0.0, 0.0]),
         ledger=np.zeros(5),
+        clock=np.array([0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
         totals=np.zeros(4),
         label=np.arange(x.size),
         load=None if acting.friction is None else np.zeros_like(x),
@@ -109,7 +133,13 @@ def new_state(
         push=np.zeros_like(x),
         shove=np.zeros_like(x) if slabs else None,
         buffers=part_buffers(x.size),
+        low=np.zeros((4, x.size)) if method.compensated else None,
+        rungs=None if method.tableau is None else _rungs(len(method.tableau), x.size),
     )
+
+
+def _rungs(rows: int, size: int) -> Rungs:
+    return Rungs(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
 
 
 def new_measurement(state: State) -> Measurement:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
+
+from granular.compiled import compiled
 
 FRACTION = 0.1
 """Automatic step times the highest angular frequency. Verlet is stable below 2; at 0.1 its error
@@ -17,7 +20,7 @@ LONGEST = 8.0
 """Largest multiple of the automatic step that may be asked for, still short of instability."""
 
 LOOK = 16
-"""Most steps from look to look at the bed when a stage begins with an automatic step."""
+"""Most steps from look to look at the bed when a stage begins."""
 
 REVIEW = 256
 """Ticks after which an automatic step is lengthened again, where the scene dissipates. A
@@ -46,49 +49,87 @@ class Step:
     @property
     def stiff(self) -> float:
         """Step times highest frequency at which the loop is to stop and shorten the step."""
-        return SLACK * FRACTION * self.factor if self.automatic else math.inf
+        return SLACK * self.fraction if self.automatic else math.inf
+
+    @property
+    def fraction(self) -> float:
+        """Automatic step times highest frequency."""
+        return FRACTION * self.factor
 
     def steps_of(self, length: float, frequency: float) -> int:
         """Automatic steps of a tick of that length [tau], for a highest frequency [1/tau]."""
-        return max(1, math.ceil(length * frequency / (FRACTION * self.factor) - 1e-9))
+        return max(1, math.ceil(length * frequency / self.fraction - 1e-9))
 
-    def pace(self, record: float, frame: float, frequency: float, tau: float) -> Pace:
-        """How to cut a stage, for records and frames at those distances [tau].
+    def pace(self, record: float, frames: int, frequency: float, tau: float) -> Pace:
+        """How to cut a stage, for records at that distance [tau], and a frame every so many.
 
-        A given step stays as it is, and the distances are rounded to whole steps; an automatic
-        one divides them.
+        A given step stays as it is, and the distance is rounded to whole steps; an automatic one
+        divides it.
         """
         if self.seconds is not None:
-            dt = self.seconds / tau
-            steps = max(1, round(record / dt))
-            return Pace(steps * dt, 1, max(1, round(frame / (steps * dt))), steps)
+            h = self.seconds / tau
+            steps = max(1, round(record / h))
+            every = -(-steps // LOOK)
+            return Pace(steps * h / every, h, every, every * frames, LOOK, steps)
         every = -(-self.steps_of(record, frequency) // LOOK)
         length = record / every
-        frames_every = every * max(1, round(frame / record))
-        return Pace(length, every, frames_every, self.steps_of(length, frequency))
+        steps = self.steps_of(length, frequency)
+        return Pace(length, length / steps, every, every * frames, steps, 0)
 
 
-@dataclasses.dataclass(frozen=True)
-class Pace:
-    """How a stage is cut into ticks and steps.
+class Pace(NamedTuple):
+    """How a stage is cut into ticks and steps; the compiled loop takes it as it is.
 
     Attributes
     ----------
     length : float
-        A tick [tau]: from look to look at the bed.
+        A tick [tau]: from look to look at the bed; the mean one where the step is given.
+    h : float
+        A step [tau].
     every : int
         Ticks from record to record.
     frames_every : int
         Ticks from frame to frame.
     steps : int
         Steps of a tick.
+    given : int
+        Steps from record to record where the step is given, so that a tick may have one step less
+        than another; 0 where it is automatic.
     """
 
     length: float
+    h: float
     every: int
     frames_every: int
     steps: int
+    given: int
 
-    @property
-    def h(self) -> float:
-        return self.length / self.steps
+    def with_steps(self, steps: int) -> Pace:
+        """The same ticks with another automatic step."""
+        return self._replace(steps=steps, h=self.length / steps)
+
+
+@compiled
+def tick_start(pace: Pace, tick: int) -> float:
+    """Time from the stage's start to a tick's start [tau]."""
+    if pace.given > 0:
+        return (tick * pace.given // pace.every) * pace.h
+    return tick * pace.length
+
+
+@compiled
+def tick_steps(pace: Pace, tick: int) -> int:
+    """Steps of a tick."""
+    if pace.given > 0:
+        return (tick + 1) * pace.given // pace.every - tick * pace.given // pace.every
+    return pace.steps
+
+
+def whole_ticks(pace: Pace, time: float) -> float:
+    """Ticks that end by a time in the stage [tau]."""
+    if math.isinf(time):
+        return math.inf
+    if pace.given > 0:
+        steps = math.floor(time / pace.h + 1e-6)
+        return ((steps + 1) * pace.every - 1) // pace.given
+    return math.floor(time / pace.length + 1e-6)

@@ -1,0 +1,67 @@
+"""What went wrong with a run, as a typed error with the remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granular.engine.ledger import Ledger
+from granular.engine.state import State
+from granular.engine.system import Constants
+from granular.errors import EnergyError, NotAtRestError, NotFiniteError, OutsideError, RunError
+from granular.scales import Scales
+
+SHORTEN = "shorten dt (or leave it 'auto')"
+
+
+def misplaced(
+    state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
+) -> RunError:
+    """A grain that is where it cannot be, after so many steps, at a time [s]."""
+    count = constants.grains
+    place = np.stack([state.x[:count], state.y[:count]], axis=1)
+    lost = ~np.isfinite(place).all(axis=1)
+    if lost.any():
+        return NotFiniteError(
+            "the position is not finite any more",
+            step=step, time=time, grain=int(state.label[np.argmax(lost)]), remedy=remedy,
+        )  # fmt: skip
+    walls = constants.acting.walls
+    gaps = {
+        "the left wall": (walls.left, place[:, 0]),
+        "the right wall": (walls.right, constants.width - place[:, 0]),
+        "the bottom": (walls.bottom, place[:, 1]),
+        "the piston": (walls.top, state.piston[0] - place[:, 1]),
+    }
+    for name, (law, gap) in gaps.items():
+        if law is not None and len(gap) and not gap.min() > 0.0:
+            value = -float(gap.min()) * scales.length
+            return OutsideError(
+                f"the grain is {value:.3g} m behind {name}, 0 m is the limit",
+                step=step, time=time, grain=int(state.label[gap.argmin()]), value=value,
+                remedy=remedy,
+            )  # fmt: skip
+    return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
+
+
+def unbalanced(ledger: Ledger, step: int, time: float) -> EnergyError:
+    """An energy ledger that does not close, at a time [s]."""
+    return EnergyError(
+        f"the energy ledger is off by {ledger.closure:.2g} of the energy turned over, "
+        f"{ledger.wrong:g} is the limit",
+        step=step,
+        time=time,
+        value=ledger.closure,
+        remedy=SHORTEN,
+    )
+
+
+def restless(stage: str, limit: float, spread: float, step: int, time: float) -> NotAtRestError:
+    """A stage whose piston still ranges over a spread [m] after its longest duration [s]."""
+    return NotAtRestError(
+        f"stage {stage!r} did not come to rest within {limit:g} s; the piston still ranges over "
+        f"{spread:.3g} m",
+        step=step,
+        time=time,
+        value=spread,
+        remedy="give the stage a longer duration, a greater tolerance or more dissipation",
+    )

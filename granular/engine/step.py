@@ -1,0 +1,98 @@
+"""One time step, by the tables of a method: a composition of kicks and drifts, or Runge-Kutta."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.engine.compensation import sum_with_low_part
+from granular.engine.forces import compute_forces, measure_forces
+from granular.engine.kick import kick_grains
+from granular.engine.motion import Motion
+from granular.engine.piston import drift_piston, kick_piston
+from granular.engine.runge_kutta import runge_kutta_step
+from granular.engine.state import Measurement, State
+from granular.engine.system import Constants
+
+
+class Plan(NamedTuple):
+    """The tables of a method; see `granular.methods`.
+
+    Attributes
+    ----------
+    kicks, drifts : float64 (s + 1,), (s,)
+        Fractions of the step.
+    tableau : float64 (s + 1, s) or None
+        Butcher tableau, its weights as the last row; None is compiled away.
+    fraction : float or None
+        Of a variable step: the step times the frequency; None for steps of equal length.
+    """
+
+    kicks: np.ndarray
+    drifts: np.ndarray
+    tableau: np.ndarray | None
+    fraction: float | None
+
+
+@compiled
+def drift_grains(low: Array | None, span: float, state: State, count: int) -> None:
+    """Positions of the grains after ``span`` [tau]."""
+    if low is None:
+        for i in range(count):
+            state.x[i] += span * state.vx[i]
+            state.y[i] += span * state.vy[i]
+    else:
+        for i in range(count):
+            state.x[i], low[0, i] = sum_with_low_part(state.x[i], low[0, i], span * state.vx[i])
+            state.y[i], low[1, i] = sum_with_low_part(state.y[i], low[1, i], span * state.vy[i])
+
+
+# One function, though long: each level of calls is optimised anew and costs seconds to compile.
+@compiled
+def make_step(
+    tableau: Array | None, plan: Plan, h: float, time: float, start: float, state: State,
+    constants: Constants, motion: Motion, measurement: Measurement | None,
+) -> int:  # fmt: skip
+    """One step from ``time`` in the stage, which began at ``start`` [tau].
+
+    Parameters
+    ----------
+    tableau
+        That of the plan.
+
+    Returns
+    -------
+    int
+        Zero while every grain is where it can be; the last forces are measured if asked.
+    """
+    outside = 0
+    if tableau is not None:
+        outside = runge_kutta_step(
+            tableau, state.rungs, h, time, start, state, constants, motion, measurement
+        )
+    else:
+        stage = time
+        kicks, drifts = plan.kicks, plan.drifts
+        stages = drifts.size
+        for k in range(stages + 1):
+            # A kick in the middle closes one half of the step and opens the other.
+            parts = 2 if 2 * k == stages else 1
+            for part in range(parts):
+                if kicks[k] != 0.0:
+                    opening = 2 * k + part < stages + parts - 1
+                    span = kicks[k] * h / parts
+                    kick_grains(span, state, constants, opening)
+                    kick_piston(span, state, constants, motion, stage, start, opening)
+            if k < stages:
+                span = drifts[k] * h
+                stage += span
+                drift_grains(state.low, span, state, constants.grains)
+                drift_piston(span, state, constants, motion, stage, start)
+                last = k == stages - 1
+                if last and measurement is not None:
+                    outside += measure_forces(state, constants, start + stage, measurement)
+                elif not last or kicks[stages] != 0.0:
+                    outside += compute_forces(state, constants, start + stage)
+    return outside

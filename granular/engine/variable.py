@@ -1,0 +1,70 @@
+"""Time-reversible variable steps: the density of steps follows the state by its rate.
+
+Hairer and Soderlind, SIAM J. Sci. Comput. 26 (2005) 1838: with a control Q the step is eps/rho, and
+rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n), G = -d ln Q/dt; the step is symmetric with the density
+that it is made with. Here 1/Q = `granular.pairs.density.step_density`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from granular.compiled import compiled
+from granular.effects.walls import WallLaws
+from granular.engine.state import State
+from granular.engine.system import Constants
+from granular.pairs.density import step_density
+
+TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
+"""Entries of a state's clock: time in the stage; density of steps, and the square of the speed that
+it heeds; density where nothing is near; shortest and longest step so far; steps made in the run."""
+
+
+@compiled
+def _place(here: bool, value: float, away: float) -> float:
+    return value if here else away
+
+
+@compiled
+def _sides(walls: WallLaws, width: float, height: float) -> tuple[float, float, float, float]:
+    return (
+        _place(walls.left is not None, 0.0, -math.inf),
+        _place(walls.right is not None, width, math.inf),
+        _place(walls.bottom is not None, 0.0, -math.inf),
+        _place(walls.top is not None, height, math.inf),
+    )
+
+
+@compiled
+def _density(state: State, constants: Constants) -> tuple[float, float]:
+    return step_density(
+        state.x, state.y, state.vx, state.vy, constants.grains, constants.charge,
+        state.clock[SQUARE], state.clock[LEAST],
+        _sides(constants.acting.walls, constants.width, state.piston[0]),
+        state.piston[1], constants.acting.dipole is not None,
+    )  # fmt: skip
+
+
+@compiled
+def open_density(
+    speed: float, longest: float, fraction: float, state: State, constants: Constants
+) -> None:
+    """Set the density half a step before the present state, for grains of that speed [D/tau].
+
+    Parameters
+    ----------
+    longest : float
+        Longest step [tau].
+    """
+    state.clock[SQUARE] = speed * speed
+    state.clock[LEAST] = fraction / longest
+    density, rate = _density(state, constants)
+    state.clock[DENSITY] = max(density - 0.5 * fraction * rate, state.clock[LEAST])
+
+
+@compiled
+def next_step(fraction: float, state: State, constants: Constants) -> float:
+    """Advance the density by one step; the step [tau]."""
+    _, rate = _density(state, constants)
+    state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])
+    return fraction / state.clock[DENSITY]
