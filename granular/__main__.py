@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.console import (
@@ -16,10 +18,48 @@ from granular.console import (
     launch,
     time_step,
 )
+from granular.errors import InputError
 
 if TYPE_CHECKING:
     from granular.scene import Scene
     from granular.trajectory import Trajectory
+
+
+EXAMPLES = {
+    "": """\
+a first run, looked at:
+  python -m granular scenes
+  python -m granular show bed
+  python -m granular run bed --t-end 0.5 -o runs/bed
+  python -m granular render runs/bed -o bed.png --colour speed""",
+    "scenes": "example:\n  python -m granular scenes",
+    "show": """\
+example:
+  python -m granular show damper --set piston.mass=6.5""",
+    "run": """\
+examples:
+  python -m granular run bed --t-end 0.5 -o runs/bed
+  python -m granular run damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
+  python -m granular run damper -o runs/damper --resume     (goes on after Ctrl-C)""",
+    "export": """\
+examples:
+  python -m granular export runs/bed --format gsd -o bed.gsd          (for OVITO)
+  python -m granular export runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
+  python -m granular export runs/bed --format source -o dat           (posPart.dat and the rest)""",
+    "render": """\
+examples:
+  python -m granular render runs/bed -o bed.png --colour force
+  python -m granular render runs/bed -o start.svg --frame 0
+  python -m granular render runs/bed -o bed.mp4 --colour sides --stage settle --fps 30
+
+colours:
+  species       which species a grain is of
+  speed         of each grain
+  force         magnitude of the force of grains and walls on each grain
+  sides         number of sides of the Voronoi cells, drawn
+  regularity    of the hexagonal Voronoi cells: 1 for a regular hexagon
+  fluctuation   |F - mean|/mean of the force, within the species""",
+}
 
 
 def parser() -> Parser:
@@ -27,27 +67,79 @@ def parser() -> Parser:
     top = Parser(
         prog="python -m granular",
         description="Simulate beds of repelling magnets and the piston on them.",
+        epilog=EXAMPLES[""],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    one = commands.add_parser("scenes", help="list the packaged scenes")
-    add_output(one)
-    one = commands.add_parser("show", help="what a scene holds, in SI and in natural units")
+
+    def add(name: str, what: str) -> Parser:
+        one: Parser = commands.add_parser(
+            name,
+            help=what,
+            description=what[0].upper() + what[1:] + ".",
+            epilog=EXAMPLES[name],
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        return one
+
+    add_output(add("scenes", "list the packaged scenes"))
+    one = add("show", "tell what a scene holds, in SI and in natural units")
     add_scene(one)
     add_output(one)
-    one = commands.add_parser("run", help="run a scene")
+    one = add("run", "run a scene")
     add_scene(one)
     one.add_argument("-o", "--out", metavar="DIR", help="directory to write the run to")
     one.add_argument("--t-end", type=float, metavar="S", help="stop at this time [s]")
     one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
     add_run(one)
     add_output(one)
+    _add_export(add("export", "write a run for other programs"))
+    _add_render(add("render", "draw a still or a movie of a run"))
     return top
+
+
+def _add_export(one: Parser) -> None:
+    one.add_argument("run", metavar="RUN", help="directory that a run was written to")
+    one.add_argument(
+        "--format",
+        required=True,
+        choices=("gsd", "extxyz", "source"),
+        help="GSD, extended XYZ, or the .dat files of the source's program",
+    )
+    one.add_argument(
+        "-o", "--out", metavar="PATH", required=True, help="file, or directory for 'source'"
+    )
+    one.add_argument("--force", action="store_true", help="replace what is there")
+    add_output(one)
+
+
+def _add_render(one: Parser) -> None:
+    one.add_argument("run", metavar="RUN", help="directory that a run was written to")
+    one.add_argument(
+        "-o",
+        "--out",
+        metavar="FILE",
+        required=True,
+        help="a still (.png, .svg, .pdf) or a movie (.mp4, .gif)",
+    )
+    one.add_argument("--colour", default="species", help="what the colours show; see below")
+    one.add_argument(
+        "--frame", type=int, metavar="N", help="number of the still's frame, -1 for the last"
+    )
+    one.add_argument("--time", metavar="T", help="take the frame nearest to this time [s]")
+    one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
+    one.add_argument("--fps", type=float, metavar="F", help="the movie's frames a second (25)")
+    one.add_argument("--force", action="store_true", help="replace the file if it is there")
+    add_output(one)
 
 
 def main(arguments: Sequence[str]) -> None:
     """Run one command."""
     options = parser().parse_args(arguments)
-    {"scenes": _scenes, "show": _show, "run": _run}[options.command](options)
+    commands = {
+        "scenes": _scenes, "show": _show, "run": _run, "export": _export, "render": _render,
+    }  # fmt: skip
+    commands[options.command](options)
 
 
 def _scene(options: Any) -> Scene:
@@ -95,6 +187,66 @@ def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
     from granular.summary import run_figures, run_text
 
     return run_figures(run), run_text(run)
+
+
+def _export(options: Any) -> None:
+    from granular.export import to_extxyz, to_gsd, to_source_files
+    from granular.trajectory import load_trajectory
+
+    run, progress = load_trajectory(options.run), not options.quiet
+    if options.format == "source":
+        files = to_source_files(run, options.out, overwrite=options.force, progress=progress)
+    else:
+        write = to_gsd if options.format == "gsd" else to_extxyz
+        files = (write(run, options.out, overwrite=options.force, progress=progress),)
+    frames = run.dataset.sizes["frame"]
+    names = [str(one) for one in files]
+    text = f"{frames} frames written to {options.out}"
+    emit({"format": options.format, "frames": frames, "files": names}, text, options.json)
+
+
+def _render(options: Any) -> None:
+    from granular.render import WRITERS
+
+    if Path(options.out).suffix.lower() in WRITERS:
+        _render_movie(options)
+    else:
+        _render_still(options)
+
+
+def _render_still(options: Any) -> None:
+    from granular.render import save, still
+    from granular.units import si_value
+
+    if options.stage is not None or options.fps is not None:
+        raise InputError(
+            "--stage and --fps are for movies (-o bed.mp4); choose a still's frame with --frame or "
+            "--time"
+        )
+    if options.frame is not None and options.time is not None:
+        raise InputError("--frame and --time name two frames; give one of them")
+    time = None if options.time is None else si_value(options.time, "s")
+    number = -1 if options.frame is None else options.frame
+    figure = still(options.run, number, time=time, colour=options.colour)
+    path = save(figure, options.out, overwrite=options.force)
+    emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+
+
+def _render_movie(options: Any) -> None:
+    from granular.render import movie
+
+    if options.frame is not None or options.time is not None:
+        raise InputError("--frame and --time are for stills; choose a movie's part with --stage")
+    path = movie(
+        options.run,
+        options.out,
+        colour=options.colour,
+        fps=25.0 if options.fps is None else options.fps,
+        stage=options.stage,
+        overwrite=options.force,
+        progress=not options.quiet,
+    )
+    emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
 
 
 if __name__ == "__main__":

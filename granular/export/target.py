@@ -20,15 +20,17 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         If there is something of that name and it may not be overwritten, if it is a directory, or
         if its directory does not exist or cannot be written to.
     """
+    check_target(path, overwrite)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
-        check_target(path, overwrite)
         part.touch()
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}") from None
     try:
         yield part
         os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error}") from None
     finally:
         part.unlink(missing_ok=True)
 
@@ -37,9 +39,12 @@ def check_target(path: Path, overwrite: bool) -> None:
     """Refuse a file that cannot be written or may not be overwritten; see `replacing`."""
     if not path.name:
         raise InputError(f"{str(path)!r} names no file; give one, such as out/bed.gsd")
-    if path.is_dir():
-        raise InputError(f"{path} is a directory; name a file in it")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists; give another name, or overwrite it with --force")
-    if not path.parent.is_dir():
-        raise InputError(f"there is no directory {path.parent}; make it first")
+    try:
+        if path.is_dir():
+            raise InputError(f"{path} is a directory; name a file in it")
+        if path.exists() and not overwrite:
+            raise InputError(f"{path} exists; give another name, or overwrite it (--force)")
+        if not path.parent.is_dir():
+            raise InputError(f"there is no directory {path.parent}; make it first")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from None

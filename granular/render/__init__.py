@@ -1,0 +1,16 @@
+"""Stills and movies of the bed: grains at their true size, walls and piston.
+
+>>> from granular.render import movie, save, still
+>>> save(still("runs/light-piston", colour="force"), "bed.png")
+>>> movie("runs/light-piston", "bed.mp4", colour="sides")
+
+The colours are those of `COLOURINGS`.
+"""
+
+from __future__ import annotations
+
+from granular.render.colourings import COLOURINGS
+from granular.render.movie import WRITERS, movie
+from granular.render.still import save, still
+
+__all__ = ["COLOURINGS", "WRITERS", "movie", "save", "still"]

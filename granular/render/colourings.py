@@ -1,0 +1,147 @@
+"""What the colours of a picture can show, in one table.
+
+Continuous colours are matplotlib's perceptually uniform maps; the discrete ones are told apart by
+colour-blind eyes too: the species after Okabe and Ito (https://jfly.uni-koeln.de/color/), the
+numbers of sides between orange and purple.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.export.frames import BedFrame
+from granular.observables.fluctuation import relative_fluctuation
+from granular.observables.forces import force_magnitudes
+from granular.observables.regularity import hexagon_regularity
+from granular.observables.voronoi import VoronoiCells
+from granular.scene import Scene
+from granular.schema import unknown
+
+SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
+SIDES = {
+    "4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"
+}  # fmt: skip
+
+
+class View(NamedTuple):
+    """What a colouring sees of the bed.
+
+    Attributes
+    ----------
+    frame : BedFrame
+    species : int (k,)
+        Index of each grain's species.
+    cells : VoronoiCells or None
+        Of the frame, where the colouring asks for them.
+    """
+
+    frame: BedFrame
+    species: np.ndarray
+    cells: VoronoiCells | None
+
+
+class Colouring(NamedTuple):
+    """What the colours show.
+
+    Attributes
+    ----------
+    label : str
+        With the unit; the title of the colour bar or the legend.
+    values : function of View
+        One value a grain (k,), in the label's unit; NaN where there is none. For classes the index
+        of the class.
+    map : str
+        A matplotlib colour map; empty where the colours are classes.
+    needs_cells : bool
+        Whether the values follow from the Voronoi cells.
+    on_cells : bool
+        Whether the cells are coloured, and the grains lie on them as dark discs.
+    lower, upper : float or None
+        Ends of the colours; None for the first and the 99th percentile of what is shown.
+    """
+
+    label: str
+    values: Callable[[View], np.ndarray]
+    map: str = ""
+    needs_cells: bool = False
+    on_cells: bool = False
+    lower: float | None = 0.0
+    upper: float | None = None
+
+
+def _cells(view: View) -> VoronoiCells:
+    assert view.cells is not None
+    return view.cells
+
+
+def _sides(view: View) -> np.ndarray:
+    cells = _cells(view)
+    return np.where(cells.interior, np.clip(cells.sides, 4, 8) - 4.0, np.nan)
+
+
+def _fluctuation(view: View) -> np.ndarray:
+    sizes = force_magnitudes(view.frame.interaction)
+    return relative_fluctuation(np.where(_cells(view).interior, sizes, np.nan), view.species)
+
+
+COLOURINGS: Mapping[str, Colouring] = {
+    "species": Colouring("species", lambda view: view.species.astype(float)),
+    "speed": Colouring(
+        "speed [mm/s]", lambda view: 1e3 * np.linalg.norm(view.frame.velocity, axis=1), "viridis"
+    ),
+    "force": Colouring(
+        "force of grains and walls [N]",
+        lambda view: force_magnitudes(view.frame.interaction),
+        "inferno",
+    ),
+    "sides": Colouring("sides of the Voronoi cell", _sides, needs_cells=True, on_cells=True),
+    "regularity": Colouring(
+        "regularity of the hexagons (white: others)",
+        lambda view: hexagon_regularity(_cells(view)),
+        "viridis",
+        needs_cells=True,
+        on_cells=True,
+        lower=None,
+        upper=1.0,
+    ),
+    "fluctuation": Colouring(
+        "relative fluctuation of the force (white: rim)",
+        _fluctuation,
+        "cividis",
+        needs_cells=True,
+    ),
+}
+"""The colourings by name.
+
+``species``; ``speed``; ``force``: magnitude of the force of grains and walls; ``sides``: number of
+sides of the interior Voronoi cells; ``regularity`` of the hexagonal ones [D, eq. 4.25];
+``fluctuation``: |F_k - mean|/mean within the species, of the grains with an interior cell
+[D, eq. 4.35]. A cell is interior if it lies in the box of the outermost centres [D, 4.2.4].
+"""
+
+
+def colouring(name: str) -> Colouring:
+    """A colouring by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if name not in COLOURINGS:
+        raise InputError(unknown(name, tuple(COLOURINGS), "colour"))
+    return COLOURINGS[name]
+
+
+def classes(name: str, scene: Scene) -> dict[str, str]:
+    """Names and colours of the classes of a colouring; none for a continuous one."""
+    if name == "sides":
+        return SIDES
+    if name != "species":
+        return {}
+    names = [f"{one.name}, {1e3 * one.diameter:g} mm" for one in scene.grains.species]
+    return {name: SPECIES[k % len(SPECIES)] for k, name in enumerate(names)}

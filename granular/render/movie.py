@@ -1,0 +1,176 @@
+"""The bed in motion."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import signal
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.export.frames import bed_frames, opened
+from granular.export.target import check_target, replacing
+from granular.render.colourings import colouring
+from granular.render.picture import BedPicture, colour_limits, highest
+from granular.render.selection import stage_frames
+from granular.trajectory import Trajectory
+
+
+def movie(
+    run: Trajectory | str | Path,
+    path: str | Path,
+    *,
+    colour: str = "species",
+    fps: float = 25.0,
+    stage: str | None = None,
+    overwrite: bool = False,
+    progress: bool = True,
+) -> Path:
+    """Write a movie with one picture a frame of the run, as MP4 (H.264) or GIF by the path's end.
+
+    The scale of the bed and the colours are the same all along; the colours end at the 99th
+    percentile of all values. Ctrl-C ends the movie after the picture at hand: the file holds what
+    was made until then.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+    path : path
+        A name that ends in .mp4 or .gif.
+    colour : str
+        What the colours show: a name of `granular.render.COLOURINGS`.
+    fps : float
+        Pictures a second; a GIF plays at most 50.
+    stage : str, optional
+        Only the frames of this stage.
+    overwrite : bool
+        Whether a file of that name may be replaced.
+    progress : bool
+        Whether to show a bar.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the run cannot be read, has no such stage, the colour or the format is unknown, ``fps``
+        is not possible, the file exists or cannot be written, or the library ``imageio-ffmpeg``
+        that an MP4 needs is missing.
+    KeyboardInterrupt
+        After Ctrl-C, when the file is complete.
+    """
+    colouring(colour)
+    path = Path(path)
+    write = _writer(path, fps)
+    run = opened(run)
+    numbers = stage_frames(run, stage)
+    check_target(path, overwrite)
+    top = highest(run, bed_frames(run, numbers))
+    limits = colour_limits(run, colour, bed_frames(run, numbers))
+    picture = BedPicture(run, colour, limits, top)
+    with replacing(path, overwrite) as part, _deferred_interrupt() as asked:
+        made = write(
+            part, _images(run, picture, numbers, path.name if progress else None, asked), fps
+        )
+    if made < len(numbers):
+        warnings.warn(f"{path} holds the {made} pictures of {len(numbers)} made", stacklevel=2)
+        raise KeyboardInterrupt
+    return path
+
+
+def _images(
+    run: Trajectory,
+    picture: BedPicture,
+    numbers: Sequence[int],
+    bar: str | None,
+    asked: threading.Event,
+) -> Iterator[np.ndarray]:
+    """The pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
+    for frame in bed_frames(run, numbers, bar):
+        picture.show(frame)
+        yield picture.pixels()
+        if asked.is_set():
+            return
+
+
+def _writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
+    if path.suffix.lower() not in WRITERS:
+        raise InputError(
+            f"unknown format {path.suffix!r} of {path.name}; a movie is {' or '.join(WRITERS)}"
+        )
+    write, fastest = WRITERS[path.suffix.lower()]
+    if not 0.0 < fps <= fastest:
+        raise InputError(f"fps {fps:g} is not above 0 and at most {fastest:g} for {path.suffix}")
+    return write
+
+
+def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
+    """Write the pictures with the program ffmpeg; how many there were."""
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise InputError(
+            "an MP4 needs the library imageio-ffmpeg; install it with: "
+            "pip install 'granular-damper[movies]', or write a .gif"
+        ) from None
+    first = next(images)
+    size = (first.shape[1], first.shape[0])
+    file = imageio_ffmpeg.write_frames(
+        str(path), size, fps=fps, codec="libx264", quality=8, macro_block_size=2
+    )
+    made = 0
+    with contextlib.closing(file):
+        file.send(None)
+        for image in itertools.chain([first], images):
+            file.send(image)
+            made += 1
+    return made
+
+
+def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
+    """Write the pictures with Pillow; how many there were."""
+    from PIL import Image
+
+    made = 1
+    # The first picture has all colours already: they are in its bar or legend.
+    first = Image.fromarray(next(images)).quantize(256, method=Image.Quantize.MAXCOVERAGE)
+    palette = np.array(first.getpalette()).reshape(-1, 3)
+    palette[palette.sum(axis=1).argmax()] = 255  # the paper stays white
+    first.putpalette(palette.ravel().tolist())
+
+    def others() -> Iterator[Any]:
+        nonlocal made
+        for image in images:
+            made += 1
+            yield Image.fromarray(image).quantize(palette=first, dither=Image.Dither.NONE)
+
+    first.save(path, save_all=True, append_images=others(), duration=1000.0 / fps, loop=0)
+    return made
+
+
+WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
+"""What writes a movie, and the most pictures a second that it can hold."""
+
+
+@contextlib.contextmanager
+def _deferred_interrupt() -> Iterator[threading.Event]:
+    """Ctrl-C as an event, so that no file is left half-written."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    former = signal.signal(signal.SIGINT, lambda *_: event.set())
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, former)

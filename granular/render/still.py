@@ -1,0 +1,79 @@
+"""One picture of the bed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from granular.errors import InputError
+from granular.export.frames import bed_frames, opened
+from granular.export.target import replacing
+from granular.render.colourings import colouring
+from granular.render.picture import BedPicture, colour_limits, highest
+from granular.render.selection import frame_number
+from granular.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg", ".pdf")
+STILL_DPI = 200
+
+
+def still(
+    run: Trajectory | str | Path,
+    frame: int = -1,
+    *,
+    time: float | None = None,
+    colour: str = "species",
+) -> Figure:
+    """The bed at one instant: grains at their true size, walls and piston.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+    frame : int
+        Number of the frame; negative ones count from the end.
+    time : float, optional
+        Takes the frame nearest to this time [s] instead.
+    colour : str
+        What the colours show: a name of `granular.render.COLOURINGS`. The colours end at the 99th
+        percentile of the frame's values.
+
+    Returns
+    -------
+    matplotlib Figure
+
+    Raises
+    ------
+    InputError
+        If the run cannot be read, has no such frame, or the colour is unknown.
+    """
+    colouring(colour)
+    run = opened(run)
+    (chosen,) = bed_frames(run, [frame_number(run, frame, time)])
+    picture = BedPicture(run, colour, colour_limits(run, colour, [chosen]), highest(run, [chosen]))
+    picture.show(chosen)
+    return picture.figure
+
+
+def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a picture as PNG, SVG or PDF, by the ending of the path.
+
+    Raises
+    ------
+    InputError
+        If the format is another, or the file exists or cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(
+            f"unknown format {path.suffix!r} of {path.name}; a still is one of "
+            f"{', '.join(FORMATS)}, a movie .mp4 or .gif"
+        )
+    # Without its date the same picture is the same file.
+    undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with replacing(path, overwrite) as part:
+        figure.savefig(part, dpi=STILL_DPI, metadata=undated[path.suffix.lower()])
+    return path
