@@ -1,0 +1,124 @@
+"""The source's files, read back with numpy.loadtxt."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular.export import source_cadence, to_source_files
+from granular.trajectory import Trajectory
+
+D, T = 0.005, 2.0
+MASS = 7368.0 * 0.003 * np.pi * D**2 / 4.0
+FORCE = MASS * D / T**2
+
+
+@pytest.fixture(scope="module")
+def files(run: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    written = to_source_files(run, tmp_path_factory.mktemp("source") / "dat")
+    return {path.stem: np.loadtxt(path) for path in written}
+
+
+def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
+    """What the frames hold, one under the other, without absent grains."""
+    return np.concatenate([one[np.isfinite(one).reshape(7, -1).all(axis=1)]
+                           for one in values[::every]])  # fmt: skip
+
+
+def test_units(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+    """T is the duration of the compression: 10 mm at 5 mm/s."""
+    assert source_cadence(run).time_unit == pytest.approx(T, rel=1e-14)
+    assert source_cadence(run).frames == pytest.approx(5e-4, rel=1e-14)
+    wanted = [D, T, MASS, D / T, FORCE]
+    np.testing.assert_allclose(files["charUnits"], wanted, rtol=1e-14)
+    species = run.scene.grains.assignment()
+    np.testing.assert_allclose(files["scales"], np.array([1.0, 0.6])[species], rtol=1e-15)
+
+
+def test_files_are_those_of_the_source(files: dict[str, np.ndarray]) -> None:
+    particle = {"posPart", "velPart", "forPart", "comPart", "comPart_norm", "posPart_norm"}
+    assert set(files) == particle | {"piston", "piston_0", "charUnits", "avgDis", "scales"}
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "unit"),
+    [("posPart", "position", D), ("velPart", "velocity", D / T), ("forPart", "force", FORCE)],
+)
+def test_particle_files(
+    run: Trajectory, files: dict[str, np.ndarray], name: str, field: str, unit: float
+) -> None:
+    wanted = blocks(run.dataset[field].values)
+    assert files[name].shape == (40 * 7 + 50 * 6, 2)
+    np.testing.assert_allclose(files[name] * unit, wanted, rtol=1e-14)
+
+
+def test_compression_is_the_force_without_weight(
+    run: Trajectory, files: dict[str, np.ndarray]
+) -> None:
+    weight = 9.8 * 7368.0 * 0.003 * np.pi * run.scene.grains.diameters() ** 2 / 4.0
+    force = run.dataset["force"].values.copy()
+    force[..., 1] += weight
+    sizes = np.hypot(force[..., 0], force[..., 1])
+    np.testing.assert_allclose(files["comPart"] * FORCE, blocks(sizes), rtol=1e-12)
+    norm = files["comPart_norm"]
+    assert norm.max() == 1.0
+    np.testing.assert_allclose(
+        norm, blocks(sizes, 4) / np.nanmax(sizes[::4]), rtol=1e-12
+    )  # every 1000 steps: each fourth frame
+
+
+def test_average_distance_is_the_sources_half(
+    run: Trajectory, files: dict[str, np.ndarray]
+) -> None:
+    place = run.dataset["position"].values
+    wanted = []
+    for frame in place[::4]:
+        points = frame[np.isfinite(frame[:, 0])]
+        total = sum(np.hypot(*(p - q)) for p, q in itertools.combinations(points, 2))
+        wanted.append(total / (len(points) * (len(points) - 1)) / D)
+    np.testing.assert_allclose(files["avgDis"][:, 1], wanted, rtol=1e-13)
+    np.testing.assert_allclose(files["avgDis"][:, 0], np.arange(23) * 1e-3, rtol=1e-12)
+
+
+def test_piston_at_both_cadences(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+    """The records stand every 25 steps: none is left out of the fine file, each tenth is usual."""
+    heights = run.dataset["piston_height"].values / D
+    np.testing.assert_allclose(files["piston_0"][:, 1], heights, rtol=1e-15)
+    np.testing.assert_allclose(files["piston"][:, 1], heights[::10], rtol=1e-15)
+    np.testing.assert_allclose(files["piston"][:, 0], np.arange(90) * 2.5e-4, rtol=1e-12)
+
+
+def test_frames_finer_than_the_source_are_thinned(run: Trajectory, tmp_path: Path) -> None:
+    """Frames every 50 steps: each fifth in the usual file, all in the one with _0."""
+    data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 1e-4))
+    written = to_source_files(dataclasses.replace(run, dataset=data), tmp_path)
+    files = {path.stem: np.loadtxt(path) for path in written}
+    place = run.dataset["position"].values
+    np.testing.assert_allclose(files["posPart"] * D, blocks(place, 5), rtol=1e-14)
+    np.testing.assert_allclose(files["posPart_0"] * D, blocks(place), rtol=1e-14)
+    np.testing.assert_allclose(files["posPart_norm"] * D, blocks(place, 20), rtol=1e-14)
+
+
+def test_coarser_frames_are_all_written_with_a_warning(run: Trajectory, tmp_path: Path) -> None:
+    data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 0.01))
+    with pytest.warns(UserWarning, match=r"a frame every 0\.01 s, the source every 0\.0005 s"):
+        to_source_files(dataclasses.replace(run, dataset=data), tmp_path)
+    assert len(np.loadtxt(tmp_path / "posPart.dat")) == 40 * 7 + 50 * 6
+
+
+def test_absent_grains_are_named(run: Trajectory, tmp_path: Path) -> None:
+    to_source_files(run, tmp_path)
+    heads = [
+        line for line in (tmp_path / "posPart.dat").read_text().splitlines() if "frame" in line
+    ]
+    assert "without" not in heads[39]
+    assert heads[40].endswith("without grains 6")
+
+
+def test_run_without_compression_has_a_second_for_its_unit(run: Trajectory) -> None:
+    scene = run.scene.replace(protocol=[{"kind": "hold", "name": "relax", "duration": 1.0}])
+    assert source_cadence(dataclasses.replace(run, scene=scene)).time_unit == 1.0
