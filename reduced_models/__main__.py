@@ -22,25 +22,25 @@ def parser() -> Parser:
     """The command line's grammar."""
     top = Parser(prog="python -m reduced_models", description="From a motion to its equation.")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    one = commands.add_parser(
+    command = commands.add_parser(
         "identify",
         help="simulate (or read) a piston's motion, fit laws to it, and write a report",
     )
     add_scene(
-        one,
+        command,
         "source",
         "a scene (name or TOML file), a run directory, or a CSV file with time, height",
     )
-    one.add_argument("-o", "--out", metavar="DIR", help="directory for report, models and run")
-    one.add_argument(
+    command.add_argument("-o", "--out", metavar="DIR", help="directory for report, models and run")
+    command.add_argument(
         "--law", dest="laws", action="append", metavar="NAME", help="law to fit (repeatable)"
     )
-    one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
-    one.add_argument(
+    command.add_argument("--starts", type=int, default=16, help="random starts of each fit")
+    command.add_argument(
         "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
     )
-    add_run(one)
-    add_output(one)
+    add_run(command)
+    add_output(command)
     return top
 
 
@@ -59,12 +59,13 @@ def _identify(options: Any) -> None:
         laws=options.laws or LAWS,
         changes=changes_from(options.changes),
         dt=time_step(options.dt),
+        method=options.method,
         threads=options.threads,
         starts=options.starts,
         checks=not options.no_checks,
         progress=not options.quiet,
     )
-    text = "\n".join([*map(str, found.models), "", found.verdict])
+    text = str(found)
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
     emit(found.to_plain(), text, options.json)

@@ -12,10 +12,11 @@ from granular.html import Page, number
 from granular.plotting import COLOURS, GREY, STYLES, draw_bed, figure
 from granular.scales import Scales
 from granular.simulation import versions
-from granular.trajectory import Trajectory
+from granular.trajectory import StageResult, Trajectory
 from reduced_models.identification import Identification
 from reduced_models.model import ReducedModel
 from reduced_models.printing import mathml, rounded
+from reduced_models.sources import step_text
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
 _ENERGIES = {
@@ -33,6 +34,8 @@ def identification_page(found: Identification) -> Page:
     """The report as a page."""
     name = "a record" if found.run is None else f"scene {found.run.scene.name!r}"
     page = Page(f"The equation of {name}", found.verdict)
+    for note in found.notes:
+        page.note(f"{_sentence(note)}.")
     _equations(page, found)
     _figures(page, found)
     _record(page, found)
@@ -66,6 +69,8 @@ def _equations(page: Page, found: Identification) -> None:
         )
         for direction in model.undetermined:
             page.note(f"A direction is left open: {direction}.")
+        for note in model.notes:
+            page.note(f"{_sentence(note)}.")
         quality = model.quality
         words = (
             f"Residual {1e6 * quality.residual:.3g} micrometres, {100 * quality.relative:.3g} % of "
@@ -77,7 +82,16 @@ def _equations(page: Page, found: Identification) -> None:
                 f" Fitted to the first {quality.holdout_from:.3g} s only, it predicts the rest to "
                 f"{100 * quality.holdout:.3g} % of the rms swing."
             )
+        if quality.holdout_at_rest is not None:
+            words += (
+                f" A piston that stays at the level of rest would score "
+                f"{100 * quality.holdout_at_rest:.3g} % there: the law is worth what it is better."
+            )
         page.text(words)
+
+
+def _sentence(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
@@ -105,7 +119,7 @@ def _figures(page: Page, found: Identification) -> None:
     page.section("The small swing about rest")
     length = None if found.run is None else Scales.of(found.run.scene.grains).length
     rows = []
-    for name, one in found.figures.items():
+    for name, figure_ in found.figures.items():
         unit, scale = {"height": ("mm", 1e3), "period": ("ms", 1e3)}.get(name, ("", 1.0))
         views = [(name.replace("_", " "), unit, scale)]
         if name == "height" and length is not None:
@@ -113,15 +127,16 @@ def _figures(page: Page, found: Identification) -> None:
         for title, shown, factor in views:
             errors = [
                 "" if error is None else number(factor * error, 2)
-                for error in (one.step_error, one.seed_spread)
+                for error in (figure_.step_error, figure_.seed_spread)
             ]
-            low, high = one.interval
+            low, high = figure_.interval
             interval = f"{factor * low:.6g} to {factor * high:.6g}"
-            rows.append((title, f"{factor * one.value:.6g}", shown, interval, *errors))
+            rows.append((title, f"{factor * figure_.value:.6g}", shown, interval, *errors))
     page.table(("figure", "value", "unit", "interval of the fit", "step error", "scatter"), rows)
     page.text(
-        "The step error is a third of what a run with twice the time step changes; the scatter is "
-        "the standard deviation over random starts of the bed. Where the step error is not smaller "
+        f"By the fit of {found.figures_law}. The step error comes from a run with half the time "
+        "step and the same fit, by the order of the method; the scatter is the standard deviation "
+        "over random starts of the bed. Where the step error is not smaller "
         "than the scatter, it is the scatter that it shows: another step lets the bed pack in "
         "another way."
     )
@@ -129,7 +144,7 @@ def _figures(page: Page, found: Identification) -> None:
 
 def _thin(*columns: np.ndarray) -> list[np.ndarray]:
     every = max(1, len(columns[0]) // _MOST_POINTS)
-    return [one[::every] for one in columns]
+    return [column[::every] for column in columns]
 
 
 def _record(page: Page, found: Identification) -> None:
@@ -141,12 +156,12 @@ def _record(page: Page, found: Identification) -> None:
         t, height = _thin(time, 1e3 * record.height)
         top.plot(t, height, color=GREY, linewidth=3.0, label="record")
         for k, (name, motion) in enumerate(motions.items()):
-            t, height, miss = _thin(
+            t, height, residual = _thin(
                 time, 1e3 * motion.height, 1e6 * (record.height - motion.height)
             )
             style = {"color": COLOURS[k], "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.2}
             top.plot(t, height, label=name, **style)
-            bottom.plot(t, miss, label=name, **style)
+            bottom.plot(t, residual, label=name, **style)
         start = found.best.quality.holdout_from
         if start is not None:
             for axes in (top, bottom):
@@ -157,8 +172,8 @@ def _record(page: Page, found: Identification) -> None:
         bottom.set_xlabel("time [s]")
         page.figure(
             drawing,
-            "Height of the piston, the fits over it, and what they miss. The shaded stretch is the "
-            "one that the hold-out error is measured on.",
+            "Height of the piston, the fits over it, and what they leave over. The hold-out error "
+            "is measured on the shaded stretch.",
         )
     with figure(height=4.2) as (drawing, axes):
         speed = record.velocity
@@ -188,17 +203,19 @@ def _bed(page: Page, run: Trajectory) -> None:
             draw_bed(axes, scene, data["position"][k].values, top)
             axes.set_title(f"{when}, t = {float(data['frame_time'][k]):.4g} s", fontsize=10)
         page.figure(drawing, "The grains to scale; the piston is the thick line.")
-    lines = [
-        (one.name, number(one.start), number(one.end), one.reason, number(1e3 * one.height, 6))
-        for one in run.stages
-    ]
+    lines = [_stage_row(stage) for stage in run.stages]
     page.table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
     _overlap_note(page, run)
 
 
+def _stage_row(stage: StageResult) -> Sequence[str]:
+    start, end = number(stage.start), number(stage.end)
+    return stage.name, start, end, stage.reason, number(1e3 * stage.height, 6)
+
+
 def _overlap_note(page: Page, run: Trajectory) -> None:
     closest = run.settings().get("closest_distance")
-    least = min(one.diameter for one in run.scene.grains.species)
+    least = min(species.diameter for species in run.scene.grains.species)
     if closest is not None and closest < least:
         page.note(
             f"At the closest, two grains were {1e3 * closest:.3g} mm apart, less than a diameter "
@@ -239,7 +256,7 @@ def _settings(page: Page, run: Trajectory) -> None:
         ("setting", "value"),
         [
             ("method", settings["method"]),
-            ("time step", f"{settings['dt']}"),
+            ("time step", step_text(run)),
             ("steps", settings["steps"]),
             (
                 "greatest step times highest frequency (stable below 2)",
