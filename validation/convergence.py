@@ -21,20 +21,32 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.errors import InputError, RunError
 from validation.exact.problem import Moment, Problem
 from validation.table import Table, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from granular.trajectory import Trajectory
+
 CLEAR = 30.0
 """An error this many times the rounding moves the slope of a decade by less than 0.02."""
 
+COARSE = {1: 1e-2}
+COARSE_OTHERWISE = 1e-3
+"""Steps count from the first one whose error is below this part of a grain's diameter; a method of
+order one gets no nearer at a bearable price."""
+
 DECADE = 10.0
+LEAST_SPAN = 3.0
+"""Least ratio of the steps in a fit; where rounding leaves no whole decade, the table says so."""
+
+MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
 NEIGHBOURS = 8
 _LEAST_POINTS = 4
-_SLACK = 1.0 - 1e-9  # a decade of steps is one also where it was rounded to whole counts
+_SLACK = 0.98  # numbers of steps are whole, so a decade may be a little less
 
 Solver = Callable[[Problem, int], Moment]
 """The grains at a problem's time, after that many equal steps."""
@@ -77,7 +89,7 @@ class ConvergenceResult:
     rounding : float
         What rounding does at the finest step [m].
     fit : Slope or None
-        None where too few errors stand clear of rounding: the method is exact, or as good.
+        None where too few errors stand clear of rounding, or no step was short enough.
     seconds : tuple of float
         Wall time of a run with each step.
     """
@@ -113,6 +125,13 @@ class ConvergenceResult:
             return True
         return self.fit is not None and abs(self.fit.value - self.order) <= tolerance
 
+    @property
+    def decades(self) -> float:
+        """Over how many decades of steps the slope was fitted."""
+        if self.fit is None:
+            return 0.0
+        return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])
+
     def summary(self) -> tuple[str, ...]:
         """The row of this result in a table of results; see `HEADER`."""
         measured = "exact to rounding" if self.exact else "too few steps above rounding"
@@ -120,7 +139,8 @@ class ConvergenceResult:
         if self.fit is not None:
             measured = f"{self.fit.value:.4f}"
             interval = f"{self.fit.interval[0]:.3f} to {self.fit.interval[1]:.3f}"
-            span = f"{self.steps[self.fit.first]:.3g} to {self.steps[self.fit.last]:.3g}"
+            first, last = self.steps[self.fit.first], self.steps[self.fit.last]
+            span = f"{first:.3g} to {last:.3g} ({self.decades:.2f} decades)"
         declared = str(self.order) if self.smooth else f"{self.order}, motion not smooth"
         return (
             self.problem, self.method, declared, measured, interval, span,
@@ -186,27 +206,64 @@ def summary(results: Sequence[ConvergenceResult]) -> Table:
 
 
 def toolkit(method: str) -> Solver:
-    """The toolkit's own integration by the method of that name."""
-    from granular import simulate
+    """The toolkit's own integration by the method of that name.
+
+    A method that chooses its steps itself is asked for the multiple of its automatic step that
+    makes about as many.
+    """
+    from granular.methods import method_named
+    from granular.simulation import simulate
+
+    variable = method_named(method).variable
+    automatic: dict[str, int] = {}
+
+    def step(problem: Problem, count: int) -> float | str:
+        if not variable:
+            return problem.time / count
+        if problem.name not in automatic:
+            automatic[problem.name] = int(run(problem, "auto").settings()["steps"])
+        return f"auto*{automatic[problem.name] / count:.15f}"
+
+    def run(problem: Problem, dt: float | str) -> Trajectory:
+        return simulate(
+            problem.scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False
+        )
 
     def solve(problem: Problem, count: int) -> Moment:
-        run = simulate(
-            problem.scene, dt=problem.time / count, t_end=problem.time, method=method, threads=1,
-            progress=False,
-        )  # fmt: skip
-        data = run.dataset
+        data = run(problem, step(problem, count)).dataset
         return Moment(data["position"].values[-1], data["velocity"].values[-1])
 
     return solve
 
 
-def step_counts(problem: Problem, order: int, points: int = 9) -> tuple[int, ...]:
-    """Numbers of steps for a method of that order, a factor sqrt(2) from one to the next.
+def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
+    """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse.
 
-    A method of low order comes to its straight line late; one of high order to rounding early.
+    That is the first one, from `Problem.fewest` / 4 on, at which the solver neither fails nor
+    misses by more than `COARSE` diameters.
     """
-    start = problem.fewest * {1: 32, 2: 8}.get(order, 1)
+    exact = problem.exact(problem.time).positions
+    coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
+    start = max(1.0, problem.fewest / 4.0)
+    while start < MOST_STEPS / 16 and not _is_fine(problem, solver, round(start), exact, coarse):
+        start *= math.sqrt(2.0)
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))
+
+
+def _is_fine(
+    problem: Problem, solver: Solver, count: int, exact: np.ndarray, coarse: float
+) -> bool:
+    try:
+        return bool(np.abs(solver(problem, count).positions - exact).max() < coarse)
+    except (RunError, InputError):
+        return False  # too long a step may be refused, or stopped
+
+
+def fits(problem: Problem, method: str) -> bool:
+    """Whether the method can run the problem at all: some take no dry friction."""
+    from granular.methods import method_named
+
+    return problem.scene.effects.friction is None or method_named(method).takes_dry_friction
 
 
 def convergence(
@@ -242,7 +299,7 @@ def convergence(
 
     order = method_named(method).order if order is None else order
     solve = toolkit(method) if solver is None else solver
-    counts = step_counts(problem, order) if counts is None else tuple(counts)
+    counts = step_counts(problem, solve, order) if counts is None else tuple(counts)
     exact = problem.exact(problem.time).positions
     solve(problem, counts[0])  # compiles, so that the wall times do not hold it
     errors, seconds = [], []
@@ -284,16 +341,16 @@ def fitted_slope(steps: Sequence[float], errors: Sequence[float], rounding: floa
     Returns
     -------
     Slope or None
-        None where fewer than four steps, or less than a decade, stand clear.
+        None where fewer than four steps, or less than half a decade, stand clear.
     """
     clear = [k for k, error in enumerate(errors) if error > CLEAR * rounding]
     # Behind the first error that does not stand clear, one that does is a matter of luck.
     while clear and clear[-1] != len(clear) - 1:
         clear.pop()
-    if len(clear) < _LEAST_POINTS or steps[0] < DECADE * _SLACK * steps[clear[-1]]:
+    if len(clear) < _LEAST_POINTS or steps[0] < LEAST_SPAN * _SLACK * steps[clear[-1]]:
         return None
     last = clear[-1]
-    first = max(k for k in clear if steps[k] >= DECADE * _SLACK * steps[last])
+    first = max((k for k in clear if steps[k] >= DECADE * _SLACK * steps[last]), default=0)
     return _line(steps, errors, first, last)
 
 

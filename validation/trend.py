@@ -3,9 +3,9 @@
 The energy error of a symplectic method swings with the motion, for ever, and rounding lets it
 wander like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3);
 neither is a trend. The series is cut into blocks and each block averaged, which takes out the
-swing; their borders are spread unevenly (by the golden ratio), so that a swing cannot keep step with
-them and pass for something slow. Then a trend is claimed only if it stands out against both kinds
-of noise:
+swing; their borders are spread unevenly (by the golden ratio), so that a swing cannot keep step
+with them and pass for something slow. Then a trend is claimed only if it stands out against both
+kinds of noise:
 
 - stationary noise: a straight line by least squares through the block means, its variance enlarged
   by (1 + a)/(1 - a) for the autocorrelation a of the residuals, a corrected for its bias

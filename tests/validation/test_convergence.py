@@ -13,11 +13,11 @@ from validation.convergence import (
     ConvergenceResult,
     Solver,
     convergence,
+    fits,
     fitted_slope,
-    step_counts,
     summary,
 )
-from validation.exact import Moment, Problem, exact_problem
+from validation.exact import NAMES, Moment, Problem, bounce, exact_problem
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
 
@@ -37,7 +37,7 @@ def test_rounding_is_left_out_of_the_fit() -> None:
     errors = [h**4 + rounding * abs(random.standard_normal()) for h in STEPS]
     assert errors[-1] < 2.0 * errors[-2]  # the finest are rounding alone
     fit = fitted_slope(STEPS, errors, rounding)
-    assert fit is None  # less than a decade stands clear
+    assert fit is None  # less than half a decade stands clear
     long = tuple(0.1 * 2.0 ** (-k / 2) for k in range(20))
     errors = [h**2 + rounding * abs(random.standard_normal()) for h in long]
     fit = fitted_slope(long, errors, rounding)
@@ -104,10 +104,10 @@ def test_controls_are_told_apart() -> None:
 
 
 def test_result_survives_json() -> None:
-    counts = (64, 91, 128, 181)
+    counts = (64, 80, 96, 112)
     problem = exact_problem("oscillation")
     result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
-    assert result.fit is None  # less than a decade
+    assert result.fit is None  # less than half a decade
     again = ConvergenceResult.from_dict(json.loads(json.dumps(result.to_dict())))
     assert again == result
     assert len(summary([result]).rows[0]) == len(summary([result]).header)
@@ -134,11 +134,16 @@ TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    "name", ["free-fall", "bounce", "oscillation", "scattering", "drag", "driven-piston"]
-)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_method_has_its_order(name: str, method: str) -> None:
-    problem = exact_problem(name)
-    order = METHODS[method].order
-    result = convergence(problem, method, step_counts(problem, order))
-    assert result.holds(TOLERANCE[order]), summary([result]).text()
+    problem = bounce.problem(time=0.45) if name == "bounce" else exact_problem(name)
+    if not fits(problem, method):
+        pytest.skip("takes no dry friction")
+    result = convergence(problem, method)
+    if not problem.smooth:  # the stop limits the order to two
+        assert result.fit is not None
+        assert result.fit.value == pytest.approx(min(2, METHODS[method].order), abs=0.1)
+        return
+    assert result.holds(TOLERANCE[METHODS[method].order]), summary([result]).text()
+    if not result.exact and METHODS[method].order <= 6:
+        assert result.decades > 0.99

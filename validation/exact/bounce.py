@@ -57,7 +57,7 @@ def problem(start: float = START, time: float = TIME) -> Problem:
         scene,
         time,
         lambda t: moment(scene, t),
-        fewest=round(2000 * time / TIME) * 4,
+        fewest=round(2000 * time / TIME),
     )
 
 

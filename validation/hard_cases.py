@@ -1,0 +1,500 @@
+"""The catalogue of hard cases: what is hard, what counts as accurate, which errors may end it.
+
+Only coincident grains, overlapping starts without contact, injected NaN, a piston started inside
+the bed, and steps beyond the stability limit may end in an error. All others run accurately with
+the default settings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from granular.scales import Scales
+from granular.scene import Scene, load_scene
+from granular.trajectory import Trajectory
+from validation.exact import Problem
+from validation.exact.problem import BOTTOM_ONLY, lone_scene
+from validation.outcomes import HardCase
+
+BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
+"""What a step that is too long may end in."""
+
+_ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
+
+
+# What is measured -------------------------------------------------------------------------------
+
+
+def ledger(run: Trajectory) -> float:
+    """Residual of the energy ledger over the energy turned over."""
+    return float(run.settings()["ledger_residual"])
+
+
+def energy_change(run: Trajectory) -> float:
+    """Energy at the end over that at the start, minus one (no losses, no work)."""
+    data = run.dataset
+    parts = [data[f"{one}_energy"].values for one in _ENERGIES if f"{one}_energy" in data]
+    total = np.sum(parts, axis=0)
+    return float(abs(total[-1] / total[0] - 1.0))
+
+
+def distance_to(problem: Problem) -> Callable[[Trajectory], float]:
+    """Distance from the exact place at the run's end [D]."""
+
+    def measure(run: Trajectory) -> float:
+        data = run.dataset
+        exact = problem.exact(float(data["frame_time"][-1])).positions
+        found = data["position"].values[-1]
+        return float(np.abs(found - exact).max()) / Scales.of(run.scene.grains).length
+
+    return measure
+
+
+def motion_at_rest(run: Trajectory) -> float:
+    """How far any grain went [D]: nothing may move, to the last bit."""
+    place = run.dataset["position"].values
+    return float(np.abs(place[-1] - place[0]).max()) / Scales.of(run.scene.grains).length
+
+
+def terminal_fall(run: Trajectory) -> float:
+    """Relative error of an overdamped grain's fall, y = y0 - v t + (v/c)(1 - e^(-c t)), v = g/c."""
+    drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
+    assert drag is not None
+    assert gravity is not None
+    rate = drag.coefficient / Scales.of(run.scene.grains).mass
+    data = run.dataset
+    t = float(data["frame_time"][-1])
+    speed = gravity.acceleration / rate
+    fallen = speed * t + speed / rate * math.expm1(-rate * t)
+    velocity = float(data["velocity"].values[-1, 0, 1])
+    place = data["position"].values[:, 0, 1]
+    # A fall of less than the place's last digits can only be told by its speed.
+    told = abs(place[0] - place[-1] - fallen) - 4.0 * np.spacing(place[0])
+    by_speed = abs(velocity / (speed * math.expm1(-rate * t)) - 1.0)
+    return float(max(by_speed, told / fallen))
+
+
+def momentum_change(run: Trajectory) -> float:
+    """Change of energy or momentum over what there is of it (no walls)."""
+    charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
+    momenta = charge[:, None] * run.dataset["velocity"].values
+    scale = np.abs(momenta[0]).sum()
+    lost = np.abs(momenta[-1].sum(axis=0) - momenta[0].sum(axis=0)).max() / scale
+    return max(float(lost), energy_change(run))
+
+
+# Scenes -----------------------------------------------------------------------------------------
+
+
+def _as_it_is(scene: Scene) -> Scene:
+    return scene
+
+
+def _small(name: str, **changes: Any) -> Scene:
+    """A packaged scene cut down to 23 grains."""
+    size = {
+        "grains.count": 23,
+        "cell.width": "15 D",
+        "piston.height": "6 D",
+        "arrangement.height": "5.5 D",
+    }
+    if name == "damper":
+        size["piston.mass"] = 1.0
+    return load_scene(name).replace(**{**size, **changes})
+
+
+def _drop(**changes: Any) -> Scene:
+    """The damper's first fall alone, up to any time."""
+    return load_scene("damper").replace(
+        **{
+            "protocol": [{"kind": "free", "name": "drop", "duration": 60.0}],
+            "output.record": None,
+            **changes,
+        }
+    )
+
+
+def _head_on(closest: float) -> Problem:
+    """Two grains head-on at the speed that brings them to a distance [D], from 6 D apart."""
+    from validation.exact.scattering import APART, problem
+
+    scales = Scales.of(load_scene("single-particle").grains)
+    natural = math.sqrt(0.25 / closest**3 - 0.25 / APART**3)
+    time = 1.1 * APART / natural * scales.time
+    return problem(natural * scales.velocity, 0.0, time)
+
+
+def _shot(speed: float) -> Scene:
+    """A grain shot at the bottom wall from 20 D [D/tau], and away again."""
+    scales = Scales.of(load_scene("single-particle").grains)
+    arrangement = {
+        "positions": [["30 D", "20 D"]],
+        "velocities": [[0.1 * speed * scales.velocity, -speed * scales.velocity]],
+    }
+    time = 20.0 / speed * scales.time
+    return lone_scene(
+        "shot",
+        2.0 * time,
+        {"gravity": {}, "walls": BOTTOM_ONLY},
+        arrangement=arrangement,
+        cell={"width": "60 D"},
+    )
+
+
+def _pair(gap: str, **effects: Any) -> Scene:
+    """Two grains of 5 mm at rest, at a distance."""
+    return lone_scene(
+        "pair",
+        0.01,
+        {"dipole": {}, **effects},
+        arrangement={"positions": [["30 D", "30 D"], [f"{30.0 + float(gap)!r} D", "30 D"]]},
+    )
+
+
+def _loaded(load: float) -> Scene:
+    """A grain under its weight, pressed on the plates [N]."""
+    arrangement = {"positions": [["30 D", "30 D"]]}
+    return lone_scene(
+        "loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement
+    )
+
+
+def _overdamped(ratio: float) -> Scene:
+    """A drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
+    mass = Scales.of(load_scene("single-particle").grains).mass
+    effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
+    scene = lone_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
+    return scene.replace(**{"output.scalars": 1e-3, "output.frames": 0.1})
+
+
+def _unequal(ratio: float) -> Scene:
+    """A light grain shot at a heavy one of that many times its mass."""
+    small = 5e-3 / math.sqrt(ratio)
+    speed, apart = 0.5, 0.02
+    grains = {
+        "count": 2,
+        "species": [
+            {"name": "heavy", "diameter": 5e-3, "share": 0.5},
+            {"name": "light", "diameter": small, "share": 0.5},
+        ],
+    }
+    plan = {
+        "positions": [["30 D", "30 D"], [0.15 + apart, 0.1502]],
+        "velocities": [[0.0, 0.0], [-speed, 0.0]],
+    }
+    scene = lone_scene("unequal", 2.0 * apart / speed, {"dipole": {}}, arrangement=plan)
+    return scene.replace(**{"grains": grains})
+
+
+def _aspect() -> Scene:
+    """A bed of grains of which half are a tenth as wide."""
+    return _small(
+        "bed",
+        **{
+            "grains.species": [
+                {"name": "big", "diameter": "6 mm", "share": 0.5},
+                {"name": "small", "diameter": "0.6 mm", "share": 0.5},
+            ],
+            "effects.drag": None,
+        },
+    )
+
+
+def _squeezed() -> Scene:
+    """A bed whose piston comes down until the grains' area is more than the cell's."""
+    return _small(
+        "bed",
+        **{
+            "protocol": [
+                {"kind": "move", "name": "squeeze", "to": "1.1 D", "duration": 0.5},
+                {"kind": "hold", "name": "hold", "duration": 60.0},
+            ],
+        },
+    )
+
+
+def _near_limit(share: float) -> tuple[Callable[[], Scene], float]:
+    """A small oscillation, and that share of the longest stable step, 2/omega."""
+    from validation.exact.oscillation import harmonic_period, problem
+
+    scene = problem(1e-3).scene
+    step = share * harmonic_period(scene) / math.pi
+    return (lambda: scene.replace(**{"output.scalars": step * 8, "output.frames": step * 64})), step
+
+
+def _inside() -> Scene:
+    """The source's N = 92, whose piston would start inside the bed [D, 3.3]."""
+    return load_scene("bed").replace(
+        **{"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D",
+           "arrangement.height": "12 D"}
+    )  # fmt: skip
+
+
+def _slabs(**bottom: Any) -> Scene:
+    """Finite magnetic slabs as bottom and piston."""
+    walls = {"left": {}, "right": {}, "bottom": {"law": "slab", **bottom}, "top": {"law": "slab"}}
+    return _small("bed", **{"effects.walls": walls})
+
+
+def _count(number: int) -> Scene:
+    return _small("bed", **{"grains.count": number})
+
+
+def _injected(value: float) -> Scene:
+    return lone_scene(
+        "injected", 0.1, {"gravity": {}, "walls": BOTTOM_ONLY},
+        arrangement={"positions": [[0.15, value]]},
+    )  # fmt: skip
+
+
+def _bouncing(**changes: Any) -> Scene:
+    return load_scene("single-particle").replace(**changes)
+
+
+# The catalogue ----------------------------------------------------------------------------------
+
+
+def catalogue() -> tuple[HardCase, ...]:
+    """All hard cases."""
+    return (
+        *_pistons(), *_collisions(), *_starts(), *_dry(), *_damped(), *_sizes(), *_steps(),
+        *_counts(), *_extremes(), *_injections(),
+    )  # fmt: skip
+
+
+LEDGER = "residual of the energy ledger over the energy turned over"
+FAIR = 1e-4
+"""Residual beyond which the engine itself calls a run degraded."""
+
+
+def _pistons() -> tuple[HardCase, ...]:
+    return (
+        HardCase(
+            "full-height drop", "the piston falls 55 D before it meets the bed",
+            lambda: _drop(**{"piston.height": "75 D"}), ledger, LEDGER, 1e-5, 0.3, 3.0,
+        ),
+        HardCase(
+            "100 kg piston", "thirteen times the damper's mass falls on the bed",
+            lambda: _drop(**{"piston.mass": 100.0}), ledger, LEDGER, FAIR, 0.15, 3.0,
+        ),
+        HardCase(
+            "piston inside the bed", "the source's N = 92 [D, 3.3]",
+            _inside, ledger, LEDGER, FAIR, 0.05, 0.2, errors=("SceneError",),
+        ),
+        HardCase(
+            "packing above 1", "the grains' area is more than the cell's, without contact",
+            _squeezed, ledger, LEDGER, FAIR, 0.55, 2.0,
+        ),
+        HardCase(
+            "slabs under the bed", "a finite magnetic slab as the bottom, another as the piston",
+            _slabs, ledger, LEDGER, FAIR, 0.05, 1.0,
+        ),
+        HardCase(
+            "slabs under the bed, with a gap", "grains flow out between two slabs",
+            lambda: _slabs(gap_start="5 D", gap_end="10 D"), ledger, LEDGER, FAIR, 0.05, 1.0,
+        ),
+    )  # fmt: skip
+
+
+def _collisions() -> tuple[HardCase, ...]:
+    found = []
+    for closest in (0.5, 0.1, 0.02):
+        problem = _head_on(closest)
+        found.append(
+            HardCase(
+                f"head-on to {closest:g} D",
+                "the pair's stiffness grows like r^-5",
+                partial(_as_it_is, problem.scene),
+                distance_to(problem),
+                "distance from the exact place afterwards [D]",
+                1e-2,
+                problem.time,
+                problem.time,
+            )
+        )
+        found.append(
+            HardCase(
+                f"head-on to {closest:g} D, energy",
+                "the same, judged by its energy",
+                partial(_as_it_is, problem.scene),
+                energy_change,
+                "relative change of the energy afterwards",
+                1e-6,
+                problem.time,
+                problem.time,
+            )
+        )
+    for speed in (1.0, 10.0, 100.0):
+        scene = _shot(speed)
+        time = scene.protocol[0].span(0.0)
+        assert time is not None
+        found.append(
+            HardCase(
+                f"shot at the wall with {speed:g} D/tau",
+                "the wall's stiffness grows like w^-4.5",
+                partial(_as_it_is, scene),
+                energy_change,
+                "relative change of the energy afterwards",
+                1e-5,
+                time,
+                time,
+            )
+        )
+    return tuple(found)
+
+
+def _starts() -> tuple[HardCase, ...]:
+    return (
+        HardCase(
+            "coincident grains", "two grains at one place", lambda: _pair("0.0"), energy_change,
+            "relative change of the energy", 1e-6, 0.01, 0.01, errors=("SceneError",),
+        ),
+        HardCase(
+            "nearly coincident grains", "two grains 1e-9 D apart", lambda: _pair("1e-9"),
+            energy_change, "relative change of the energy", 1e-6, 0.01, 0.01,
+            errors=("SceneError",),
+        ),
+        HardCase(
+            "overlapping start", "two grains 0.8 D apart, without contact", lambda: _pair("0.8"),
+            energy_change, "relative change of the energy", 1e-6, 0.01, 0.01,
+            errors=("SceneError",),
+        ),
+        HardCase(
+            "overlapping start with contact", "two grains 0.999 D apart, with contact",
+            lambda: _pair("0.999", contact={"modulus": 1e8}), ledger, LEDGER, 1e-4, 0.002, 0.01,
+        ),
+    )  # fmt: skip
+
+
+def _dry() -> tuple[HardCase, ...]:
+    from validation.exact import sliding
+
+    problem = sliding.problem()
+    limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem
+    return (
+        HardCase(
+            "friction below the threshold", "the weight is 0.7 of what static friction holds",
+            lambda: _loaded(0.01), motion_at_rest, "way [D]", 0.0, 0.5, 5.0,
+        ),
+        HardCase(
+            "sliding friction", "a grain slides and stops",
+            lambda: problem.scene, distance_to(problem), "distance from the exact place [D]",
+            1e-2, problem.time, problem.time, dt=1e-3,
+        ),
+        HardCase(
+            "friction, step 100 times too large", "a step of a fifth of the time to the stop",
+            lambda: problem.scene, distance_to(problem), "distance from the exact place [D]",
+            limit, problem.time, problem.time, dt=1e-2, may_degrade=True,
+        ),
+        HardCase(
+            "bed with dry friction", "many grains stick and slip",
+            lambda: _small("bed", **{"effects.drag": None, "effects.friction": {}}),
+            ledger, LEDGER, 1e-2, 0.2, 2.0,
+        ),
+        HardCase(
+            "bed with dry friction, step 100 times too large", "far beyond the stability limit",
+            lambda: _small("bed", **{"effects.drag": None, "effects.friction": {}}),
+            ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, dt=2e-3, may_degrade=True,
+        ),
+    )  # fmt: skip
+
+
+def _damped() -> tuple[HardCase, ...]:
+    return tuple(
+        HardCase(
+            f"drag with gamma h/m = {ratio:g}", "the velocity decays within a step",
+            partial(_overdamped, ratio),
+            terminal_fall, "relative error of the fall", 1e-4, 0.1, 1.0,
+        )
+        for ratio in (1.0, 1e3, 1e6)
+    )  # fmt: skip
+
+
+def _sizes() -> tuple[HardCase, ...]:
+    masses = tuple(
+        HardCase(
+            f"mass ratio {ratio:g}", "a light grain bounces off a heavy one",
+            partial(_unequal, ratio),
+            momentum_change, "relative change of energy or momentum", 1e-5, 0.08, 0.08,
+        )
+        for ratio in (1e2, 1e4, 1e6)
+    )  # fmt: skip
+    return (
+        *masses,
+        HardCase(
+            "aspect ratio 0.1", "half of the grains are a tenth as wide [D, 4.1]",
+            _aspect, ledger, LEDGER, FAIR, 0.05, 1.0,
+        ),
+    )  # fmt: skip
+
+
+def _steps() -> tuple[HardCase, ...]:
+    below, short = _near_limit(0.95)
+    beyond, long = _near_limit(1.05)
+    return (
+        HardCase(
+            "step at 0.95 of the stability limit", "stable, but far from accurate",
+            below, ledger, LEDGER, 1e-4, 2.0, 200.0, errors=("EnergyError",), dt=short,
+            may_degrade=True,
+        ),
+        HardCase(
+            "step at 1.05 of the stability limit", "the oscillation grows without bound",
+            beyond, ledger, LEDGER, 1e-4, 2.0, 200.0, errors=BROKEN, dt=long, may_degrade=True,
+        ),
+        HardCase(
+            "many steps", "1e6 steps of the bouncing grain; 1e8 in the full catalogue",
+            lambda: _bouncing(**{"output.scalars": 0.01, "output.frames": 1.0}),
+            ledger, LEDGER, 1e-6, 1.0, 100.0, dt=1e-6,
+        ),
+    )  # fmt: skip
+
+
+def _counts() -> tuple[HardCase, ...]:
+    return tuple(
+        HardCase(
+            f"{words}", "sums over grains or pairs are empty",
+            partial(_count, number),
+            ledger, LEDGER, FAIR, 0.05, 1.0,
+        )
+        for number, words in ((0, "no grain"), (1, "one grain"), (2, "two grains"))
+    )  # fmt: skip
+
+
+def _extremes() -> tuple[HardCase, ...]:
+    cases: dict[str, dict[str, Any]] = {
+        "remanence of 1e-4 T": {"grains.remanence": 1e-4},
+        "remanence of 100 T": {"grains.remanence": 100.0},
+        "density of 1 kg/m^3": {"grains.density": 1.0},
+        "density of 1e6 kg/m^3": {"grains.density": 1e6},
+        "gravity of 1e4 m/s^2": {"effects.gravity.acceleration": 1e4},
+        "no gravity": {"effects.gravity.acceleration": 0.0},
+        "grains of 1 km": {
+            "grains.species": [{"name": "grain", "diameter": 1e3}],
+            "arrangement.positions": [["30 D", "40 D"]],
+            "cell.width": "60 D",
+        },
+    }
+    return tuple(
+        HardCase(
+            f"extreme: {name}", "extreme but finite",
+            partial(_bouncing, **changes),
+            ledger, LEDGER, 1e-4, 0.5, 2.0,
+        )
+        for name, changes in cases.items()
+    )  # fmt: skip
+
+
+def _injections() -> tuple[HardCase, ...]:
+    return tuple(
+        HardCase(
+            f"injected {value}", "a number that is none",
+            partial(_injected, value),
+            ledger, LEDGER, FAIR, 0.1, 0.1, errors=("SceneError", "FieldError", "InputError"),
+        )
+        for value in (math.nan, math.inf)
+    )  # fmt: skip
