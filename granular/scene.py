@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from granular.schema import (
     FieldError,
     Many,
     Section,
+    choice,
     declare,
     many,
     one,
@@ -69,6 +71,12 @@ class Grains(Section):
         [kg/m^3]
     remanence : float
         Residual magnetisation Br [T].
+    mixing : str
+        How the species follow each other in the initial grid, row by row: ``"interspersed"``,
+        each evenly, in the numbers that their shares give; or ``"every-kth"``, the source's rule
+        for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
+        share R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It makes
+        other shares than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
     """
 
     count: int = whole()
@@ -76,14 +84,37 @@ class Grains(Section):
     thickness: float = quantity("m", default=0.003, above=0.0)
     density: float = quantity("kg/m^3", default=7368.0, above=0.0)
     remanence: float = quantity("T", default=1.3, above=0.0)
+    mixing: str = choice("interspersed", "every-kth", default="interspersed")
 
     def validate(self) -> None:
         total = sum(one.share for one in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
+        if self.mixing == "every-kth" and len(self.species) != 2:
+            raise FieldError(
+                f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'",
+                "mixing",
+            )
 
     def counts(self) -> tuple[int, ...]:
-        """How many grains each species has: shares of ``count``, by largest remainder."""
+        """How many grains each species has."""
+        return tuple(np.bincount(self.assignment(), minlength=len(self.species)).tolist())
+
+    def shares(self) -> tuple[float, ...]:
+        """The share of each species that the mixing rule really makes."""
+        return tuple(number / max(self.count, 1) for number in self.counts())
+
+    def assignment(self) -> np.ndarray:
+        """Species index of each grain (n,)."""
+        if self.mixing == "every-kth":
+            return _every_kth(self.count, self.species[1].share)
+        counts = self._rounded_counts()
+        places = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
+        owner = np.repeat(np.arange(len(counts)), counts)
+        return owner[np.argsort(np.concatenate(places), kind="stable")]
+
+    def _rounded_counts(self) -> tuple[int, ...]:
+        """Shares of ``count``, by largest remainder."""
         exact = [self.count * one.share for one in self.species]
         counts = [int(number + 1e-9) for number in exact]
         order = sorted(range(len(exact)), key=lambda k: counts[k] - exact[k])
@@ -91,16 +122,22 @@ class Grains(Section):
             counts[k] += 1
         return tuple(counts)
 
-    def assignment(self) -> np.ndarray:
-        """Species index of each grain (n,), the species evenly interspersed."""
-        counts = self.counts()
-        places = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
-        owner = np.repeat(np.arange(len(counts)), counts)
-        return owner[np.argsort(np.concatenate(places), kind="stable")]
-
     def diameters(self) -> np.ndarray:
         """Diameter of each grain (n,) [m]."""
         return np.array([one.diameter for one in self.species])[self.assignment()]
+
+
+def _every_kth(count: int, share: float) -> np.ndarray:
+    """Grain numbers count from 1; the quotients are exact, where floating point makes 19 of 20."""
+    rare = Fraction(repr(share)).limit_denominator(10**6)
+    common, found = 0, 1
+    if rare > Fraction(1, 2):
+        rare, common, found = 1 - rare, 1, 0
+    species = np.full(count, common)
+    if rare > 0:
+        every = int(1 / rare)
+        species[every - 1 :: every] = found
+    return species
 
 
 class Cell(Section):

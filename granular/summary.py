@@ -43,10 +43,11 @@ def effect_names(scene: Scene) -> tuple[str, ...]:
 def scene_text(scene: Scene) -> str:
     """A scene for people to read."""
     scales = Scales.of(scene.grains)
-    counts = scene.grains.counts()
+    counts, shares = scene.grains.counts(), scene.grains.shares()
     lines = [f"scene {scene.name}"]
-    for one, count in zip(scene.grains.species, counts, strict=True):
-        lines.append(f"  {count} grains {one.name!r} of {1e3 * one.diameter:g} mm")
+    for one, count, share in zip(scene.grains.species, counts, shares, strict=True):
+        mixed = "" if len(counts) == 1 else f", a share of {share:.4g}"
+        lines.append(f"  {count} grains {one.name!r} of {1e3 * one.diameter:g} mm{mixed}")
     lines.append(
         f"  natural units: D = {1e3 * scales.length:g} mm, m = {1e3 * scales.mass:.5g} g, "
         f"F* = {scales.force:.5g} N, tau = {1e3 * scales.time:.5g} ms"
