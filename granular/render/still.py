@@ -66,14 +66,16 @@ def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
     InputError
         If the format is another, or the file exists or cannot be written.
     """
+    import matplotlib as mpl
+
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError(
             f"unknown format {path.suffix!r} of {path.name}; a still is one of "
             f"{', '.join(FORMATS)}, a movie .mp4 or .gif"
         )
-    # Without its date the same picture is the same file.
+    # Without date and random names the same picture is the same file.
     undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with replacing(path, overwrite) as part:
+    with replacing(path, overwrite) as part, mpl.rc_context({"svg.hashsalt": "granular"}):
         figure.savefig(part, dpi=STILL_DPI, metadata=undated[path.suffix.lower()])
     return path

@@ -1,0 +1,127 @@
+"""Movies have a picture a frame, play in time, and lose nothing to Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from granular.errors import InputError
+from granular.export.frames import bed_frames
+from granular.render import movie
+from granular.render.picture import BedPicture, highest
+from granular.trajectory import Trajectory
+
+
+@pytest.fixture(scope="module")
+def short(run: Trajectory) -> Trajectory:
+    """Twelve frames, of which five lie in the second stage."""
+    import dataclasses
+
+    stages = (
+        dataclasses.replace(run.stages[0], end=0.0034),
+        dataclasses.replace(run.stages[1], start=0.0034, end=0.0056),
+    )
+    data = run.dataset.isel(frame=slice(0, 12))
+    return dataclasses.replace(run, dataset=data, stages=stages)
+
+
+def pictures(path: Path) -> list[np.ndarray]:
+    """All pictures of a movie (height, width, 3)."""
+    if path.suffix == ".gif":
+        with Image.open(path) as file:
+            found = []
+            for k in range(file.n_frames):
+                file.seek(k)
+                found.append(np.asarray(file.convert("RGB")))
+            return found
+    reader = imageio_ffmpeg.read_frames(str(path))
+    width, height = next(reader)["source_size"]
+    return [np.frombuffer(one, dtype=np.uint8).reshape(height, width, 3) for one in reader]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> None:
+    path = movie(short, tmp_path / f"bed.{ending}", fps=10.0, progress=False)
+    found = pictures(path)
+    assert len(found) == 12
+    picture = BedPicture(short, "species", (0.0, 1.0), highest(short, bed_frames(short)))
+    for frame, image in zip(bed_frames(short), found, strict=True):
+        picture.show(frame)
+        error = np.abs(image.astype(float) - picture.pixels())
+        assert error.mean() < 4.0
+    assert (found[0][:4] > 250).all()  # the paper is white
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+
+def test_plays_in_the_wanted_time(short: Trajectory, tmp_path: Path) -> None:
+    path = movie(short, tmp_path / "bed.mp4", fps=8.0, progress=False)
+    count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert (count, seconds) == (12, pytest.approx(1.5, abs=0.02))
+    with Image.open(movie(short, tmp_path / "bed.gif", fps=8.0, progress=False)) as file:
+        assert file.info["duration"] == pytest.approx(125.0, abs=10.0)
+
+
+def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
+    path = movie(short, tmp_path / "bed.gif", stage="compress", progress=False)
+    assert len(pictures(path)) == 5  # 0.0035, 0.004 ... 0.0055 s
+    with pytest.raises(InputError, match="unknown stage"):
+        movie(short, tmp_path / "more.gif", stage="expand", progress=False)
+
+
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_ctrl_c_keeps_what_was_made(
+    short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    shown, show = [], BedPicture.show
+
+    def interrupted(self: BedPicture, frame: object) -> None:
+        shown.append(frame)
+        if len(shown) == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+        show(self, frame)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(BedPicture, "show", interrupted)
+    path = tmp_path / f"bed.{ending}"
+    with (
+        pytest.warns(UserWarning, match="holds the 5 pictures of 12 made"),
+        pytest.raises(KeyboardInterrupt),
+    ):
+        movie(short, path, progress=False)
+    assert len(pictures(path)) == 5
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+
+def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> None:
+    """The bar at the side does not change from picture to picture."""
+    path = movie(short, tmp_path / "bed.mp4", colour="speed", progress=False)
+    found = pictures(path)
+    side = [one[:, int(0.83 * one.shape[1]) :].astype(float) for one in found]
+    assert max(np.abs(one - side[0]).mean() for one in side) < 1.0
+    assert (side[0] < 100).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "choice", "message"),
+    [
+        ("bed.avi", {}, "unknown format '.avi'"),
+        ("bed.mp4", {"fps": 0.0}, "fps 0 is not above 0"),
+        ("bed.gif", {"fps": 60.0}, "at most 50 for .gif"),
+        ("bed.mp4", {"fps": float("nan")}, "fps nan"),
+        ("bed.mp4", {"colour": "blue"}, "unknown colour 'blue'"),
+        ("missing/bed.mp4", {}, "there is no directory"),
+        ("there.gif", {}, "exists"),
+    ],
+)
+def test_bad_choices(
+    short: Trajectory, tmp_path: Path, name: str, choice: dict, message: str
+) -> None:
+    (tmp_path / "there.gif").touch()
+    with pytest.raises(InputError, match=message):
+        movie(short, tmp_path / name, progress=False, **choice)
+    assert [one.name for one in tmp_path.iterdir()] == ["there.gif"]

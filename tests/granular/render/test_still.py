@@ -1,0 +1,213 @@
+"""Stills show the bed to scale, in the right colours."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection, PolyCollection
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from granular.errors import InputError
+from granular.observables import hexagon_regularity, voronoi_cells
+from granular.render import COLOURINGS, save, still
+from granular.render.colourings import SIDES, SPECIES
+from granular.trajectory import Trajectory
+
+
+def grains(figure: Figure) -> EllipseCollection:
+    (found,) = (one for one in figure.axes[0].collections if isinstance(one, EllipseCollection))
+    return found
+
+
+def cells(figure: Figure) -> PolyCollection:
+    (found,) = (one for one in figure.axes[0].collections if isinstance(one, PolyCollection))
+    return found
+
+
+def words(figure: Figure) -> str:
+    return " ".join(one.get_text() for one in figure.axes[0].texts)
+
+
+@pytest.fixture(scope="module")
+def lattice(run: Trajectory) -> Trajectory:
+    """One frame of 120 grains in a hexagonal lattice, disordered."""
+    k = np.arange(120)
+    place = np.stack([0.008 + 0.006 * (k % 12 + 0.5 * (k // 12 % 2)),
+                      0.006 + 0.0052 * (k // 12)], axis=1)  # fmt: skip
+    place += np.random.default_rng(11).uniform(-0.0015, 0.0015, place.shape)
+    scene = run.scene.replace(
+        **{"grains.count": 120, "grains.species": [{"name": "one", "diameter": "3 mm"}],
+           "piston.height": 0.06, "cell.width": 0.09}
+    )  # fmt: skip
+    import xarray
+
+    from granular.trajectory import finished
+
+    force = np.random.default_rng(3).normal(0.0, 0.1, (1, 120, 2))
+    data = xarray.Dataset(
+        {"position": (("frame", "grain", "axis"), place[None]),
+         "velocity": (("frame", "grain", "axis"), 0.1 * force),
+         "force": (("frame", "grain", "axis"), force),
+         "frame_time": ("frame", [0.5]), "frame_height": ("frame", [0.06])},
+        coords={"time": [0.0, 1.0]},
+    )  # fmt: skip
+    return finished(scene, data, {}, {"stages": [], "complete": True, "figures": {}}, None)
+
+
+def test_grains_stand_where_they_are_at_their_size(run: Trajectory) -> None:
+    figure = still(run, 3)
+    place = run.dataset["position"].values[3]
+    np.testing.assert_allclose(grains(figure).get_offsets(), 1e3 * place, rtol=1e-12)
+    np.testing.assert_allclose(grains(figure).get_widths(), 1e3 * run.scene.grains.diameters())
+    np.testing.assert_allclose(grains(figure).get_heights(), 1e3 * run.scene.grains.diameters())
+    assert figure.axes[0].get_aspect() == 1.0
+
+
+def test_area_of_the_discs_in_pixels(lattice: Trajectory, tmp_path: Path) -> None:
+    """Counted in the picture itself: 120 discs of 3 mm cover 120 pi/4 9 mm^2."""
+    from matplotlib import image
+
+    figure = still(lattice)
+    grains(figure).set_linewidths(0.0)
+    figure.set_dpi(200)
+    pixels = image.imread(save(figure, tmp_path / "bed.png"))[..., :3]
+    blue = np.abs(pixels - to_rgba(SPECIES[0])[:3]).max(axis=2) < 0.3
+    axes = figure.axes[0]
+    scale = np.ptp(axes.get_window_extent().intervalx) / np.ptp(axes.get_xlim())
+    low, high = axes.transData.transform([(0.0, 0.0), (90.0, 60.0)])
+    inside = blue[len(blue) - int(high[1]) : len(blue) - int(low[1]), int(low[0]) : int(high[0])]
+    assert inside.sum() / scale**2 == pytest.approx(120 * np.pi / 4.0 * 9.0, rel=0.03)
+
+
+def test_absent_grains_are_not_drawn(run: Trajectory) -> None:
+    assert len(grains(still(run, 39)).get_offsets()) == 7
+    assert len(grains(still(run, 40)).get_offsets()) == 6
+
+
+def test_piston_stands_at_its_height_and_is_stated(run: Trajectory) -> None:
+    figure = still(run, time=0.0201)
+    frame = 40
+    height = 1e3 * run.dataset["frame_height"].values[frame]
+    bars = [one for one in figure.axes[0].patches if isinstance(one, Rectangle)]
+    assert [one for one in bars if one.get_visible() and one.get_y() == pytest.approx(height)]
+    assert "t = 0.020 s" in words(figure)
+    assert f"piston at {height:.1f} mm" in words(figure)
+    record = np.searchsorted(run.dataset["time"].values, 0.02)
+    assert f"force {run.dataset['piston_force'].values[record]:.2f} N" in words(figure)
+    assert "relax" in words(figure)
+
+
+def test_species_are_told_apart_and_named(run: Trajectory) -> None:
+    figure = still(run, 0)
+    wanted = [to_rgba(SPECIES[k]) for k in run.scene.grains.assignment()]
+    np.testing.assert_array_equal(grains(figure).get_facecolor(), wanted)
+    (legend,) = (one.get_legend() for one in figure.axes if one.get_legend())
+    assert [one.get_text() for one in legend.get_texts()] == ["big, 5 mm", "two words, 100 %, 3 mm"]
+
+
+def test_sides_are_those_of_the_cells(lattice: Trajectory) -> None:
+    figure = still(lattice, colour="sides")
+    found = voronoi_cells(lattice.dataset["position"].values[0])
+    inner = np.flatnonzero(found.interior)
+    colours = [to_rgba(one) for one in SIDES.values()]
+    drawn = {}
+    for path, colour in zip(cells(figure).get_paths(), cells(figure).get_facecolor(), strict=True):
+        corners = {tuple(np.round(one, 6)) for one in path.vertices}
+        middle = tuple(np.round(np.mean(sorted(corners), axis=0), 3))
+        drawn[middle] = (len(corners), colours.index(tuple(colour)) + 4)
+    assert len(drawn) == len(inner)
+    assert all(corners == sides for corners, sides in drawn.values())
+    assert sorted(sides for _, sides in drawn.values()) == sorted(found.sides[inner])
+    assert {5, 6, 7} <= set(found.sides[inner].tolist())
+
+
+@pytest.mark.parametrize("colour", ["speed", "force", "regularity", "fluctuation"])
+def test_colour_bars(lattice: Trajectory, colour: str) -> None:
+    """A greater value lies higher on the bar, and the bar says what it is."""
+    from matplotlib import colormaps
+
+    figure = still(lattice, colour=colour)
+    shown = COLOURINGS[colour]
+    (bar,) = (one for one in figure.axes[1].child_axes if one.get_ylabel())
+    assert bar.get_ylabel() == shown.label
+    data = lattice.dataset
+    if colour == "regularity":
+        values = hexagon_regularity(voronoi_cells(data["position"].values[0]))
+        values, drawn = values[np.isfinite(values)], cells(figure).get_facecolor()
+        drawn = drawn[(drawn != 1.0).any(axis=1)]
+    elif colour == "speed":
+        values = 1e3 * np.linalg.norm(data["velocity"].values[0], axis=1)
+        drawn = grains(figure).get_facecolor()
+    else:
+        weight = 9.8 * 7368.0 * 0.003 * np.pi * 0.003**2 / 4.0
+        values = np.linalg.norm(data["force"].values[0] + [0.0, weight], axis=1)
+        drawn = grains(figure).get_facecolor()
+        if colour == "fluctuation":
+            inner = voronoi_cells(data["position"].values[0]).interior
+            values, drawn = values[inner], drawn[inner]
+            values = np.abs(values - values.mean()) / values.mean()
+    low, high = bar.get_ylim()
+    table = colormaps[shown.map](np.arange(256))
+    places = [np.abs(table - one).sum(axis=1).argmin() for one in drawn]
+    wanted = np.clip((values - low) / (high - low) * 256, 0, 255)
+    np.testing.assert_allclose(places, np.floor(wanted), atol=1.0)
+
+
+def test_every_colour_works_with_three_grains_and_with_none(run: Trajectory) -> None:
+    few = dataclasses.replace(run, dataset=run.dataset.copy(deep=True))
+    few.dataset["position"].values[0, 3:] = np.nan
+    few.dataset["position"].values[1] = np.nan
+    for colour in COLOURINGS:
+        assert len(grains(still(few, 0, colour=colour)).get_offsets()) == 3
+        assert len(grains(still(few, 1, colour=colour)).get_offsets()) == 0
+
+
+def test_walls_are_drawn_where_they_are(run: Trajectory) -> None:
+    scene = run.scene.replace(
+        **{"effects.walls.left": None, "effects.walls.bottom":
+           {"law": "slab", "gap_start": 0.03, "gap_end": 0.05}}
+    )  # fmt: skip
+    figure = still(dataclasses.replace(run, scene=scene), 0)
+    bars = [one.get_bbox() for one in figure.axes[0].patches if isinstance(one, Rectangle)]
+    below = sorted((one.x0, one.x1) for one in bars if one.y1 == pytest.approx(0.0))
+    assert [below[0][1], below[1][0]] == pytest.approx([30.0, 50.0])
+    assert any(one.x0 == pytest.approx(90.0) for one in bars)
+    assert not any(one.x1 == pytest.approx(0.0) and one.y0 >= 0.0 for one in bars)
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_same_picture_is_the_same_file(run: Trajectory, tmp_path: Path, ending: str) -> None:
+    first, again = (
+        save(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes() for k in "ab"
+    )
+    assert first[:4] in {b"\x89PNG", b"<?xm", b"%PDF"}
+    assert first == again
+
+
+@pytest.mark.parametrize(
+    ("choice", "message"),
+    [
+        ({"frame": 90}, "there is no frame 90; the run has 90: give 0 to 89"),
+        ({"frame": -91}, "there is no frame -91"),
+        ({"time": 1.0}, "frames from 0 to 0.0445 s"),
+        ({"time": float("nan")}, "time nan s is not in the run"),
+        ({"colour": "forze"}, "did you mean 'force'"),
+    ],
+)
+def test_bad_choices(run: Trajectory, choice: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        still(run, **choice)
+
+
+def test_bad_files(run: Trajectory, tmp_path: Path) -> None:
+    figure = still(run)
+    with pytest.raises(InputError, match=r"unknown format '\.jpeg'"):
+        save(figure, tmp_path / "bed.jpeg")
+    save(figure, tmp_path / "bed.png")
+    with pytest.raises(InputError, match="exists"):
+        save(figure, tmp_path / "bed.png")
