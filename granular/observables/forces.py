@@ -55,7 +55,7 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
         np.stack([run.dataset[f"{wall}_force"].values for wall in present], axis=1),
         dims=("time", "wall"),
         coords={"time": run.dataset["time"], "wall": present},
-        attrs={"units": "N", "long_name": "force of the grains on the wall, outwards"},
+        attrs={"units": "N", "long_name": "force on the wall, outwards"},
     )
 
 

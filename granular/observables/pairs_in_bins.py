@@ -7,7 +7,7 @@ import numpy as np
 from granular.errors import InputError
 from granular.observables.frames import spanned_box
 
-FARTHEST = 15.0
+FARTHEST = 10.0
 """Default of the greatest distance, in mean spacings: farther, large beds would be slow."""
 
 BINS = 100

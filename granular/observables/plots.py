@@ -173,6 +173,7 @@ def plot_biexponential(
     axes.plot(x, y, "o", markersize=4.0, label="samples")
     fine = np.linspace(np.min(x), np.max(x), 200)
     axes.plot(fine, fit.values(fine), label="A exp(l1 x) + B exp(l2 x)")
+    axes.set(xlabel="x", ylabel="y")
     axes.legend()
     return axes
 

@@ -53,7 +53,7 @@ def radial_distribution(
         [m]; NaN for absent grains.
     edges : float (k + 1,), optional
         Of the bins [m]; 100 bins up to half the shorter side of the box of the outermost centres
-        (or 15 mean spacings, where that is less) if not given.
+        (or 10 mean spacings, where that is less) if not given.
     box : float (2, 2), optional
         Lowest and highest x and y of the rectangle that the grains could be in [m]; that of the
         outermost centres if not given.

@@ -97,14 +97,17 @@ def frequency_response(
             "frequency above 0 Hz"
         )
     periods = _whole_periods(time, frequency, discard)
-    chosen = time >= time[-1] - (periods + 1e-9) / frequency
+    chosen = time > time[-1] - (periods - 1e-9) / frequency
     time, drive, answer = time[chosen], drive[chosen], answer[chosen]
     _check_samples(len(time), periods, harmonics)
     # Time from the middle of the window leaves the drift independent of the rest.
     middle = time[-1] - 0.5 * periods / frequency
-    into, out = (_harmonics(time - middle, one, frequency, harmonics) for one in (drive, answer))
-    transfer = _transfer(into, out)
-    spread = _period_transfers(time, middle, drive, answer, frequency, harmonics, periods)
+    since = time - middle
+    into, out = (_fit(since, values, frequency, harmonics) for values in (drive, answer))
+    transfer = _transfer(into.amplitudes, out.amplitudes)
+    spread = _period_transfers(
+        since, drive - into.drift * since, answer - out.drift * since, frequency, harmonics, periods
+    )
     along, across = _errors(transfer, spread)
     ratio = np.abs(transfer)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -116,7 +119,7 @@ def frequency_response(
         phase=np.angle(transfer),
         ratio_error=along,
         phase_error=phase_error,
-        drive_amplitude=float(np.abs(into[0])),
+        drive_amplitude=float(np.abs(into.amplitudes[0])),
         periods=periods,
     )
 
@@ -183,6 +186,8 @@ def response_of_run(
 def _whole_periods(time: np.ndarray, frequency: float, discard: float | None) -> int:
     span = float(time[-1] - time[0])
     left = span - (0.5 * span if discard is None else discard)
+    # A period is whole with the sample that would begin the next one.
+    left += span / max(len(time) - 1, 1)
     periods = int(left * frequency + 1e-6)
     if periods < LEAST_PERIODS:
         raise InputError(
@@ -201,14 +206,22 @@ def _check_samples(samples: int, periods: int, harmonics: int) -> None:
         )
 
 
-def _harmonics(time: np.ndarray, values: np.ndarray, frequency: float, number: int) -> np.ndarray:
-    """Complex amplitudes X_k of sum_k Re(X_k exp(i k w t)) (K,), beside a mean and a drift."""
+class _Fit(NamedTuple):
+    """sum_k Re(X_k exp(i k w t)), with the amplitudes X_k (K,), a mean and a drift (per second)."""
+
+    amplitudes: np.ndarray
+    drift: float
+
+
+def _fit(
+    time: np.ndarray, values: np.ndarray, frequency: float, number: int, drifting: bool = True
+) -> _Fit:
     turn = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
-    basis = np.concatenate(
-        [np.ones((len(time), 1)), frequency * time[:, None], np.cos(turn), np.sin(turn)], axis=1
-    )
+    slope = [frequency * time[:, None]] if drifting else []
+    basis = np.concatenate([np.cos(turn), np.sin(turn), np.ones((len(time), 1)), *slope], axis=1)
     found = np.linalg.lstsq(basis, values, rcond=None)[0]
-    return np.asarray(found[2 : 2 + number] - 1j * found[2 + number :])
+    drift = float(found[-1]) * frequency if drifting else 0.0
+    return _Fit(found[:number] - 1j * found[number : 2 * number], drift)
 
 
 def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -222,21 +235,23 @@ def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
 
 def _period_transfers(
     time: np.ndarray,
-    middle: float,
     drive: np.ndarray,
     answer: np.ndarray,
     frequency: float,
     harmonics: int,
     periods: int,
 ) -> np.ndarray:
-    """`_transfer` of every single period (p, K)."""
+    """`_transfer` of every single period (p, K), of signals without drift.
+
+    Within one period a drift and a sine are too much alike to be fitted beside each other.
+    """
     place = (time - time[-1]) * frequency + periods
-    which = np.clip(np.floor(place).astype(int), 0, periods - 1)
+    which = np.clip(np.ceil(place - 1e-9).astype(int) - 1, 0, periods - 1)
     rows = []
     for one in range(periods):
         here = which == one
         parts = (
-            _harmonics(time[here] - middle, values[here], frequency, harmonics)
+            _fit(time[here], values[here], frequency, harmonics, drifting=False).amplitudes
             for values in (drive, answer)
         )
         rows.append(_transfer(*parts))

@@ -1,0 +1,146 @@
+"""Defects that were put into a crystal are found again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular.observables import (
+    defect_series,
+    disclination_charges,
+    dislocations,
+    global_psi6,
+    hexatic_susceptibility,
+    susceptibility_of_run,
+    voronoi_cells,
+)
+
+from .conftest import MakeRun, hexagonal, rotated
+
+
+def with_dislocation(burgers: np.ndarray, size: int = 21) -> np.ndarray:
+    """A hexagonal lattice of spacing 1 with an edge dislocation near its middle.
+
+    The displacement is that of isotropic elasticity (Hirth and Lothe 1982, eq. 3-45, with Poisson's
+    ratio 1/3), whose counter-clockwise circuit integral is b.
+    """
+    lattice = hexagonal(size, size)
+    angle = np.arctan2(burgers[1], burgers[0])
+    # The core stands between two rows, above the middle of a bond along b.
+    middle = hexagonal(size, size)[(size // 2) * size + size // 2]
+    start = middle + 0.5 * burgers + 0.5 * np.sqrt(3.0) / 2.0 * np.array([-burgers[1], burgers[0]])
+    x, y = rotated(lattice - start, -angle).T
+    r2 = x**2 + y**2
+    nu = 1.0 / 3.0
+    turn = 1.0 / (2.0 * np.pi)
+    ux = turn * (np.arctan2(y, x) + x * y / (2.0 * (1.0 - nu) * r2))
+    uy = -turn * (
+        (1.0 - 2.0 * nu) / (4.0 * (1.0 - nu)) * np.log(r2) + (x**2 - y**2) / (4.0 * (1.0 - nu) * r2)
+    )
+    return lattice + rotated(np.stack([ux, uy], axis=1), angle)
+
+
+def central(points: np.ndarray, reach: float = 5.0) -> np.ndarray:
+    return np.linalg.norm(points - points.mean(axis=0), axis=1) < reach
+
+
+@pytest.mark.parametrize("sixth", range(6))
+def test_burgers_vector_of_an_edge_dislocation(sixth: int) -> None:
+    angle = sixth * np.pi / 3.0
+    burgers = np.array([np.cos(angle), np.sin(angle)])
+    points = with_dislocation(burgers)
+    found = dislocations(points)
+    near = np.linalg.norm(found.positions - points.mean(axis=0), axis=1) < 5.0
+    assert near.sum() == 1
+    assert np.linalg.norm(found.burgers[near][0] - burgers) < 0.1
+    charges = disclination_charges(voronoi_cells(points))
+    assert sorted(charges[central(points)][charges[central(points)] != 0]) == [-1, 1]
+    # The extra half row, and the pentagon, lie to the left of b.
+    five, seven = points[found.pairs[near][0]]
+    assert (five - seven) @ np.array([-burgers[1], burgers[0]]) > 0.8
+
+
+def test_crystal_has_no_defects(make_run: MakeRun) -> None:
+    points = hexagonal(10, 10)
+    cells = voronoi_cells(points)
+    assert not disclination_charges(cells).any()
+    assert dislocations(points, cells).burgers.shape == (0, 2)
+    counts = defect_series(make_run(0.006 * points[None]))
+    assert {name: int(counts[name][0]) for name in counts} == {
+        "disclinations": 0, "dislocations": 0, "unpaired": 0,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("sectors", "charge"), [(5, 1), (7, -1)])
+def test_wedge_disclination(sectors: int, charge: int) -> None:
+    """Sectors of 60 degrees, pressed or drawn to close the circle, leave one disclination."""
+    patch = hexagonal(41, 41)
+    patch = patch - patch[20 * 41 + 20]
+    angle = np.mod(np.arctan2(patch[:, 1], patch[:, 0]), 2.0 * np.pi)
+    radius = np.linalg.norm(patch, axis=1)
+    wedge = (radius > 0.5) & (radius < 12.0) & (angle < np.pi / 3.0 - 1e-9)
+    turns = 2.0 * np.pi * np.arange(sectors) / sectors
+    around = (angle[wedge] * 6.0 / sectors)[None] + turns[:, None]
+    arms = np.stack([np.cos(around), np.sin(around)], axis=-1) * radius[wedge][None, :, None]
+    points = np.concatenate([np.zeros((1, 2)), arms.reshape(-1, 2)])
+    cells = voronoi_cells(points)
+    inner = np.linalg.norm(points, axis=1) < 6.0
+    charges = disclination_charges(cells)
+    assert charges[0] == charge
+    assert not charges[inner][1:].any()
+    assert not np.isin(0, dislocations(points, cells).pairs)
+
+
+def test_pairs_are_disjoint_neighbours_and_as_many_as_can_be(
+    random: np.random.Generator,
+) -> None:
+    points = random.random((400, 2))
+    cells = voronoi_cells(points)
+    found = dislocations(points, cells)
+    bonds = {frozenset(one) for one in cells.neighbours.tolist()}
+    assert all(frozenset(one) in bonds for one in found.pairs.tolist())
+    assert len(np.unique(found.pairs)) == found.pairs.size
+    assert (cells.sides[found.pairs] == [5, 7]).all()
+    assert cells.interior[found.pairs].all()
+    # No pair can be added: no pentagon that is left has a heptagon that is left for a neighbour.
+    charges = disclination_charges(cells)
+    charges[found.pairs.ravel()] = 0
+    left = charges[cells.neighbours]
+    assert not ((left[:, 0] * left[:, 1] == -1) & (np.abs(left) == 1).all(axis=1)).any()
+    np.testing.assert_allclose(
+        np.einsum("ij,ij->i", found.burgers, points[found.pairs[:, 1]] - points[found.pairs[:, 0]]),
+        0.0,
+        atol=1e-12,
+    )
+
+
+def test_counts_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
+    frames = random.random((2, 100, 2)) * 0.06
+    counts = defect_series(make_run(frames))
+    for k, frame in enumerate(frames):
+        cells = voronoi_cells(frame)
+        irregular = np.count_nonzero(cells.sides[cells.interior] != 6)
+        pairs = len(dislocations(frame, cells).pairs)
+        assert int(counts["disclinations"][k]) == irregular
+        assert int(counts["unpaired"][k]) == irregular - 2 * pairs
+
+
+def test_susceptibility(make_run: MakeRun, random: np.random.Generator) -> None:
+    """N var |Psi|: 0 for a frozen order, N/4 for one that is there half of the time."""
+    assert hexatic_susceptibility(np.exp(1j * np.arange(6.0)), 50) == pytest.approx(0.0, abs=1e-12)
+    assert hexatic_susceptibility(np.array([0.0, 1.0, 1j, 0.0]), 80) == pytest.approx(20.0)
+    frames = random.random((5, 60, 2)) * 0.06
+    cells = [voronoi_cells(one) for one in frames]
+    sizes = [abs(global_psi6(*both)) for both in zip(frames, cells, strict=True)]
+    wanted = np.mean([one.interior.sum() for one in cells]) * np.var(sizes)
+    assert float(susceptibility_of_run(make_run(frames))) == pytest.approx(wanted, rel=1e-10)
+
+
+def test_susceptibility_of_no_order_is_that_of_a_random_walk(
+    random: np.random.Generator,
+) -> None:
+    """|Psi| of N independent unit phases: N <|Psi|^2> = 1, so N var |Psi| = 1 - pi/4."""
+    phases = np.exp(2j * np.pi * random.random((20_000, 200)))
+    assert hexatic_susceptibility(phases.mean(axis=1), 200) == pytest.approx(
+        1.0 - np.pi / 4.0, abs=0.01
+    )

@@ -1,0 +1,87 @@
+"""The public names, what importing them costs, and the pictures."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from granular import observables
+from granular.observables import plots
+
+from .conftest import MakeRun, hexagonal
+
+
+def test_public_names_exist_and_are_no_modules() -> None:
+    for name in observables.__all__:
+        assert not isinstance(getattr(observables, name), ModuleType)
+    with pytest.raises(AttributeError, match="no attribute"):
+        observables.nothing_of_this_name  # noqa: B018
+
+
+def test_import_is_light() -> None:
+    code = (
+        "import sys, granular.observables; "
+        "print([one for one in ('scipy', 'matplotlib', 'xarray', 'numba') if one in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_array_layer_needs_no_plotting() -> None:
+    code = (
+        "import sys, numpy; from granular.observables import psi6, radial_distribution; "
+        "psi6(numpy.random.default_rng(0).random((50, 2))); "
+        "print([one for one in ('matplotlib', 'xarray', 'numba') if one in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_cells_are_drawn_in_the_colours_of_their_sides(random: np.random.Generator) -> None:
+    points = random.random((150, 2)) * 0.1
+    cells = observables.voronoi_cells(points)
+    axes = plots.plot_cells(cells, points)
+    (drawn,) = axes.collections
+    assert len(drawn.get_paths()) == cells.interior.sum()
+    colours = drawn.get_facecolors()
+    sides = cells.sides[cells.interior]
+    red, green = colours[:, 0] > colours[:, 1] + 0.1, colours[:, 1] > colours[:, 0] + 0.03
+    np.testing.assert_array_equal(red, sides > 6)
+    np.testing.assert_array_equal(green, sides == 6)
+
+
+def test_pictures_show_what_was_measured(make_run: MakeRun, random: np.random.Generator) -> None:
+    frames = 0.006 * (hexagonal(9, 8) + 0.25 * random.normal(size=(3, 72, 2)))
+    forces = random.normal(size=frames.shape)
+    time = np.linspace(0.0, 2.0, 21)
+    height = 0.1 + 0.05 * np.abs(time - 1.0)
+    columns = {"time": time, "piston_height": height, "piston_force": 1.0 / height}
+    run = make_run(frames, forces=forces, columns=columns)
+
+    shares = observables.share_series(run)
+    lines = plots.plot_shares(shares).get_lines()
+    np.testing.assert_array_equal(lines[1].get_ydata(), shares["hexagons"])
+    series = observables.psi6_series(run)
+    np.testing.assert_array_equal(plots.plot_series(series).get_lines()[0].get_ydata(), series)
+    distances = observables.piston_distance_series(run)
+    assert "[m]" in plots.plot_series(distances).get_ylabel()
+    assert len(plots.plot_hysteresis(run).get_lines()) == 2
+    profile = observables.area_profile_series(run)
+    assert len(plots.plot_area_profile(profile).get_lines()) == 3
+    function = observables.radial_distribution_of_run(run)
+    drawn = plots.plot_correlation_function(function).get_lines()[0]
+    np.testing.assert_allclose(drawn.get_xdata(), 1e3 * function["distance"])
+    histograms = observables.force_distribution_of_run(run)
+    assert len(plots.plot_force_distribution(histograms).patches) == 1
+    cells = observables.voronoi_cells(frames[0])
+    found = observables.dislocations(frames[0], cells)
+    assert plots.plot_dislocations(found, frames[0]).get_xlabel() == "x [mm]"
+    axes = plots.plot_order_correlation(series.values, shares["hexagons"].values)
+    assert len(axes.get_lines()) == 2
+    x = np.linspace(0.0, 1.0, 9)
+    fit = observables.biexponential_fit(x, np.exp(x) + 0.1 * np.exp(3.0 * x))
+    assert plots.plot_biexponential(fit, x, fit.values(x)).get_legend() is not None

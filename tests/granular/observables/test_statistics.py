@@ -1,0 +1,238 @@
+"""Knuth's bins, fluctuations, correlation, temperature and the bi-exponential law."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import pearsonr
+
+from granular.errors import InputError
+from granular.observables import (
+    biexponential_fit,
+    fluctuation_series,
+    force_distribution_of_run,
+    force_magnitudes,
+    interaction_forces,
+    kinetic_temperature,
+    knuth_bins,
+    knuth_histogram,
+    order_correlation_of_run,
+    pearson_correlation,
+    psi6_series,
+    relative_fluctuation,
+    share_series,
+    temperature_series,
+    voronoi_cells,
+)
+
+from .conftest import MakeRun
+
+TWO_SPECIES = [
+    {"name": "big", "diameter": "6 mm", "share": 0.5},
+    {"name": "small", "diameter": "3 mm", "share": 0.5},
+]
+
+
+def knuth_posterior(values: np.ndarray, bins: int) -> float:
+    """[D, eq. 4.33], term by term."""
+    counts = np.histogram(values, bins)[0]
+    n = len(values)
+    return (
+        n * math.log(bins)
+        + math.lgamma(bins / 2)
+        - bins * math.lgamma(1 / 2)
+        - math.lgamma(n + bins / 2)
+        + sum(math.lgamma(k + 1 / 2) for k in counts)
+    )
+
+
+@pytest.mark.parametrize("kind", ["normal", "two", "long-tailed", "few"])
+def test_knuth_has_the_greatest_posterior(kind: str, random: np.random.Generator) -> None:
+    values = {
+        "normal": random.normal(size=400),
+        "two": np.concatenate([random.normal(0, 1, 200), random.normal(9, 0.5, 200)]),
+        "long-tailed": random.exponential(size=300) ** 2,
+        "few": random.random(7),
+    }[kind]
+    posteriors = [knuth_posterior(values, bins) for bins in range(1, len(values) + 1)]
+    assert knuth_bins(values) == int(np.argmax(posteriors)) + 1
+
+
+def test_knuth_sees_no_structure_in_uniform_values(random: np.random.Generator) -> None:
+    assert knuth_bins(random.random(2000)) == 1
+    assert 8 <= knuth_bins(random.normal(size=1000)) <= 25
+
+
+def test_histogram_is_a_density(random: np.random.Generator) -> None:
+    values = np.append(random.normal(size=500), np.nan)
+    found = knuth_histogram(values)
+    assert found.counts.sum() == 500
+    assert found.density @ np.diff(found.edges) == pytest.approx(1.0, rel=1e-12)
+    same = knuth_histogram(np.full(4, 2.0))
+    assert same.counts.tolist() == [4]
+    assert same.edges[0] < 2.0 < same.edges[1]
+    with pytest.raises(InputError, match="0 values"):
+        knuth_histogram(np.array([np.nan]))
+
+
+def test_fluctuation_is_about_the_mean_of_the_species() -> None:
+    magnitudes = np.array([1.0, 3.0, np.nan, 10.0, 10.0, 0.0])
+    species = np.array([0, 0, 0, 1, 1, 2])
+    found = relative_fluctuation(magnitudes, species)
+    np.testing.assert_allclose(found, [0.5, 0.5, np.nan, 0.0, 0.0, np.nan])
+
+
+def test_forces_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
+    """The weight of each species is taken off; distribution and fluctuation use what is left."""
+    changes = {"grains.species": TWO_SPECIES}
+    magnetic = random.normal(size=(2, 40, 2))
+    magnetic[1, 5] = np.nan
+    run = make_run(random.random((2, 40, 2)) * 0.06, changes)
+    masses = 7368.0 * np.pi * 0.003 * run.dataset["diameter"].values ** 2 / 4.0
+    weight = np.stack([np.zeros(40), -9.8 * masses], axis=1)
+    run = make_run(run.dataset["position"].values, changes, forces=magnetic + weight)
+    np.testing.assert_allclose(interaction_forces(run), magnetic, rtol=0.0, atol=1e-12)
+
+    owner = run.dataset["species"].values
+    found = force_distribution_of_run(run, frame=1)
+    for k, name in enumerate(("big", "small")):
+        sizes = np.linalg.norm(magnetic[1, owner == k], axis=1)
+        sizes = sizes[np.isfinite(sizes)]
+        assert found[name].counts.sum() == len(sizes)
+        assert found[name].edges[0] == pytest.approx(sizes.min(), rel=1e-12)
+        assert found[name].edges[-1] == pytest.approx(sizes.max(), rel=1e-12)
+    with pytest.raises(InputError, match="frame = 2"):
+        force_distribution_of_run(run, frame=2)
+
+    fluctuation = fluctuation_series(run).values
+    inside = voronoi_cells(run.dataset["position"].values[0]).interior
+    np.testing.assert_array_equal(np.isfinite(fluctuation[0]), inside)
+    sizes = np.where(inside, force_magnitudes(magnetic[0]), np.nan)
+    np.testing.assert_allclose(fluctuation[0], relative_fluctuation(sizes, owner), rtol=1e-10)
+
+
+def test_shaken_cells_inertia_is_taken_off(make_run: MakeRun) -> None:
+    shaking = {"amplitude": "2 mm", "frequency": "3 Hz", "angle": 0.4}
+    changes = {"effects.shaking": shaking, "effects.gravity": None}
+    omega = 6.0 * np.pi
+    mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
+    # The frames of the trajectory are at 0 s and 1 s; the cell swings as sin(w t).
+    apparent = mass * 0.002 * omega**2 * np.sin(omega * np.arange(2.0))
+    direction = np.array([np.cos(0.4), np.sin(0.4)])
+    forces = np.ones((2, 9, 1)) * apparent[:, None, None] * direction
+    run = make_run(np.zeros((2, 9, 2)), changes, forces=forces)
+    np.testing.assert_allclose(interaction_forces(run), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(("count", "strength"), [(3, 0.5), (12, 2.0), (200, 0.1), (200, 5.0)])
+def test_pearson_is_that_of_scipy(count: int, strength: float, random: np.random.Generator) -> None:
+    x = random.normal(size=count)
+    y = strength * x + random.normal(size=count)
+    found = pearson_correlation(np.append(x, np.nan), np.append(y, 1.0))
+    wanted = pearsonr(x, y)
+    assert found.coefficient == pytest.approx(wanted.statistic, rel=1e-12)
+    assert found.p_value == pytest.approx(wanted.pvalue, rel=1e-8)
+    assert found.samples == count
+
+
+def test_pearson_at_its_limits() -> None:
+    line = np.arange(5.0)
+    assert pearson_correlation(line, -2.0 * line).coefficient == pytest.approx(-1.0)
+    assert pearson_correlation(line, -2.0 * line).p_value == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(pearson_correlation(line, np.ones(5)).coefficient)
+    with pytest.raises(InputError, match="at least 3"):
+        pearson_correlation(line[:2], line[:2])
+
+
+def test_order_and_hexagons_correlate(make_run: MakeRun, random: np.random.Generator) -> None:
+    """From a crystal to disorder, Psi6 and the share of hexagons fall together."""
+    j, i = np.divmod(np.arange(144), 12)
+    lattice = np.stack([i + 0.5 * (j % 2), 0.5 * np.sqrt(3.0) * j], axis=1)
+    frames = [lattice + s * random.normal(size=lattice.shape) for s in np.linspace(0.0, 0.4, 15)]
+    run = make_run(0.006 * np.stack(frames))
+    found = order_correlation_of_run(run)
+    wanted = pearsonr(psi6_series(run), share_series(run)["hexagons"])
+    assert found.coefficient == pytest.approx(wanted.statistic, rel=1e-10)
+    assert found.coefficient > 0.5
+    assert found.samples == 15
+
+
+def test_temperature_of_equilibrium_is_that_of_all_species(
+    make_run: MakeRun, random: np.random.Generator
+) -> None:
+    """M v_x^2 = T for both species of a gas that drifts; the drift has no part in it."""
+    changes = {"grains.species": TWO_SPECIES}
+    run = make_run(np.zeros((1, 1000, 2)), changes)
+    masses = 7368.0 * np.pi * 0.003 * run.dataset["diameter"].values ** 2 / 4.0
+    wanted = 3e-7
+    velocities = random.normal(size=(1, 1000, 2)) * np.sqrt(wanted / masses)[:, None] + [0.5, -2.0]
+    velocities[0, 7] = np.nan
+    found = temperature_series(make_run(np.zeros((1, 1000, 2)), changes, velocities=velocities))
+    # Of 2 x 500 components each, the relative standard error is sqrt(2/1000) = 4.5 %; a mass that
+    # is left out changes the ratio of the species by 4.
+    assert float(found["bed"][0]) == pytest.approx(wanted, rel=0.1)
+    np.testing.assert_allclose(found["by_species"][0], wanted, rtol=0.15)
+    assert found["bed"].attrs["units"] == "J"
+    assert kinetic_temperature(velocities[0], masses) == pytest.approx(float(found["bed"][0]))
+
+
+def test_temperature_of_two_grains() -> None:
+    """Masses 1 and 3 at 4 and 0 m/s: V = 1 m/s, energies (9 + 3)/2 J, mean over two grains."""
+    velocities = np.array([[4.0, 0.0], [0.0, 0.0], [np.nan, np.nan]])
+    assert kinetic_temperature(velocities, np.array([1.0, 3.0, 5.0])) == pytest.approx(3.0)
+    assert np.isnan(kinetic_temperature(velocities[2:], np.array([1.0])))
+
+
+PUBLISHED = [
+    (0.351254, -0.556311, 0.320667, 0.914147),
+    (0.435046, 0.343908, 0.00168275, 5.41306),
+    (0.328226, 0.322588, 0.00157644, 5.84935),
+    (0.654726, 0.18066, 0.0190259, 2.42801),
+]
+"""A, l1, B, l2 of [D, Table 4.5]."""
+
+
+@pytest.mark.parametrize("values", PUBLISHED)
+@pytest.mark.parametrize("offset", [0.0, 2.0])
+def test_fit_finds_the_published_laws(values: tuple[float, ...], offset: float) -> None:
+    a, l1, b, l2 = values
+    x = np.linspace(0.0, 1.0, 21) + offset
+    y = a * np.exp(l1 * x) + b * np.exp(l2 * x)
+    fit = biexponential_fit(x, y)
+    np.testing.assert_allclose(fit.rates, [l1, l2], rtol=2e-4)
+    np.testing.assert_allclose(fit.amplitudes, [a, b], rtol=2e-3)
+    np.testing.assert_allclose(fit.values(x), y, rtol=1e-7)
+    assert fit.residual < 1e-8 * y.max()
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    truth = np.array([0.435046, 0.00168275, 0.343908, 5.41306])
+    x = np.linspace(0.0, 1.0, 21)
+    clean = np.exp(np.multiply.outer(x, truth[2:])) @ truth[:2]
+    inside = np.zeros(4)
+    trials = 60
+    for seed in range(trials):
+        noise = np.random.default_rng(seed).normal(0.0, 0.003, len(x))
+        fit = biexponential_fit(x, clean + noise)
+        ends = np.concatenate([fit.amplitude_intervals, fit.rate_intervals])
+        inside += (ends[:, 0] <= truth) & (truth <= ends[:, 1])
+    # 95 % of 60 is 57, with a standard deviation of 1.7.
+    assert (inside >= 51).all()
+
+
+def test_what_the_data_leave_open_is_said() -> None:
+    """One exponential alone: the second one has no amplitude, and its rate is open."""
+    x = np.linspace(0.0, 1.0, 12)
+    noise = np.random.default_rng(3).normal(0.0, 1e-3, len(x))
+    fit = biexponential_fit(x, 2.0 * np.exp(0.8 * x) + noise)
+    assert np.ptp(fit.rate_intervals, axis=1).max() > 3.0
+    np.testing.assert_allclose(fit.values(x), 2.0 * np.exp(0.8 * x), atol=3e-3)
+
+
+def test_unfit_samples_are_input_errors() -> None:
+    with pytest.raises(InputError, match="at least 5"):
+        biexponential_fit(np.arange(4.0), np.arange(4.0))
+    with pytest.raises(InputError, match="finite"):
+        biexponential_fit(np.arange(6.0), np.array([1.0, np.nan, 3.0, 4.0, 5.0, 6.0]))
