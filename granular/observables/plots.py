@@ -70,7 +70,7 @@ def plot_dislocations(found: Dislocations, positions: np.ndarray, axes: Axes | N
             *(1e3 * found.positions).T, *(1e3 * found.burgers).T,
             angles="xy", scale_units="xy", scale=1.0, width=0.003, color="#333333",
         )  # fmt: skip
-        axes.figure.legend(loc="outside upper right", ncols=2)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return _as_map(axes)
 
 
