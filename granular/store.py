@@ -110,6 +110,7 @@ class Store:
             rest = (count, 2)[: len(one.dims) - 1]
             chunks = (depth, max(1, count), 2)[: len(one.dims)]
             store._create(group, one, (0, *rest), chunks)
+        store._consolidate()
         store.commit(checkpoint)
         os.replace(part, path)
         store.path = path
@@ -131,7 +132,17 @@ class Store:
 
     def resume(self) -> dict[str, np.ndarray]:
         """The last checkpoint; what was written behind it will be written again."""
+        import zarr
+
         checkpoint = read_checkpoint(self.path)
+        # A write that was cut off may have left some arrays longer than others.
+        group = zarr.open_group(self.path / TRAJECTORY, mode="r+", use_consolidated=False)
+        for one in (TIME, *self.scalars, STAGE, FRAME_TIME, FRAME_HEIGHT, *self.fields):
+            frames = one.dims[0] == "frame"
+            length = int(checkpoint["readable_frames" if frames else "readable_rows"])
+            array = group[one.name]
+            if array.shape[0] != length:
+                array.resize((length, *array.shape[1:]))
         self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])
         return checkpoint
 
@@ -139,7 +150,7 @@ class Store:
         """Append what the recorder holds, and clear it."""
         import zarr
 
-        group = zarr.open_group(self.path / TRAJECTORY, mode="r+")
+        group = zarr.open_group(self.path / TRAJECTORY, mode="r+", use_consolidated=False)
         scales = self.system.scales
         rows, stages = recorder.table()
         if len(rows):
@@ -152,10 +163,16 @@ class Store:
                 values = recorder.stacked(one.name, one.dims) * getattr(scales, one.scale)
                 _append(group[one.name], self.frames, values)
             self.frames += len(recorder.frames)
+        self._consolidate()
+        recorder.clear()
+
+    def _consolidate(self) -> None:
+        """Let readers see the new sizes, all at once."""
+        import zarr
+
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Zarr calls consolidated metadata new in its format 3
             zarr.consolidate_metadata(self.path / TRAJECTORY)
-        recorder.clear()
 
     def commit(self, kept: Mapping[str, Any]) -> None:
         """Replace the checkpoint."""

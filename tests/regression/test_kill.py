@@ -1,0 +1,68 @@
+"""A run that is killed again and again at random moments ends like one that was left alone."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import granular.simulation
+from granular import Scene, load_trajectory, simulate
+from granular.errors import StoreError
+
+KILLS = 100
+STEP = 2e-6
+
+
+def go_on(scene: Scene, path: Path) -> None:
+    granular.simulation.COMMIT_SECONDS = 0.02
+    simulate(scene, STEP, out=path, resume=True, progress=False)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes")
+def test_hundred_random_kills(
+    small_bed: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    scene = small_bed.replace(
+        **{
+            "effects.friction": True,
+            "protocol": [
+                {"kind": "hold", "name": "settle", "duration": 0.5},
+                {"kind": "move", "name": "press", "to": "4 D", "speed": 0.04},
+                {"kind": "hold", "name": "rest", "duration": 0.3},
+            ],
+            "output.scalars": 1e-3,
+            "output.frames": 5e-3,
+        }
+    )
+    whole = simulate(scene, STEP, progress=False)
+    simulate(scene, STEP, t_end=0.01, out=tmp_path / "first", progress=False)  # imports all
+    path = tmp_path / "run"
+    fork = multiprocessing.get_context("fork")
+    lengths = []
+    for _ in range(KILLS):
+        process = fork.Process(target=go_on, args=(scene, path))
+        process.start()
+        time.sleep(random.uniform(0.0, 0.4))
+        assert process.pid is not None
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        try:
+            part = load_trajectory(path)
+        except StoreError as error:
+            assert "holds no run" in str(error)  # killed before it had begun
+            assert not lengths
+            continue
+        lengths.append(part.dataset.sizes["time"])
+        for name in part.dataset.data_vars:
+            values = part.dataset[name].values
+            assert np.array_equal(values, whole.dataset[name].values[: len(values)]), name
+    assert 0 < lengths[len(lengths) // 2] < whole.dataset.sizes["time"]
+    again = simulate(scene, STEP, out=path, resume=True, progress=False)
+    assert again.complete
+    assert again.dataset.equals(whole.dataset)
