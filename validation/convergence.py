@@ -230,8 +230,11 @@ def toolkit(method: str) -> Solver:
         )
 
     def solve(problem: Problem, count: int) -> Moment:
-        data = run(problem, step(problem, count)).dataset
-        return Moment(data["position"].values[-1], data["velocity"].values[-1])
+        done = run(problem, step(problem, count))
+        data, steps = done.dataset, int(done.settings()["steps"])
+        return Moment(
+            data["position"].values[-1], data["velocity"].values[-1], steps if variable else None
+        )
 
     return solve
 
@@ -302,16 +305,16 @@ def convergence(
     counts = step_counts(problem, solve, order) if counts is None else tuple(counts)
     exact = problem.exact(problem.time).positions
     solve(problem, counts[0])  # compiles, so that the wall times do not hold it
-    errors, seconds = [], []
+    steps, errors, seconds = [], [], []
     for count in counts:
         begun = time.perf_counter()
-        found = [solve(problem, near).positions for near in _neighbours(problem, count)]
+        found = [solve(problem, near) for near in _neighbours(problem, count)]
         seconds.append((time.perf_counter() - begun) / len(found))
-        errors.append(max(float(np.abs(one - exact).max()) for one in found))
-    rounding = _rounding(problem, solve, counts[-1], found[0])
-    steps = tuple(problem.time / count for count in counts)
+        errors.append(max(float(np.abs(one.positions - exact).max()) for one in found))
+        steps.append(problem.time / (found[0].steps or count))
+    rounding = _rounding(problem, solve, counts[-1], found[0].positions)
     return ConvergenceResult(
-        problem.name, method, order, problem.smooth, steps, tuple(errors), rounding,
+        problem.name, method, order, problem.smooth, tuple(steps), tuple(errors), rounding,
         fitted_slope(steps, errors, rounding), tuple(seconds),
     )  # fmt: skip
 

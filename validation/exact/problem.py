@@ -18,10 +18,13 @@ class Moment(NamedTuple):
     ----------
     positions, velocities : float64 (n, 2)
         [m], [m/s]
+    steps : int or None
+        How many steps a simulation took, where it chooses them itself.
     """
 
     positions: np.ndarray
     velocities: np.ndarray
+    steps: int | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,9 @@ from granular.scene import Scene
 from validation.exact.constants import DIGITS, natural_units
 from validation.exact.problem import Moment, Problem, lone_scene
 
-TIME = 0.1
+TIME = 0.078
+"""Over the time to the stop this is close to the golden ratio, so that neighbouring numbers of
+steps let the stop fall everywhere in its step."""
 LOAD = 0.01
 """N [N]: the grain of 0.43 g loses 10.4 m/s^2, a little more than its weight would give it."""
 

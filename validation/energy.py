@@ -1,0 +1,209 @@
+"""Energy over long runs: drift tested statistically, and phase portraits, next to the controls.
+
+The energy error is shown over the energy that is turned over (the greatest kinetic energy). A run
+that the ledger stops is tested up to there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from granular.errors import RunError
+from granular.methods import METHODS
+from granular.scales import Scales
+from granular.scene import Scene, load_scene
+from granular.trajectory import Trajectory
+from validation.table import Table, table
+from validation.trend import BLOCKS, Trend, energy_trend
+
+SHOWN = 800
+"""Points of a line that are kept."""
+
+SAMPLES = 64 * BLOCKS
+_ENERGIES = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy")
+
+
+class EnergyRun(NamedTuple):
+    """A run whose energy is tested.
+
+    Attributes
+    ----------
+    system : str
+        What runs.
+    scene : Scene
+        With its records and frames.
+    method : str
+    dt : float
+        [s]
+    time : float
+        [s]
+    """
+
+    system: str
+    scene: Scene
+    method: str
+    dt: float
+    time: float
+
+
+@dataclasses.dataclass(frozen=True)
+class EnergyStudy:
+    """The energy of one run.
+
+    Attributes
+    ----------
+    system, method : str
+    symplectic : bool
+    dt : float
+        [s]
+    steps : int
+    stopped : str or None
+        The error that stopped it.
+    times, errors : tuple of float
+        Samples of the energy's error over the energy turned over.
+    trend : Trend
+        Of all samples.
+    heights, velocities : tuple of float
+        Phase portrait of the first grain, from its frames [D], [m/s]; empty for a bed.
+    """
+
+    system: str
+    method: str
+    symplectic: bool
+    dt: float
+    steps: int
+    stopped: str | None
+    times: tuple[float, ...]
+    errors: tuple[float, ...]
+    trend: Trend
+    heights: tuple[float, ...] = ()
+    velocities: tuple[float, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The study as plain data."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> EnergyStudy:
+        """The study from what `to_dict` made, also by way of JSON."""
+        lists = ("times", "errors", "heights", "velocities")
+        trend = Trend(**{**plain["trend"], "interval": tuple(plain["trend"]["interval"])})
+        return cls(**{**plain, **{name: tuple(plain[name]) for name in lists}, "trend": trend})
+
+
+def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
+    """The runs of the report.
+
+    Every method on a grain that swings above the wall, at steps at which the controls' trend is
+    still within what the ledger lets pass; in full also 1e8 steps of the source's bouncing grain
+    and 1e6 of the frictionless bed.
+    """
+    swings = tuple(
+        _swing(name, _STEPS.get(name, 2e-3), 64 if full else 40)
+        for name in METHODS
+        if not METHODS[name].variable
+    )
+    if not full:
+        return swings
+    long = tuple(_bounce(method, 1e-6, 100.0) for method in _LONG)
+    return (*swings, *long, _bed("stormer-verlet", 2e-5, 20.0))
+
+
+_STEPS = {"explicit-euler": 1e-6, "symplectic-euler": 2e-5, "runge-kutta-4": 6e-3}
+_LONG = ("stormer-verlet", "stormer-verlet+compensated")
+
+
+def _swing(method: str, dt: float, periods: int) -> EnergyRun:
+    from validation.exact.oscillation import harmonic_period, problem
+
+    start = problem(0.5)
+    time = periods * harmonic_period(start.scene, 0.5)
+    return EnergyRun("swing above the wall", _recorded(start.scene, dt, time), method, dt, time)
+
+
+def _bounce(method: str, dt: float, time: float) -> EnergyRun:
+    from validation.exact.bounce import problem
+
+    scene = _recorded(problem().scene, dt, time)
+    return EnergyRun("bouncing grain", scene, method, dt, time)
+
+
+def _bed(method: str, dt: float, time: float) -> EnergyRun:
+    scene = load_scene("bed").replace(**{"effects.drag": None})
+    return EnergyRun("bed without friction", _recorded(scene, dt, time), method, dt, time)
+
+
+def _recorded(scene: Scene, dt: float, time: float) -> Scene:
+    """The scene with so many records, whole numbers of steps apart, and frames of a lone grain."""
+    record = max(1, round(time / SAMPLES / dt)) * dt
+    every = 1 if scene.grains.count == 1 else SAMPLES
+    return scene.replace(**{"output.scalars": record, "output.frames": every * record})
+
+
+def energy_study(run: EnergyRun) -> EnergyStudy:
+    """Carry out a run and test its energy.
+
+    Raises
+    ------
+    InputError
+        If it is stopped before there are samples enough to test.
+    """
+    from granular.simulation import simulate
+
+    stopped = None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what the ledger doubts is what is measured here
+        try:
+            done = simulate(run.scene, dt=run.dt, t_end=run.time, method=run.method, progress=False)
+        except RunError as error:
+            stopped = f"{type(error).__name__}: {error}"
+            done = cast(Trajectory, error.trajectory)
+    return _study(run, done, stopped)
+
+
+def _study(run: EnergyRun, done: Trajectory, stopped: str | None) -> EnergyStudy:
+    from granular.methods import method_named
+
+    data = done.dataset
+    time = data["time"].values
+    energy = np.sum([data[name].values for name in _ENERGIES if name in data], axis=0)
+    energy = (energy - energy[0]) / data["kinetic_energy"].values.max()
+    # The last records may be nearer together than the others.
+    even = np.isclose(np.diff(time), time[1] - time[0], rtol=1e-6)
+    count = len(time) if even.all() else int(np.argmin(even)) + 1
+    every = max(1, count // SHOWN)
+    portrait: dict[str, tuple[float, ...]] = {}
+    if run.scene.grains.count == 1:
+        heights = data["position"].values[:, 0, 1] / Scales.of(run.scene.grains).length
+        portrait = {
+            "heights": tuple(heights.tolist()),
+            "velocities": tuple(data["velocity"].values[:, 0, 1].tolist()),
+        }
+    return EnergyStudy(
+        run.system, run.method, method_named(run.method).symplectic, run.dt,
+        int(done.settings()["steps"]), stopped, tuple(time[:count:every].tolist()),
+        tuple(energy[:count:every].tolist()), energy_trend(time[:count], energy[:count]),
+        **portrait,
+    )  # fmt: skip
+
+
+def summary(studies: list[EnergyStudy]) -> Table:
+    """One row a study."""
+    rows = [
+        (
+            one.system, one.method, "yes" if one.symplectic else "no", f"{one.dt:.3g}", one.steps,
+            f"{one.trend.swing:.1e}", f"{one.trend.drift:+.1e}", f"{one.trend.p_value:.2g}",
+            one.trend.verdict(), "" if one.stopped is None else one.stopped.split(":", 1)[0],
+        )
+        for one in studies
+    ]  # fmt: skip
+    header = (
+        "system", "method", "symplectic", "step [s]", "steps", "swing", "drift over the run",
+        "p", "trend", "stopped by",
+    )  # fmt: skip
+    return table(header, rows)

@@ -1,0 +1,160 @@
+"""The parts of the report, each made of pieces that are kept on disk when they are done.
+
+A piece is found again by its content: what it measures, how, with which sources and versions. So a
+report that was interrupted goes on where it stopped, and nothing stale is shown.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from granular.errors import GranularError, InputError
+
+Plain = dict[str, Any]
+
+
+class Piece(NamedTuple):
+    """One measurement.
+
+    Attributes
+    ----------
+    label : str
+    key : dict
+        All that tells it from others, as plain data.
+    measure : callable
+        Makes its result, as plain data.
+    """
+
+    label: str
+    key: Plain
+    measure: Callable[[], Plain]
+
+
+class Part(NamedTuple):
+    """A part of the report.
+
+    Attributes
+    ----------
+    name : str
+    pieces : callable
+        The pieces; its argument is whether all of the full ones are wanted.
+    """
+
+    name: str
+    pieces: Callable[[bool], Sequence[Piece]]
+
+
+FAILED = "failed"
+"""Key of a piece that ended in a typed error: a failure is a result."""
+
+
+def measured(
+    part: Part, directory: Path | None, *, full: bool = False, progress: bool = True
+) -> list[Plain]:
+    """Results of all pieces of a part, those on disk included.
+
+    Parameters
+    ----------
+    part : Part
+    directory : Path or None
+        Where finished pieces are kept, below ``pieces``; nowhere without.
+    full : bool
+    progress : bool
+        Show a progress bar on standard error.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be written.
+    """
+    results = []
+    for piece in _shown(part, part.pieces(full), progress):
+        path = None if directory is None else _path(directory, part, piece)
+        result = None if path is None else _kept(path)
+        if result is None:
+            try:
+                result = piece.measure()
+            except GranularError as stop:
+                result = {FAILED: f"{type(stop).__name__}: {stop}", "label": piece.label}
+            if path is not None:
+                _keep(path, result)
+        results.append(result)
+    return results
+
+
+def _shown(part: Part, pieces: Sequence[Piece], progress: bool) -> Iterator[Piece]:
+    from tqdm import tqdm
+
+    with tqdm(
+        total=len(pieces), desc=part.name, file=sys.stderr, disable=not progress,
+        bar_format="{desc} {bar:20} {n_fmt}/{total_fmt} {postfix} [{elapsed}]",
+    ) as bar:  # fmt: skip
+        for piece in pieces:
+            bar.set_postfix_str(piece.label)
+            yield piece
+            bar.update()
+
+
+def _path(directory: Path, part: Part, piece: Piece) -> Path:
+    content = {"key": piece.key, "part": part.name, "sources": sources(), "on": machine()}
+    text = json.dumps(content, sort_keys=True, default=str)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:24]
+    return directory / "pieces" / f"{part.name}-{digest}.json"
+
+
+def _kept(path: Path) -> Plain | None:
+    try:
+        found: Plain = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, json.JSONDecodeError):
+        return None
+    return found
+
+
+def _keep(path: Path, result: Plain) -> None:
+    from granular.store import write_atomically
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, json.dumps(result).encode())
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}; give another -o") from None
+
+
+@cache
+def sources() -> str:
+    """A digest of all code that a figure may depend on."""
+    import granular
+    import validation
+
+    digest = hashlib.sha256()
+    for package in (granular, validation):
+        assert package.__file__ is not None
+        for path in sorted(Path(package.__file__).parent.rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def machine() -> dict[str, str]:
+    """The machine, and versions of what it computes with."""
+    import os
+
+    from granular.simulation import versions
+
+    found = {"processor": _processor(), "cores": str(os.cpu_count()), "system": platform.system()}
+    return found | versions()
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

@@ -1,0 +1,167 @@
+"""What the report measures, part by part: quick within minutes, full with everything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from granular.methods import COMPENSATED, METHODS
+from granular.scene import Scene, load_scene
+from validation.parts import Part, Piece, Plain
+
+QUICK_METHODS = (
+    "symplectic-euler", "stormer-verlet", "adaptive-verlet", "blanes-moan-4", "kahan-li-6",
+    "explicit-euler", "runge-kutta-4",
+)  # fmt: skip
+
+
+# Convergence ------------------------------------------------------------------------------------
+
+
+def convergence_pieces(full: bool) -> list[Piece]:
+    """Every method on every exact problem it fits."""
+    from validation.convergence import fits
+    from validation.exact import NAMES, exact_problem
+
+    methods = tuple(METHODS) if full else QUICK_METHODS
+    return [
+        Piece(
+            f"{method} on {name}",
+            {"problem": name, "method": method, "full": full},
+            partial(_converge, name, method, full),
+        )
+        for name in NAMES
+        for method in methods
+        if fits(exact_problem(name), method)
+    ]
+
+
+def _converge(name: str, method: str, full: bool) -> Plain:
+    from validation.convergence import convergence
+    from validation.exact import bounce, exact_problem
+
+    # The controls and the methods of order one need too many steps for all of the source's 2 s.
+    short = name == "bounce" and (not full or METHODS[method].order == 1)
+    problem = bounce.problem(time=0.45) if short else exact_problem(name)
+    return convergence(problem, method).to_dict()
+
+
+# Energy -----------------------------------------------------------------------------------------
+
+
+def energy_pieces(full: bool) -> list[Piece]:
+    """Long runs of every method, and of the controls."""
+    from validation.energy import energy_runs, energy_study
+
+    return [
+        Piece(
+            f"{run.method}: {run.system}",
+            {"system": run.system, "scene": run.scene.digest(), "method": run.method,
+             "dt": run.dt, "time": run.time},
+            lambda run=run: energy_study(run).to_dict(),  # type: ignore[misc]
+        )
+        for run in energy_runs(full=full)
+    ]  # fmt: skip
+
+
+# Work and precision -----------------------------------------------------------------------------
+
+
+def compression_scene() -> Scene:
+    """A quarter of the source's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
+    return load_scene("bed").replace(
+        **{
+            "name": "compression",
+            "grains.count": 92,
+            "cell.width": "30 D",
+            "piston.height": "45 D",
+            "arrangement.height": "40 D",
+            "effects.drag": None,
+            "effects.friction": {},
+            "protocol": [
+                {"kind": "hold", "name": "relax", "duration": 1.0},
+                {"kind": "move", "name": "compress", "to": "10 D", "speed": "33 mm/s"},
+            ],
+            "output.scalars": 0.01,
+            "output.frames": 1.0,
+        }
+    )
+
+
+def frictionless_bed() -> Scene:
+    """The packaged bed without drag: it keeps its energy."""
+    return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
+
+
+def work_precision_pieces(full: bool) -> list[Piece]:
+    """What accuracy costs: the lone grain always; bed, damper and compression in full."""
+    wanted: list[tuple[Scene, str, dict[str, Any]]] = [
+        (load_scene("single-particle"), "energy", {"until": 1.0}),
+        (load_scene("single-particle"), "positions", {"until": 1.0}),
+        (frictionless_bed(), "energy", {"until": 0.02}),
+        (frictionless_bed(), "positions", {"until": 0.02}),
+    ]
+    if full:
+        damper, pressed = load_scene("damper"), compression_scene()
+        wanted += [
+            (damper, name, {"seeds": 4}) for name in ("rest height", "period", "damping ratio")
+        ]
+        wanted += [(pressed, name, {"seeds": 4}) for name in ("piston force", "mean distance")]
+    return [
+        Piece(
+            f"{quantity} of {scene.name}",
+            {"scene": scene.digest(), "quantity": quantity, **options},
+            partial(_weigh, scene, quantity, options),
+        )
+        for scene, quantity, options in wanted
+    ]  # fmt: skip
+
+
+def _weigh(scene: Scene, quantity: str, options: dict[str, Any]) -> Plain:
+    from validation.cheapest import candidates
+    from validation.work_precision import work_precision
+
+    return work_precision(scene, quantity, candidates(scene), **options).to_dict()
+
+
+# Hard cases -------------------------------------------------------------------------------------
+
+STABILITY_METHODS = ("stormer-verlet", f"stormer-verlet{COMPENSATED}", "adaptive-verlet")
+STABILITY_STEPS = ("auto*4", "auto/4")
+
+
+def stability_pieces(full: bool) -> list[Piece]:
+    """The catalogue at its own settings; in full also with other methods and steps."""
+    from validation.hard_cases import catalogue
+    from validation.outcomes import HardCase, outcome
+
+    def piece(case: HardCase, method: str, dt: float | str | None) -> Piece:
+        return Piece(
+            case.name,
+            {"case": case.name, "method": method, "dt": str(dt), "full": full},
+            lambda: outcome(case, method, dt, full=full).to_dict(),
+        )
+
+    cases = catalogue()
+    pieces = [piece(case, "stormer-verlet", None) for case in cases]
+    if full:
+        automatic = [case for case in cases if case.dt == "auto"]
+        pieces += [piece(case, name, None) for case in automatic for name in STABILITY_METHODS[1:]]
+        pieces += [
+            piece(case, "stormer-verlet", dt) for case in automatic for dt in STABILITY_STEPS
+        ]
+    return pieces
+
+
+PARTS: Sequence[Part] = (
+    Part("convergence", convergence_pieces),
+    Part("energy", energy_pieces),
+    Part("work-precision", work_precision_pieces),
+    Part("stability", stability_pieces),
+)
+
+
+def part_named(name: str) -> Part:
+    """The part of that name."""
+    return next(part for part in PARTS if part.name == name)

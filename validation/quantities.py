@@ -1,0 +1,143 @@
+"""What a run is made for: measured quantities, whose error a work-precision study shows."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from granular.errors import InputError, RecordError
+from granular.record import PistonRecord
+from granular.scales import Scales
+from granular.schema import unknown
+from granular.trajectory import Trajectory
+
+_LEAST_SWINGS = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """A measured quantity.
+
+    Attributes
+    ----------
+    name, unit : str
+    measure : callable
+        Its value (or values, as an array) from a run.
+    relative : bool
+        Whether its error is relative to its value; otherwise it is taken as it is.
+    exact : float or None
+        The value it should have, where that is known; an error itself should be 0.
+    """
+
+    name: str
+    unit: str
+    measure: Callable[[Trajectory], float | np.ndarray]
+    relative: bool = True
+    exact: float | None = None
+
+    def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
+        """Greatest error against a reference."""
+        missed = float(np.abs(np.asarray(value) - np.asarray(reference)).max())
+        return missed / float(np.abs(reference).max()) if self.relative else missed
+
+
+def _energy(run: Trajectory) -> float:
+    return float(run.settings()["ledger_residual"])
+
+
+def _positions(run: Trajectory) -> np.ndarray:
+    return np.asarray(run.dataset["position"].values[-1]) / Scales.of(run.scene.grains).length
+
+
+def _rest_height(run: Trajectory) -> float:
+    for stage in run.stages:
+        if stage.reason == "rest":
+            return stage.height
+    raise RecordError(
+        "no stage came to rest; give the scene a stage with until = 'rest', and time to reach it"
+    )
+
+
+def small_swing(record: PistonRecord) -> tuple[float, float]:
+    """Period [s] and damping ratio of a swing that dies out.
+
+    From its turning points (parabolas through the samples about each): the distance of those of
+    one side, and the slope of the logarithm of the way from each to the next, which needs no level
+    of rest. Non-linearity shows in both where the swing is not small.
+
+    Raises
+    ------
+    RecordError
+        If there are fewer than three swings.
+    """
+    times, heights = _turning_points(record)
+    ways = np.abs(np.diff(heights))
+    clear = ways > 0.02 * ways.max(initial=0.0)  # behind that, the bed creeps more than it swings
+    ways = ways[: int(np.argmin(clear)) if not clear.all() else len(clear)]
+    if len(ways) < 2 * _LEAST_SWINGS:
+        raise RecordError(
+            f"the record holds {len(ways) / 2:g} swings; {_LEAST_SWINGS} are needed: record longer"
+        )
+    half = float(np.polyfit(np.arange(len(ways) + 1), times[: len(ways) + 1], 1)[0])
+    decrement = -float(np.polyfit(np.arange(len(ways)), np.log(ways), 1)[0])
+    return 2.0 * half, decrement / float(np.hypot(np.pi, decrement))
+
+
+def _turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
+    t, z = record.time, record.height
+    slope = np.sign(np.diff(z))
+    turns = np.flatnonzero(slope[1:] * slope[:-1] < 0.0) + 1
+    step = t[turns + 1] - t[turns]
+    rise, bend = 0.5 * (z[turns + 1] - z[turns - 1]), z[turns + 1] - 2.0 * z[turns] + z[turns - 1]
+    return t[turns] - step * rise / bend, z[turns] - 0.5 * rise**2 / bend
+
+
+def _period(run: Trajectory) -> float:
+    return small_swing(run.piston())[0]
+
+
+def _damping_ratio(run: Trajectory) -> float:
+    return small_swing(run.piston())[1]
+
+
+def _piston_force(run: Trajectory) -> float:
+    """Mean over the last tenth of the records: a bed's force fluctuates."""
+    force = run.dataset["piston_force"].values
+    return float(force[-max(1, len(force) // 10) :].mean())
+
+
+def _mean_distance(run: Trajectory) -> float:
+    from granular.observables import mean_pair_distance
+
+    return float(mean_pair_distance(run.dataset["position"].values[-1]))
+
+
+QUANTITIES = {
+    one.name: one
+    for one in (
+        Quantity("energy", "1", _energy, relative=False, exact=0.0),
+        Quantity("positions", "D", _positions, relative=False),
+        Quantity("rest height", "m", _rest_height),
+        Quantity("period", "s", _period),
+        Quantity("damping ratio", "1", _damping_ratio),
+        Quantity("piston force", "N", _piston_force),
+        Quantity("mean distance", "m", _mean_distance),
+    )
+}
+
+
+def quantity_named(name: str | Quantity) -> Quantity:
+    """The quantity of that name, or the quantity itself.
+
+    Raises
+    ------
+    InputError
+        If there is none; the nearest name is given.
+    """
+    if isinstance(name, Quantity):
+        return name
+    if name not in QUANTITIES:
+        raise InputError(unknown(str(name), tuple(QUANTITIES), "quantity"))
+    return QUANTITIES[name]

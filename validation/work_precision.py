@@ -1,0 +1,334 @@
+"""Error against wall time: what accuracy costs.
+
+Each setting is run warm, and the least time of its repeats counts. A setting that fails stays in
+the picture as a failure. Where the quantity depends on how the bed happened to pack, the scatter
+over seeds is the floor: below it accuracy buys nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.errors import GranularError, InputError
+from granular.scene import Scene
+from granular.trajectory import Trajectory
+from validation.quantities import Quantity, quantity_named
+from validation.table import Table, table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+REPEATS = 2
+
+
+class Setting(NamedTuple):
+    """How a scene is run.
+
+    Attributes
+    ----------
+    method : str
+    dt : float or str
+    changes : mapping of str to anything
+        Changes to the scene, by dotted keys.
+    """
+
+    method: str
+    dt: float | str
+    changes: Mapping[str, Any] = {}
+
+    @property
+    def family(self) -> str:
+        """What settings that differ in their step alone have in common."""
+        return ", ".join([self.method, *(f"{key} = {one}" for key, one in self.changes.items())])
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """What one setting gave.
+
+    Attributes
+    ----------
+    setting : Setting
+    error, seconds : float
+        NaN where it failed.
+    steps : int
+    failure : str or None
+        The error's class and message.
+    """
+
+    setting: Setting
+    error: float
+    seconds: float
+    steps: int
+    failure: str | None = None
+
+    @property
+    def failed(self) -> bool:
+        return self.failure is not None
+
+
+@dataclasses.dataclass(frozen=True)
+class WorkPrecision:
+    """Errors and wall times of many settings.
+
+    Attributes
+    ----------
+    scene, quantity, unit : str
+        ``unit`` of the errors: ``"1"`` where they are relative.
+    horizon : float or None
+        Until when the scene was run [s]; None for its whole protocol.
+    points : tuple of Point
+    floor : float
+        Scatter over seeds, as an error; 0 where it was not asked for.
+    reference : str
+        What the errors are measured against.
+    """
+
+    scene: str
+    quantity: str
+    unit: str
+    horizon: float | None
+    points: tuple[Point, ...]
+    floor: float
+    reference: str
+
+    def front(self) -> tuple[Point, ...]:
+        """The Pareto front, from fast to accurate: no setting is both faster and more accurate."""
+        done = sorted((one for one in self.points if not one.failed), key=_cost)
+        front: list[Point] = []
+        for one in done:
+            if not front or one.error < front[-1].error:
+                front.append(one)
+        return tuple(front)
+
+    def cheapest(self, tolerance: float) -> Point | None:
+        """The fastest setting that is accurate to a tolerance, and not so by luck.
+
+        A setting counts only if all settings of its family with more steps are accurate as well.
+        """
+        sound = [one for family in self.families().values() for one in _sound(family, tolerance)]
+        return min(sound, key=_cost, default=None)
+
+    def families(self) -> dict[str, tuple[Point, ...]]:
+        """The points by family, from coarse to fine."""
+        found: dict[str, list[Point]] = {}
+        for one in self.points:
+            found.setdefault(one.setting.family, []).append(one)
+        return {name: tuple(sorted(ones, key=_work)) for name, ones in found.items()}
+
+    def table(self) -> Table:
+        """One row a setting, the front marked with a star."""
+        front = self.front()
+        rows = []
+        for one in self.points:
+            star = "*" if one in front else ""
+            shown = (f"{one.error:.3g}", f"{one.seconds:.3g}", f"{one.steps}")
+            said = "" if one.failure is None else one.failure.split(":", 1)[0]
+            rows.append(
+                (star, one.setting.family, str(one.setting.dt), *(("", "", "") if said else shown),
+                 said)
+            )  # fmt: skip
+        header = (
+            "",
+            "setting",
+            "dt",
+            f"error of the {self.quantity}",
+            "seconds",
+            "steps",
+            "failed",
+        )
+        return table(header, rows)
+
+    def plot(self, axes: Axes) -> None:
+        """Draw error over seconds, a line a family, failures as crosses, the floor as a band."""
+        from granular.plotting import COLOURS, GREY, STYLES
+
+        for k, (name, points) in enumerate(self.families().items()):
+            done = [one for one in points if not one.failed and one.error > 0.0]
+            axes.loglog(
+                [one.seconds for one in done], [one.error for one in done], marker="o",
+                markersize=3.5, color=COLOURS[k % len(COLOURS)],
+                linestyle=STYLES[k // len(COLOURS) % len(STYLES)], label=name,
+            )  # fmt: skip
+        front = [one for one in self.front() if one.error > 0.0]
+        axes.loglog(
+            [one.seconds for one in front], [one.error for one in front],
+            color=GREY, linewidth=5.0, alpha=0.35, zorder=0, label="best of all",
+        )  # fmt: skip
+        if self.floor > 0.0:
+            axes.axhspan(axes.get_ylim()[0], self.floor, color=GREY, alpha=0.2, linewidth=0.0)
+        for level in (1e-2, 1e-6):
+            axes.axhline(level, color="#333333", linewidth=0.6, linestyle=":")
+        axes.set_xlabel("wall time [s]")
+        unit = "" if self.unit == "1" else f" [{self.unit}]"
+        axes.set_ylabel(f"error of the {self.quantity}{unit}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data; None for what was not measured."""
+        plain = dataclasses.asdict(self)
+        for row, one in zip(plain["points"], self.points, strict=True):
+            row["setting"] = {**one.setting._asdict(), "changes": dict(one.setting.changes)}
+            row |= {name: _finite(row[name]) for name in ("error", "seconds")}
+        return plain
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> WorkPrecision:
+        """The result from what `to_dict` made, also by way of JSON."""
+        points = tuple(
+            Point(
+                Setting(**row["setting"]), _number(row["error"]), _number(row["seconds"]),
+                row["steps"], row["failure"],
+            )
+            for row in plain["points"]
+        )  # fmt: skip
+        return cls(**{**plain, "points": points})
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _cost(point: Point) -> tuple[float, float]:
+    return point.seconds, point.error
+
+
+def _work(point: Point) -> int:
+    # What failed is taken for the coarsest: too long a step is why a run fails.
+    return point.steps if not point.failed else 0
+
+
+def _sound(family: Sequence[Point], tolerance: float) -> list[Point]:
+    """The points, from fine to coarse, before the first that misses the tolerance."""
+    sound = []
+    for one in reversed(family):
+        if one.failed or not one.error <= tolerance:
+            break
+        sound.append(one)
+    return sound
+
+
+def work_precision(
+    scene: Scene,
+    quantity: str | Quantity,
+    settings: Iterable[Setting],
+    *,
+    reference: Setting | float | np.ndarray | None = None,
+    until: float | None = None,
+    seeds: int = 0,
+    repeats: int = REPEATS,
+) -> WorkPrecision:
+    """Run a scene with many settings, and compare a quantity with its reference.
+
+    Parameters
+    ----------
+    scene : Scene
+    quantity : str or Quantity
+        One of `validation.quantities.QUANTITIES`, or one's own.
+    settings : iterable of Setting
+    reference : Setting or float or ndarray, optional
+        A setting to take the true value from, or the value; without, the quantity's exact value,
+        or what `finest` gives.
+    until : float, optional
+        Stop each run at this time [s]; the position error of a chaotic bed means something over a
+        short horizon only.
+    seeds : int
+        Further starts to measure the scatter with; at least two make one.
+    repeats : int
+        Runs of each setting.
+
+    Raises
+    ------
+    InputError
+        If the quantity is unknown, or no setting is given.
+    RunError
+        If the reference itself fails.
+    """
+    chosen, wanted = quantity_named(quantity), tuple(settings)
+    if not wanted:
+        raise InputError("no settings are given; give at least one method and step")
+    if reference is None:
+        reference = finest(scene) if chosen.exact is None else chosen.exact
+    told, value = f"the value {reference}", reference
+    if isinstance(reference, Setting):
+        told = f"{reference.family}, dt = {reference.dt}"
+        value = chosen.measure(_run(scene, reference, until))
+    assert not isinstance(value, Setting)
+    points = tuple(_point(scene, chosen, one, value, until, repeats) for one in wanted)
+    return WorkPrecision(
+        scene.name, chosen.name, "1" if chosen.relative else chosen.unit, until, points,
+        _scatter(scene, chosen, wanted[0], until, seeds), told,
+    )  # fmt: skip
+
+
+def finest(scene: Scene) -> Setting:
+    """A setting far more accurate than any that is worth while: order six where it can run."""
+    dry = scene.effects.friction is not None or scene.effects.contact is not None
+    return Setting("stormer-verlet", "auto/16") if dry else Setting("blanes-moan-6", "auto/2")
+
+
+def _run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:
+    from granular.simulation import simulate
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the error is measured here, and shown
+        return simulate(
+            scene.replace(**setting.changes), dt=setting.dt, t_end=until, method=setting.method,
+            progress=False,
+        )  # fmt: skip
+
+
+def _point(
+    scene: Scene,
+    quantity: Quantity,
+    setting: Setting,
+    value: float | np.ndarray,
+    until: float | None,
+    repeats: int,
+) -> Point:
+    try:
+        _warm(scene, setting)
+        seconds = math.inf
+        for _ in range(repeats):
+            begun = time.perf_counter()
+            run = _run(scene, setting, until)
+            seconds = min(seconds, time.perf_counter() - begun)
+        error = quantity.error(quantity.measure(run), value)
+    except GranularError as stop:
+        return Point(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
+    return Point(setting, error, seconds, int(run.settings()["steps"]))
+
+
+def _warm(scene: Scene, setting: Setting) -> None:
+    """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
+    import contextlib
+
+    with contextlib.suppress(GranularError):
+        _run(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
+
+
+def _scatter(
+    scene: Scene, quantity: Quantity, setting: Setting, until: float | None, seeds: int
+) -> float:
+    """Standard deviation over further starts, as an error."""
+    if seeds < 2:
+        return 0.0
+    first = scene.arrangement.seed + 1
+    values = [
+        np.asarray(
+            quantity.measure(_run(scene.replace(**{"arrangement.seed": seed}), setting, until))
+        )
+        for seed in range(first, first + seeds)
+    ]
+    spread = float(np.std(values, axis=0, ddof=1).max())
+    return spread / float(np.abs(np.mean(values, axis=0)).max()) if quantity.relative else spread
