@@ -121,10 +121,10 @@ def to_source_files(
         **_constants(run, cadence),
     }
     paths = {name: directory / f"{name}.dat" for name in contents}
-    _warn_of_coarse_frames(run, cadence)
     _make(directory)
     for path in paths.values():
         check_target(path, overwrite)
+    _warn_of_coarse_frames(run, cadence)
     with contextlib.ExitStack() as stack:
         for name, lines in contents.items():
             part = stack.enter_context(replacing(paths[name], overwrite))

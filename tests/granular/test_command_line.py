@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import shlex
+import shutil
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from granular.console import launch
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]  # noqa: F821
 
@@ -40,6 +46,39 @@ def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
     assert again.stderr == ""
 
 
+@pytest.fixture(scope="module")
+def places(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> dict[str, str]:
+    """A short run in a directory, copies of it that are damaged, and files that are no records."""
+    folder = tmp_path_factory.mktemp("places")
+    run = folder / "run"
+    command: Command = request.getfixturevalue("command")
+    words = ("run", "bed", *SMALL, "--t-end", "0.25", "-o", str(run), "--quiet")
+    assert command("granular", *words).returncode == 0
+    damage = {
+        "truncated": ("checkpoint.npz", (run / "checkpoint.npz").read_bytes()[:300]),
+        "emptied": ("checkpoint.npz", b""),
+        "bare": ("run.json", b"{}"),
+        "garbled": ("run.json", b"nonsense"),
+    }
+    for name, (file, content) in damage.items():
+        shutil.copytree(run, folder / name)
+        (folder / name / file).write_bytes(content)
+    shutil.copytree(run, folder / "hollow")
+    shutil.rmtree(folder / "hollow" / "trajectory.zarr")
+    (folder / "empty.csv").touch()
+    (folder / "words.csv").write_text("time,height\n0,low\n1,high\n")
+    (folder / "there.png").write_bytes(b"precious")
+    (folder / "list.toml").write_text("grains = [1, 2]\n")
+    (folder / "open.toml").write_text("[grains\n")
+    return {
+        "here": str(folder),
+        "long": "x" * 300,
+        **{path.name.split(".")[0]: str(path) for path in folder.iterdir()},
+    }
+
+
 def test_help_is_there(command: Command) -> None:
     for words in (("granular", "run"), ("reduced_models", "identify")):
         done = command(*words, "--help")
@@ -47,44 +86,198 @@ def test_help_is_there(command: Command) -> None:
         assert "--set" in done.stdout
 
 
+@pytest.mark.parametrize("name", ["", "scenes", "show", "run", "export", "render"])
+def test_examples_of_the_help_are_understood(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    from granular.__main__ import parser
+
+    with pytest.raises(SystemExit) as stopped:
+        parser().parse_args([name, "--help"] if name else ["--help"])
+    assert stopped.value.code == 0
+    text = capsys.readouterr().out
+    lines = [line.split("   (")[0] for line in text.splitlines() if "  python -m granular" in line]
+    assert lines
+    for line in lines:
+        words = shlex.split(line)[3:]
+        assert parser().parse_args(words).command == (name or words[0])
+
+
+@pytest.fixture
+def here(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Callable[[str], tuple[int, str, str]]:
+    """Run a command line in this process: exit code, standard output, standard error."""
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+
+    def run(line: str) -> tuple[int, str, str]:
+        package, *words = shlex.split(line)
+        code = launch(importlib.import_module(f"{package}.__main__").main, words)
+        return code, *capsys.readouterr()
+
+    return run
+
+
+Here = Callable[[str], tuple[int, str, str]]
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} is no JSON")
+
+
+@pytest.mark.parametrize(
+    "line", ["scenes", "show bed", "show damper", "show single-particle",
+             "run bed {small} --t-end 1e-3 --quiet"]
+)  # fmt: skip
+def test_json_is_one_strict_object(here: Here, line: str) -> None:
+    code, out, error = here(f"granular {line.format(small=shlex.join(SMALL))} --json")
+    assert (code, error) == (0, "")
+    assert isinstance(json.loads(out, parse_constant=refuse), dict)
+
+
+@pytest.mark.parametrize("form", ["gsd", "extxyz", "source"])
+def test_export_writes_and_says_so(
+    here: Here, places: dict[str, str], tmp_path: Path, form: str
+) -> None:
+    code, out, _ = here(
+        f"granular export {places['run']} --format {form} -o {tmp_path / 'bed'} --json"
+    )
+    said = json.loads(out)
+    assert (code, said["format"], said["frames"]) == (0, form, 4)  # 0, 0.1, 0.2 and 0.25 s
+    assert all(Path(one).stat().st_size for one in said["files"])
+
+
+def test_render_draws_and_says_so(here: Here, places: dict[str, str], tmp_path: Path) -> None:
+    png, gif = tmp_path / "bed.png", tmp_path / "bed.gif"
+    line = f"granular render {places['run']} -o {png} --colour force --json"
+    code, out, error = here(f"{line} --time '100 ms'")
+    assert (code, json.loads(out), error) == (0, {"file": str(png), "colour": "force"}, "")
+    first = png.read_bytes()
+    assert first.startswith(b"\x89PNG")
+    assert here(f"{line} --frame 0 --force")[0] == 0
+    assert png.read_bytes() != first
+    code, out, error = here(f"granular render {places['run']} -o {gif} --stage settle --json")
+    assert (code, json.loads(out)["file"]) == (0, str(gif))
+    assert "bed.gif" in error  # the progress bar
+    assert gif.read_bytes().startswith(b"GIF89a")
+
+
 BAD = [
-    (("granular",), "required: COMMAND"),
-    (("granular", "fly"), "invalid choice: 'fly'"),
-    (("granular", "run"), "required: scene"),
-    (("granular", "run", "dampr"), "did you mean 'damper'"),
-    (("granular", "run", "missing.toml"), "there is no scene file"),
-    (("granular", "run", "bed", "--sett", "a=b"), "unrecognized arguments"),
-    (("granular", "run", "bed", "--set", "grains.count"), "is not KEY=VALUE"),
-    (("granular", "run", "bed", "--set", "grains.cuont=3"), "did you mean 'count'"),
-    (("granular", "run", "bed", "--set", "cell.width=3 kg"), "a quantity in m is wanted"),
-    (("granular", "run", "bed", "--dt", "-1"), "above 0 s"),
-    (("granular", "run", "bed", "--dt", "soon"), "is not a quantity"),
-    (("granular", "run", "bed", "--dt", "1 mm"), "a quantity in s is wanted"),
-    (("granular", "run", "bed", "--method", "euler?"), "unknown method"),
-    (("granular", "run", "bed", "--threads", "many"), "invalid int value"),
-    (("granular", "run", "bed", "--threads", "0"), "whole number from 1"),
-    (("granular", "run", "bed", "--t-end", "0"), "above 0 s"),
-    (("granular", "run", "bed", "--resume"), "needs out"),
-    (("granular", "run", "bed", "-o", "/proc/nowhere/run"), "cannot be made"),
-    (("granular", "show", "bed", "--set", "piston.height=0"), "must be above 0 m"),
-    (("reduced_models", "identify"), "required: source"),
-    (("reduced_models", "identify", "nothing.csv"), "there is no file"),
-    (("reduced_models", "identify", "single-particle"), "has no piston"),
-    (("reduced_models", "identify", "damper", "--law", "linaer"), "did you mean 'linear'"),
-    (("reduced_models", "identify", "damper", "--starts", "0"), "whole number from 1"),
+    ("granular", "required: COMMAND"),
+    ("granular fly", "invalid choice: 'fly'"),
+    ("granular run", "required: scene"),
+    ("granular run dampr", "did you mean 'damper'"),
+    ("granular run missing.toml", "there is no scene file"),
+    ("granular run {list}", "grains"),
+    ("granular run {open}", "not a TOML file"),
+    ("granular run {run}", "scene"),
+    ("granular show {long}", "unknown scene"),
+    ("granular show {long}.toml", "there is no scene file"),
+    ("granular run bed --sett a=b", "unrecognized arguments"),
+    ("granular run bed --set grains.count", "is not KEY=VALUE"),
+    ("granular run bed --set grains.cuont=3", "did you mean 'count'"),
+    ("granular run bed --set grains.count=inf", "must be a whole number"),
+    ("granular run bed --set grains.count=nan", "must be a whole number"),
+    ("granular run bed --set grains.count=1e400", "must be a whole number"),
+    ("granular run bed --set grains.count=2.5", "must be a whole number"),
+    ("granular run bed --set grains.count=-3", "must be at least 0"),
+    ("granular run bed --set protocol.settle.kind=[1]", "unknown kind '[1]'"),
+    ("granular run bed --set protocol.settle.kind=dance", "unknown kind 'dance'"),
+    ("granular run bed --set protocol=7", "protocol"),
+    ("granular run bed --set 'cell.width=3 kg'", "a quantity in m is wanted"),
+    ("granular run bed --set piston.height=nan", "must be finite"),
+    ("granular run bed --dt -1", "above 0 s"),
+    ("granular run bed --dt soon", "is not a quantity"),
+    ("granular run bed --dt '1 mm'", "a quantity in s is wanted"),
+    ("granular run bed --method euler?", "unknown method"),
+    ("granular run bed --threads many", "invalid int value"),
+    ("granular run bed --threads 0", "whole number from 1"),
+    ("granular run bed --t-end 0", "above 0 s"),
+    ("granular run bed --t-end nan", "above 0 s"),
+    ("granular run bed --resume", "needs out"),
+    ("granular run bed -o /proc/nowhere/run", "cannot be made"),
+    ("granular run bed -o {long}", "File name too long"),
+    ("granular run bed -o {run}", "give a new directory"),
+    ("granular run bed -o {run} --resume", "another scene"),
+    ("granular run bed {small} -o {truncated} --resume", "checkpoint.npz"),
+    ("granular run bed {small} -o {emptied} --resume", "checkpoint.npz"),
+    ("granular run bed {small} -o {bare} --resume", "run.json"),
+    ("granular run bed {small} -o {hollow} --resume", "trajectory.zarr"),
+    ("granular show bed --set piston.height=0", "must be above 0 m"),
+    ("granular export", "required: RUN, --format, -o"),
+    ("granular export {run} --format gsd", "required: -o"),
+    ("granular export {run} --format xls -o {here}/a.xls", "invalid choice: 'xls'"),
+    ("granular export {here}/nothing --format gsd -o {here}/a.gsd", "holds no run"),
+    ("granular export {empty} --format gsd -o {here}/a.gsd", "empty.csv"),
+    ("granular export {truncated} --format gsd -o {here}/a.gsd", "checkpoint.npz"),
+    ("granular export {hollow} --format gsd -o {here}/a.gsd", "trajectory.zarr"),
+    ("granular export {run} --format gsd -o {there}", "exists; give another name"),
+    ("granular export {run} --format gsd -o {here}", "is a directory"),
+    ("granular export {run} --format gsd -o {here}/{long}", "cannot be written"),
+    ("granular export {run} --format extxyz -o {here}/no/a.xyz", "there is no directory"),
+    ("granular export {run} --format source -o {there}", "cannot be made"),
+    ("granular render {run}", "required: -o"),
+    ("granular render {here}/nothing -o {here}/a.png", "holds no run"),
+    ("granular render {long} -o {here}/a.png", "File name too long"),
+    ("granular render {emptied} -o {here}/a.png", "checkpoint.npz"),
+    ("granular render {bare} -o {here}/a.png", "run.json"),
+    ("granular render {garbled} -o {here}/a.png", "holds no run"),
+    ("granular render {run} -o {there}", "exists; give another name"),
+    ("granular render {run} -o {here}/a.tiff", "unknown format '.tiff'"),
+    ("granular render {run} -o {here}/a", "unknown format ''"),
+    ("granular render {run} -o {here}/a.png --colour mauve", "unknown colour 'mauve'"),
+    ("granular render {run} -o {here}/a.png --frame 99", "there is no frame 99"),
+    ("granular render {run} -o {here}/a.png --frame -9", "there is no frame -9"),
+    ("granular render {run} -o {here}/a.png --frame first", "invalid int value"),
+    ("granular render {run} -o {here}/a.png --time 9", "frames from 0 to 0.25 s"),
+    ("granular render {run} -o {here}/a.png --time '1 mm'", "a quantity in s is wanted"),
+    ("granular render {run} -o {here}/a.png --time 0.1 --frame 1", "give one of them"),
+    ("granular render {run} -o {here}/a.png --fps 25", "are for movies"),
+    ("granular render {run} -o {here}/a.mp4 --frame 1", "are for stills"),
+    ("granular render {run} -o {here}/a.mp4 --stage compress", "unknown stage"),
+    ("granular render {run} -o {here}/a.mp4 --fps 0", "not above 0"),
+    ("granular render {run} -o {here}/a.gif --fps 90", "at most 50"),
+    ("reduced_models identify", "required: source"),
+    ("reduced_models identify nothing.csv", "there is no file"),
+    ("reduced_models identify {empty}", "is empty"),
+    ("reduced_models identify {words}", "is 'low', not a number"),
+    ("reduced_models identify single-particle", "has no piston"),
+    ("reduced_models identify damper --law linaer", "did you mean 'linear'"),
+    ("reduced_models identify damper --starts 0", "whole number from 1"),
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), BAD, ids=[" ".join(one[0][1:]) for one in BAD])
+@pytest.mark.parametrize(("line", "message"), BAD, ids=[one[0] for one in BAD])
 def test_bad_input_is_one_line_and_exit_code_2(
-    command: Command, words: tuple[str, ...], message: str
+    line: str, message: str, places: dict[str, str], here: Here
 ) -> None:
-    done = command(*words)
+    code, out, error = here(line.format(**places, small=shlex.join(SMALL)))
+    assert code == 2
+    assert out == ""
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert message in error
+    assert Path(places["there"]).read_bytes() == b"precious"
+    assert not list(Path(places["here"]).glob("a.*"))
+
+
+@pytest.mark.parametrize("package", ["granular", "reduced_models"])
+def test_exit_code_reaches_the_shell(command: Command, package: str) -> None:
+    done = command(package, "fly")
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1
-    assert message in done.stderr
+
+
+def test_bed_without_grains_runs_or_is_refused(command: Command) -> None:
+    words = ("granular", "run", "bed", "--set", "grains.count=0", "--t-end", "0.01", "--quiet")
+    done = command(*words, "--json")
+    if done.returncode:
+        assert done.returncode == 2
+        assert done.stderr.startswith("error: ")
+        assert done.stderr.count("\n") == 1
+    else:
+        assert json.loads(done.stdout)["piston_force"] == 0.0
+        assert done.stderr == ""
 
 
 def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
