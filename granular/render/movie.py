@@ -145,7 +145,7 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
     # The first picture has all colours already: they are in its bar or legend.
     first = Image.fromarray(next(images)).quantize(256, method=Image.Quantize.MAXCOVERAGE)
     palette = np.array(first.getpalette()).reshape(-1, 3)
-    palette[palette.sum(axis=1).argmax()] = 255  # the paper stays white
+    palette[np.asarray(first)[0, 0]] = 255  # the paper stays white
     first.putpalette(palette.ravel().tolist())
 
     def others() -> Iterator[Any]:

@@ -55,7 +55,7 @@ def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> No
         picture.show(frame)
         error = np.abs(image.astype(float) - picture.pixels())
         assert error.mean() < 4.0
-    assert (found[0][:4] > 250).all()  # the paper is white
+    assert min(one[:4].min() for one in found) >= (255 if ending == "gif" else 253)  # white paper
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
