@@ -30,8 +30,9 @@ if TYPE_CHECKING:
 
     from granular.trajectory import Trajectory
 
-CLEAR = 30.0
-"""An error this many times the rounding moves the slope of a decade by less than 0.02."""
+CLEAR = 10.0
+"""An error this many times the rounding moves the slope of a decade by 0.04 at most, and only where
+the finest steps reach so far down: with methods of order four and more."""
 
 COARSE = {1: 1e-2}
 COARSE_OTHERWISE = 1e-3
@@ -242,12 +243,12 @@ def toolkit(method: str) -> Solver:
 def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
     """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse.
 
-    That is the first one, from `Problem.fewest` / 4 on, at which the solver neither fails nor
-    misses by more than `COARSE` diameters.
+    That is the first one, from `Problem.fewest` on, at which the solver neither fails nor misses by
+    more than `COARSE` diameters.
     """
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
-    start = max(1.0, problem.fewest / 4.0)
+    start = float(problem.fewest)
     while start < MOST_STEPS / 16 and not _is_fine(problem, solver, round(start), exact, coarse):
         start *= math.sqrt(2.0)
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))

@@ -162,7 +162,7 @@ def energy_study(run: EnergyRun) -> EnergyStudy:
             done = simulate(run.scene, dt=run.dt, t_end=run.time, method=run.method, progress=False)
         except RunError as error:
             stopped = f"{type(error).__name__}: {error}"
-            done = cast(Trajectory, error.trajectory)
+            done = cast("Trajectory", error.trajectory)
     return _study(run, done, stopped)
 
 

@@ -118,11 +118,11 @@ def _kept(path: Path) -> Plain | None:
 
 
 def _keep(path: Path, result: Plain) -> None:
-    from granular.store import write_atomically
-
+    part = path.with_suffix(".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, json.dumps(result).encode())
+        part.write_text(json.dumps(result), encoding="utf-8")
+        part.replace(path)  # in one step: a cut write must not be taken for a result
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}; give another -o") from None
 

@@ -41,9 +41,10 @@ def _converge(name: str, method: str, full: bool) -> Plain:
     from validation.convergence import convergence
     from validation.exact import bounce, exact_problem
 
-    # The controls and the methods of order one need too many steps for all of the source's 2 s.
-    short = name == "bounce" and (not full or METHODS[method].order == 1)
-    problem = bounce.problem(time=0.45) if short else exact_problem(name)
+    # Methods of order one would need too many steps for all of the source's 2 s.
+    control = METHODS[method].order == 1 or METHODS[method].tableau is not None
+    short = name == "bounce" and (control or not full)
+    problem = bounce.problem(time=bounce.SHORT) if short else exact_problem(name)
     return convergence(problem, method).to_dict()
 
 

@@ -136,7 +136,7 @@ TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_method_has_its_order(name: str, method: str) -> None:
-    problem = bounce.problem(time=0.45) if name == "bounce" else exact_problem(name)
+    problem = bounce.problem(time=bounce.SHORT) if name == "bounce" else exact_problem(name)
     if not fits(problem, method):
         pytest.skip("takes no dry friction")
     result = convergence(problem, method)
@@ -144,6 +144,11 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
         assert result.fit is not None
         assert result.fit.value == pytest.approx(min(2, METHODS[method].order), abs=0.1)
         return
-    assert result.holds(TOLERANCE[METHODS[method].order]), summary([result]).text()
-    if not result.exact and METHODS[method].order <= 6:
+    order = METHODS[method].order
+    if order > 4 and result.fit is None:
+        # Errors of such methods are rounding before they have fallen for half a decade of steps.
+        assert min(result.errors) < 1e-14
+        return
+    assert result.holds(TOLERANCE[order]), summary([result]).text()
+    if order <= 4 and not result.exact:
         assert result.decades > 0.99

@@ -25,6 +25,11 @@ START = 40
 """Height at the start [D]."""
 
 TIME = 2.0
+"""The source's [s]."""
+
+SHORT = 0.205
+"""Within the first turn at the wall [s], where no term of an error cancels by symmetry: over a
+whole bounce a Runge-Kutta method of order four seems to have order five."""
 
 
 class Well(NamedTuple):

@@ -40,7 +40,7 @@ def problem(speed: float = SPEED, time: float = TIME) -> Problem:
         scene,
         time,
         lambda t: moment(scene, t),
-        fewest=64,
+        fewest=24,
         conservative=False,
     )
 

@@ -33,7 +33,7 @@ def problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Problem:
         scene,
         time,
         lambda t: moment(scene, t),
-        fewest=24,
+        fewest=12,
     )
 
 

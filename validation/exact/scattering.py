@@ -69,7 +69,7 @@ def problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> P
         scene,
         time,
         lambda t: moment(scene, t),
-        fewest=64,
+        fewest=32,
     )
 
 

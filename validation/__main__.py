@@ -1,0 +1,98 @@
+"""Command line of the validation: ``python -m validation``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from granular.console import Parser, add_output, add_scene, changes_from, emit, launch
+
+_PARTS = {
+    "convergence": "orders of convergence against exact solutions",
+    "energy": "energy over long runs, tested for trends",
+    "work-precision": "error against wall time",
+    "stability": "the catalogue of hard cases",
+}
+
+
+def parser() -> Parser:
+    """The command line's grammar."""
+    top = Parser(prog="python -m validation", description="Prove the toolkit's numbers.")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    one = commands.add_parser("report", help="all parts: report.html, and report.json beside it")
+    _add_measuring(one, "out/validation")
+    for name, words in _PARTS.items():
+        one = commands.add_parser(name, help=words)
+        _add_measuring(one, None)
+    one = commands.add_parser(
+        "cheapest", help="the setting that reaches a tolerance in the least time"
+    )
+    add_scene(one)
+    one.add_argument("quantity", help="such as energy, positions, 'rest height', period")
+    one.add_argument("tolerance", type=float, help="error that is allowed, such as 0.01")
+    one.add_argument("--t-end", type=float, metavar="S", help="stop each run at this time [s]")
+    add_output(one)
+    return top
+
+
+def _add_measuring(one: argparse.ArgumentParser, out: str | None) -> None:
+    where = f" ({out} if not given)" if out else ""
+    one.add_argument(
+        "-o", "--out", metavar="DIR", default=out,
+        help=f"directory for the report; what is measured is kept there and found again{where}",
+    )  # fmt: skip
+    length = one.add_mutually_exclusive_group()
+    length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
+    length.add_argument("--full", action="store_true", help="everything, an hour or so")
+    add_output(one)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run one command."""
+    options = parser().parse_args(arguments)
+    if options.command == "cheapest":
+        _cheapest(options)
+    else:
+        _measure(options)
+
+
+def _measure(options: Any) -> None:
+    from validation.parts import measured
+    from validation.programme import part_named
+    from validation.report import report, summary
+
+    names = tuple(_PARTS) if options.command == "report" else (options.command,)
+    progress = not options.quiet
+    if options.out is not None:
+        found = report(options.out, full=options.full, parts=names, progress=progress)
+    else:
+        part = part_named(options.command)
+        results = {part.name: measured(part, None, full=options.full, progress=progress)}
+        found = summary(results) | {"parts": results}
+    emit(found, _text(found, options.out), options.json)
+
+
+def _text(found: dict[str, Any], out: str | None) -> str:
+    from validation.printing import part_text
+
+    lines = [part_text(name, results) for name, results in found["parts"].items()]
+    lines += [f"{name}: {verdict}" for name, verdict in found["verdicts"].items()]
+    if out is not None:
+        lines.append(f"report: {out}/report.html")
+    return "\n".join(lines)
+
+
+def _cheapest(options: Any) -> None:
+    from granular.scene import load_scene
+    from validation.cheapest import cheapest
+
+    changes = changes_from(options.changes)
+    scene = load_scene(options.scene).replace(**changes)
+    choice = cheapest(scene, options.quantity, options.tolerance, until=options.t_end)
+    emit(choice.to_dict(), str(choice), options.json)
+
+
+if __name__ == "__main__":
+    sys.exit(launch(main))

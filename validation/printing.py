@@ -1,0 +1,47 @@
+"""The parts' results as text for the console."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from validation.convergence import ConvergenceResult
+from validation.convergence import summary as convergence_table
+from validation.energy import EnergyStudy
+from validation.energy import summary as energy_table
+from validation.outcomes import Outcome
+from validation.parts import FAILED, Plain
+from validation.sections import choices, stability_table
+from validation.work_precision import WorkPrecision
+
+
+def part_text(name: str, results: Sequence[Plain]) -> str:
+    """A part's tables."""
+    sound = [one for one in results if FAILED not in one]
+    failed = [f"{one['label']} failed: {one[FAILED]}" for one in results if FAILED in one]
+    return "\n".join([_TEXTS[name](sound), *failed, ""])
+
+
+def _convergence(results: Sequence[Plain]) -> str:
+    return convergence_table([ConvergenceResult.from_dict(one) for one in results]).text()
+
+
+def _energy(results: Sequence[Plain]) -> str:
+    return energy_table([EnergyStudy.from_dict(one) for one in results]).text()
+
+
+def _work_precision(results: Sequence[Plain]) -> str:
+    found = [WorkPrecision.from_dict(one) for one in results]
+    tables = [f"{one.quantity} of {one.scene}\n{one.table().text()}\n" for one in found]
+    return "\n".join([*tables, choices(found).text()])
+
+
+def _stability(results: Sequence[Plain]) -> str:
+    return stability_table([Outcome.from_dict(one) for one in results]).text()
+
+
+_TEXTS = {
+    "convergence": _convergence,
+    "energy": _energy,
+    "work-precision": _work_precision,
+    "stability": _stability,
+}

@@ -1,0 +1,123 @@
+"""The report: one HTML file with everything in it, and its figures as JSON beside it."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from granular.errors import InputError
+from granular.html import Page
+from validation.convergence import ConvergenceResult
+from validation.energy import EnergyStudy
+from validation.outcomes import Outcome
+from validation.parts import FAILED, Plain, machine, measured
+from validation.programme import PARTS, part_named
+from validation.sections import SECTIONS, convergence_holds, stability_verdict
+
+Results = Mapping[str, Sequence[Plain]]
+
+ALL = tuple(part.name for part in PARTS)
+"""Names of all parts."""
+
+
+def report(
+    directory: str | Path,
+    *,
+    full: bool = False,
+    parts: Sequence[str] = ALL,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Measure the parts, and write ``report.html`` and ``report.json``.
+
+    What was measured before with the same sources is read from ``directory``/pieces.
+
+    Parameters
+    ----------
+    directory : str or Path
+    full : bool
+        Everything, which takes an hour or so; without, what fits into a few minutes.
+    parts : sequence of str
+        Which ones.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    dict
+        What the JSON file holds: the parts' results, a verdict each, and the machine.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be written.
+    """
+    where = Path(directory)
+    results: dict[str, Sequence[Plain]] = {
+        name: measured(part_named(name), where, full=full, progress=progress) for name in parts
+    }
+    found = summary(results) | {"full": full, "machine": machine(), "parts": results}
+    try:
+        where.mkdir(parents=True, exist_ok=True)
+        page(results, full=full).save(where / "report.html")
+        (where / "report.json").write_text(json.dumps(found), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{where} cannot be written: {error.strerror}; give another -o") from None
+    return found
+
+
+def page(results: Results, *, full: bool) -> Page:
+    """The report as a page."""
+    shown = Page("Proof of the numbers", "; ".join(summary(results)["verdicts"].values()))
+    for name, ones in results.items():
+        SECTIONS[name](shown, ones)
+    made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    kind = "full" if full else "quick"
+    shown.footer(
+        f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine().items())
+    )
+    return shown
+
+
+def summary(results: Results) -> dict[str, Any]:
+    """A verdict for each part, and whether all of them hold."""
+    verdicts, holds = {}, True
+    for name, ones in results.items():
+        verdicts[name], held = _VERDICTS[name]([one for one in ones if FAILED not in one])
+        failed = sum(FAILED in one for one in ones)
+        if failed:
+            verdicts[name] += f" ({failed} could not be measured)"
+        holds = holds and held and not failed
+    return {"verdicts": verdicts, "holds": holds}
+
+
+def _convergence_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    found = [ConvergenceResult.from_dict(one) for one in results]
+    right = sum(map(convergence_holds, found))
+    return f"{right} of {len(found)} slopes are as declared", right == len(found)
+
+
+def _energy_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    found = [EnergyStudy.from_dict(one) for one in results]
+    right = sum(one.symplectic == (one.trend.verdict() == "none") for one in found)
+    words = f"{right} of {len(found)} energy runs are of their kind (no trend, or a control's)"
+    return words, right == len(found)
+
+
+def _work_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    return f"cost of accuracy shown for {len(results)} quantities", True
+
+
+def _stability_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    found = [Outcome.from_dict(one) for one in results]
+    return stability_verdict(found).rstrip("."), all(one.allowed for one in found)
+
+
+_VERDICTS = {
+    "convergence": _convergence_verdict,
+    "energy": _energy_verdict,
+    "work-precision": _work_verdict,
+    "stability": _stability_verdict,
+}

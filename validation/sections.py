@@ -1,0 +1,242 @@
+"""The parts of the report as sections of a page, from their plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from granular.html import Page
+from granular.plotting import COLOURS, GREY, STYLES, figure
+from validation.convergence import CLEAR, ConvergenceResult
+from validation.convergence import summary as convergence_table
+from validation.energy import EnergyStudy
+from validation.energy import summary as energy_table
+from validation.outcomes import ACCURATE, Outcome
+from validation.parts import FAILED, Plain
+from validation.table import Table, table
+from validation.trend import SIGNIFICANCE
+from validation.work_precision import WorkPrecision
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+TOLERANCES = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
+"""How far a slope may be from the declared order."""
+
+
+def _sound(results: Sequence[Plain]) -> list[Plain]:
+    return [one for one in results if FAILED not in one]
+
+
+def _note_failures(page: Page, results: Sequence[Plain]) -> None:
+    for one in results:
+        if FAILED in one:
+            page.note(f"{one['label']} failed: {one[FAILED]}")
+
+
+def _tabulate(page: Page, shown: Table) -> None:
+    page.table(shown.header, shown.rows)
+
+
+# Convergence ------------------------------------------------------------------------------------
+
+
+def convergence_section(page: Page, results: Sequence[Plain]) -> None:
+    """Slopes, and a plot for each problem."""
+    found = [ConvergenceResult.from_dict(one) for one in _sound(results)]
+    page.section("Order of convergence")
+    page.text(
+        "Error at the end against the exact solution (closed forms, or quadrature of the energy "
+        "integral to thirty digits), over the time step. The slope is fitted over the finest "
+        f"decade of steps whose error is at least {CLEAR:g} times the measured rounding; its "
+        "interval says how straight the line is. A motion that is not smooth (friction stops the "
+        "grain) limits every method to order two."
+    )
+    _tabulate(page, convergence_table(found))
+    wrong = [one for one in found if not convergence_holds(one)]
+    for one in wrong:
+        page.note(f"{one.method} on {one.problem} does not show its order {one.order}.")
+    for name in dict.fromkeys(one.problem for one in found):
+        group = [one for one in found if one.problem == name]
+        with figure(height=4.0) as (drawing, axes):
+            for k, one in enumerate(group):
+                style = STYLES[k // len(COLOURS) % len(STYLES)]
+                one.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
+            _legend(axes)
+            page.figure(drawing, f"{name}: error at the end over the time step.")
+    _note_failures(page, results)
+
+
+def convergence_holds(one: ConvergenceResult) -> bool:
+    """Whether a slope is as declared; where rounding leaves no slope to fit, nothing is wrong."""
+    if not one.smooth:
+        return one.fit is not None and abs(one.fit.value - min(one.order, 2)) <= 0.1
+    return one.fit is None or one.holds(TOLERANCES[one.order])
+
+
+def _legend(axes: Axes) -> None:
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+# Energy -----------------------------------------------------------------------------------------
+
+
+def energy_section(page: Page, results: Sequence[Plain]) -> None:
+    """Trends, the error over time, and phase portraits."""
+    found = [EnergyStudy.from_dict(one) for one in _sound(results)]
+    page.section("Energy over long runs")
+    page.text(
+        "Error of the energy over the energy turned over. A trend is claimed where it stands out "
+        f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
+        "Symplectic methods should show none; the controls gain (explicit Euler) or lose "
+        "(Runge-Kutta)."
+    )
+    _tabulate(page, energy_table(found))
+    for one in found:
+        if one.symplectic != (one.trend.verdict() == "none"):
+            page.note(
+                f"{one.method} on the {one.system} {one.trend.verdict()} energy by "
+                f"{one.trend.drift:.1e} (p = {one.trend.p_value:.1g}), unlike its kind."
+            )
+    for system in dict.fromkeys(one.system for one in found):
+        _energy_figures(page, system, [one for one in found if one.system == system])
+    _note_failures(page, results)
+
+
+def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
+    kinds = (("symplectic", True), ("controls", False))
+    rows = [
+        (name, [one for one in group if one.symplectic is symplectic]) for name, symplectic in kinds
+    ]
+    rows = [(name, ones) for name, ones in rows if ones]
+    with figure(len(rows), 1, height=2.6 * len(rows), sharex=True, squeeze=False) as (
+        drawing,
+        all_,
+    ):
+        for axes, (name, ones) in zip(all_[:, 0], rows, strict=True):
+            for k, one in enumerate(ones):
+                axes.plot(one.times, one.errors, color=COLOURS[k % len(COLOURS)], linewidth=0.8,
+                          label=one.method)  # fmt: skip
+            axes.set_ylabel(f"{name}\nenergy error")
+            axes.set_yscale("symlog", linthresh=1e-8)
+            _legend(axes)
+        all_[-1, 0].set_xlabel("time [s]")
+        page.figure(drawing, f"{system}: error of the energy (linear within 1e-8).")
+    portraits = [one for one in group if one.heights]
+    if portraits:
+        _phase_portraits(page, system, portraits)
+
+
+def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
+    chosen = [one for one in group if one.method in _PORTRAYED] or list(group[:1])
+    with figure(2, len(chosen), height=5.0, width=2.6 * len(chosen) + 0.8, squeeze=False) as (
+        drawing,
+        panels,
+    ):
+        for column, one in zip(panels.T, chosen, strict=True):
+            for axes in column:
+                axes.plot(one.heights, one.velocities, ".", color=COLOURS[0], markersize=1.2)
+            column[0].set_title(one.method, fontsize=9)
+            _zoom(column[1], one)
+            column[1].set_xlabel("height [D]")
+        panels[0, 0].set_ylabel("velocity [m/s]")
+        panels[1, 0].set_ylabel("velocity [m/s], zoom")
+        page.figure(drawing, f"{system}: phase portraits, and a zoom at the upper turning point.")
+
+
+_PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")
+
+
+def _zoom(axes: Axes, one: EnergyStudy) -> None:
+    """The upper turning point, wide enough for a drift of a hundredth."""
+    top, fastest = one.heights[0], max(map(abs, one.velocities))
+    axes.set_xlim(0.98 * top, 1.02 * top)
+    axes.set_ylim(-0.25 * fastest, 0.25 * fastest)
+    axes.axvline(top, color=GREY, linewidth=0.8)
+
+
+# Work and precision -----------------------------------------------------------------------------
+
+
+def work_precision_section(page: Page, results: Sequence[Plain]) -> None:
+    """A picture and a table a quantity, and which setting to take."""
+    found = [WorkPrecision.from_dict(one) for one in _sound(results)]
+    page.section("What accuracy costs")
+    page.text(
+        "Error over wall time, warm, the least of the repeats. The broad line joins the settings "
+        "that none beats in both; the dotted lines are 1 % and 1e-6; the shaded band is the "
+        "scatter over random starts, below which accuracy buys nothing."
+    )
+    _tabulate(page, choices(found))
+    for one in found:
+        with figure(height=3.8) as (drawing, axes):
+            one.plot(axes)
+            _legend(axes)
+            until = "" if one.horizon is None else f" over {one.horizon:g} s"
+            page.figure(drawing, f"{one.quantity} of {one.scene}{until}, against {one.reference}.")
+        _tabulate(page, one.table())
+    _note_failures(page, results)
+
+
+def choices(found: Sequence[WorkPrecision]) -> Table:
+    """Which setting to take for 1 % and for 1e-6."""
+    rows = []
+    for one in found:
+        for tolerance in (1e-2, 1e-6):
+            best = one.cheapest(tolerance)
+            said = ("none reaches it", "", "", "")
+            if best is not None:
+                said = (best.setting.family, str(best.setting.dt), f"{best.error:.2g}",
+                        f"{best.seconds:.3g}")  # fmt: skip
+            below = "below the scatter" if tolerance < one.floor else ""
+            rows.append((one.scene, one.quantity, f"{tolerance:g}", *said, below))
+    header = ("scene", "quantity", "to", "take", "dt", "error", "seconds", "")
+    return table(header, rows)
+
+
+# Hard cases -------------------------------------------------------------------------------------
+
+
+def stability_section(page: Page, results: Sequence[Plain]) -> None:
+    """The outcome of every hard case."""
+    found = [Outcome.from_dict(one) for one in _sound(results)]
+    page.section("Hard cases")
+    page.text(stability_verdict(found))
+    for one in found:
+        if not one.allowed:
+            page.note(f"{one.case} ({one.method}, dt {one.dt}): {one.kind}. {one.said}")
+    _tabulate(page, stability_table(found))
+    _note_failures(page, results)
+
+
+def stability_verdict(found: Sequence[Outcome]) -> str:
+    """What the catalogue shows, in two sentences."""
+    accurate = sum(one.kind == ACCURATE for one in found)
+    wrong = sum(not one.allowed for one in found)
+    return (
+        f"{accurate} of {len(found)} runs are accurate to the figure stated for them; "
+        f"{len(found) - accurate - wrong} are degraded and say so, or are stopped with a typed "
+        f"error where that is right. {wrong or 'None'} ended as a case must not."
+    )
+
+
+def stability_table(found: Sequence[Outcome]) -> Table:
+    """One row an outcome."""
+    rows = [
+        (
+            one.case, one.method, one.dt, one.kind if one.allowed else f"{one.kind} (!)",
+            "" if one.error != one.error else f"{one.error:.1e}", f"{one.limit:.1e}",
+            one.said.split(":", 1)[0][:60], f"{one.seconds:.2g}",
+        )
+        for one in found
+    ]  # fmt: skip
+    header = ("case", "method", "dt", "outcome", "error", "limit", "said", "seconds")
+    return table(header, rows)
+
+
+SECTIONS = {
+    "convergence": convergence_section,
+    "energy": energy_section,
+    "work-precision": work_precision_section,
+    "stability": stability_section,
+}
