@@ -147,6 +147,7 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
     palette = np.array(first.getpalette()).reshape(-1, 3)
     palette[np.asarray(first)[0, 0]] = 255  # the paper stays white
     first.putpalette(palette.ravel().tolist())
+    first.load()
 
     def others() -> Iterator[Any]:
         nonlocal made
