@@ -145,9 +145,8 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
     # The first picture has all colours already: they are in its bar or legend.
     first = Image.fromarray(next(images)).quantize(256, method=Image.Quantize.MAXCOVERAGE)
     palette = np.array(first.getpalette()).reshape(-1, 3)
-    palette[np.asarray(first)[0, 0]] = 255  # the paper stays white
+    palette[palette.min(axis=1) > 245] = 255  # the paper stays white
     first.putpalette(palette.ravel().tolist())
-    first.load()
 
     def others() -> Iterator[Any]:
         nonlocal made
