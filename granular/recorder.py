@@ -66,4 +66,4 @@ class Recorder:
         """One field of all frames."""
         shape = {"grain": self.count, "axis": 2}
         rest = tuple(shape[dim] for dim in dims[1:])
-        return np.array([frame[name] for frame in self.frames]).reshape(-1, *rest)
+        return np.array([frame[name] for frame in self.frames]).reshape(len(self.frames), *rest)

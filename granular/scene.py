@@ -79,7 +79,7 @@ class Grains(Section):
         other shares than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
     """
 
-    count: int = whole()
+    count: int = whole(most=10**8)
     species: tuple[Species, ...] = many(Species, least=1)
     thickness: float = quantity("m", default=0.003, above=0.0)
     density: float = quantity("kg/m^3", default=7368.0, above=0.0)

@@ -99,7 +99,7 @@ class Quantity(Kind):
 @dataclasses.dataclass(frozen=True)
 class Whole(Kind):
     least: int = 0
-    most: int = 10**8
+    most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
         number = _number(value)
@@ -253,8 +253,8 @@ def quantity(
     return declare(kind, default)
 
 
-def whole(*, default: Any = dataclasses.MISSING, least: int = 0, optional: bool = False) -> Any:
-    return declare(Whole(optional, least=least), default)
+def whole(*, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1) -> Any:
+    return declare(Whole(least=least, most=most), default)
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:

@@ -141,6 +141,7 @@ class Store:
             frames = one.dims[0] == "frame"
             length = int(checkpoint["readable_frames" if frames else "readable_rows"])
             array = group[one.name]
+            assert isinstance(array, zarr.Array)
             if array.shape[0] != length:
                 array.resize((length, *array.shape[1:]))
         self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])

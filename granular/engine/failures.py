@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.engine.ledger import Ledger
 from granular.engine.state import State
 from granular.engine.system import Constants
 from granular.errors import EnergyError, NotAtRestError, NotFiniteError, OutsideError, RunError
@@ -43,14 +42,14 @@ def misplaced(
     return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
 
 
-def unbalanced(ledger: Ledger, step: int, time: float) -> EnergyError:
-    """An energy ledger that does not close, at a time [s]."""
+def unbalanced(residual: float, limit: float, step: int, time: float) -> EnergyError:
+    """An energy ledger with a residual over the energy turned over, at a time [s]."""
     return EnergyError(
-        f"the energy ledger is off by {ledger.closure:.2g} of the energy turned over, "
-        f"{ledger.wrong:g} is the limit",
+        f"the energy ledger is off by {residual:.2g} of the energy turned over, "
+        f"{limit:g} is the limit",
         step=step,
         time=time,
-        value=ledger.closure,
+        value=residual,
         remedy=SHORTEN,
     )
 

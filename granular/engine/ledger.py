@@ -25,9 +25,14 @@ DRY_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
 
 
+def is_dry(scene: Scene) -> bool:
+    """Whether grains or the piston rub."""
+    return scene.effects.friction is not None or bool(scene.piston and scene.piston.friction)
+
+
 def doubtful(scene: Scene) -> float:
     """Residual over the energy turned over beyond which a run of the scene is called degraded."""
-    return DOUBTFUL * (DRY_DOUBT if scene.effects.friction is not None else 1.0)
+    return DOUBTFUL * (DRY_DOUBT if is_dry(scene) else 1.0)
 
 
 def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
@@ -92,11 +97,11 @@ class Ledger:
         relative[~np.isfinite(residual)] = np.inf
         return excess, relative
 
-    def check(self, rows: np.ndarray) -> int | None:
-        """Enter records; the index of the first one that cannot be trusted, if any."""
+    def check(self, rows: np.ndarray) -> tuple[int, float] | None:
+        """Enter records; the first one that cannot be trusted, if any, and its residual."""
         if not len(rows):
             return None
         residual, relative = self.residuals(rows)
         self.worst = max(self.worst, float(residual.max()))
         bad = np.flatnonzero(relative > self.wrong)
-        return int(bad[0]) if len(bad) else None
+        return (int(bad[0]), float(relative[bad[0]])) if len(bad) else None

@@ -43,14 +43,17 @@ def _free_kick(
     if resistance is None:
         _raise_speed(state.low, span * force / mass, state)
     else:
-        if not opening:
+        # As for grains: where friction alone could stop the piston, both must act together.
+        slow = abs(state.piston[1]) < 2.0 * resistance.force * span / mass
+        first = opening or slow
+        if not first:
             _rub(resistance, span, mass, state)
         if state.piston[1] != 0.0 or abs(force) > resistance.force:
             decay, gain, a, b, c = drag.flow(resistance.rate, span)
             v, push = state.piston[1], force / mass
             state.piston[1] = decay * v + gain * push
             state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
-        if opening:
+        if first:
             _rub(resistance, span, mass, state)
 
 

@@ -14,7 +14,7 @@ from granular.arrangement import initial_motion
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import SHORTEN, misplaced, restless, unbalanced
 from granular.engine.forces import compute_forces, measure_forces
-from granular.engine.ledger import Ledger
+from granular.engine.ledger import Ledger, is_dry
 from granular.engine.loop import (
     CLOSEST,
     COLUMNS,
@@ -283,8 +283,7 @@ class Run:
     def _open_ledger(self) -> None:
         if self.ledger is None:
             row = self._look(_PLACE)
-            dry = self.constants.acting.friction is not None
-            self.ledger = Ledger.opened(row, dry=dry)
+            self.ledger = Ledger.opened(row, dry=is_dry(self.scene))
 
     def _jump(self, by: float) -> None:
         before = self._energy(self._look(_PLACE))
@@ -542,13 +541,15 @@ class Run:
         if not len(rows):
             return
         assert self.ledger is not None
-        bad = self.ledger.check(rows)
+        wrong = self.ledger.check(rows)
         self.progress.closest = min(self.progress.closest, float(rows[:, CLOSEST].min()))
         self.progress.last = float(rows[-1, 0])
-        self.recorder.add_rows(rows if bad is None else rows[: bad + 1], self.progress.stage)
-        if bad is not None:
+        good = len(rows) if wrong is None else wrong[0] + 1
+        self.recorder.add_rows(rows[:good], self.progress.stage)
+        if wrong is not None:
             seconds = self.system.scales.time
-            raise unbalanced(self.ledger, self.steps, float(rows[bad, 0]) * seconds)
+            moment = float(rows[wrong[0], 0]) * seconds
+            raise unbalanced(wrong[1], self.ledger.wrong, self.steps, moment)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at

@@ -19,7 +19,7 @@ SLACK = 2.0
 LONGEST = 8.0
 """Largest multiple of the automatic step that may be asked for, still short of instability."""
 
-LOOK = 16
+LOOK = 32
 """Most steps from look to look at the bed when a stage begins."""
 
 REVIEW = 256

@@ -119,7 +119,7 @@ BAD = [
     ({"grains.cuont": 3}, "grains: unknown key 'cuont'; did you mean 'count'?"),
     ({"grians.count": 3}, "unknown key 'grians'; did you mean 'grains'?"),
     ({"effects.drga.coefficient": 1}, "did you mean 'drag'?"),
-    ({"effects.friction_of_some_kind": {}}, "known are dipole"),
+    ({"effects.superconductivity": {}}, "known are dipole"),
     ({"protocol.dorp.duration": 3}, "unknown item 'dorp'; did you mean 'drop'?"),
     ({"protocol.0.kind": "fre"}, "unknown kind 'fre'; did you mean 'free'?"),
     ({"output.record": "relaese"}, "unknown stage 'relaese'; did you mean 'release'?"),
@@ -155,7 +155,7 @@ BAD = [
     ({"protocol.release.tolerance": 0.1}, "only counts with until"),
     ({"protocol.drop.duration": 0.5}, "no longer than the window of rest"),
     ({"protocol.lift.name": "drop"}, "the name 'drop' is given twice"),
-    ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, free, lift"),
+    ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, descend"),
     ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "give either speed or duration"),
     ({"name": ""}, "must be a text that is not empty"),
 ]

@@ -1,0 +1,214 @@
+"""Each stage does what its law says: driven paths, forces on a free piston, and how stages end."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from granular import Scene, Trajectory, load_scene, simulate
+from granular.errors import OutsideError, SceneError, StoreError
+
+D = 0.006
+
+
+def driven(scene: Scene, *stages: dict[str, object], **changes: object) -> Trajectory:
+    run = scene.replace(**{"protocol": list(stages), "output.scalars": 1e-3, **changes})
+    return simulate(run, progress=False)
+
+
+def empty(*stages: dict[str, object], **changes: object) -> Trajectory:
+    """A piston over an empty cell."""
+    scene = load_scene("damper").replace(
+        **{"grains.count": 0, "effects.dipole": None, "effects.drag": None,
+           "effects.walls": None, "piston.mass": 2.0, "protocol": list(stages),
+           "output.record": None, "output.scalars": 1e-3, "output.frames": 1e-2, **changes}
+    )  # fmt: skip
+    return simulate(scene, dt=1e-5, progress=False)
+
+
+def test_descent(small_bed: Scene) -> None:
+    run = driven(small_bed, {"kind": "descend", "name": "relax", "to": "5 D", "duration": 0.05})
+    time, height = (run.dataset[name].values for name in ("time", "piston_height"))
+    law = 6.0 - (np.expm1(5.0 * time / 0.05)) / math.expm1(5.0)
+    assert height == pytest.approx(law * D, rel=1e-12)
+    assert run.stage("relax").height == 5.0 * D
+    speed = run.dataset["piston_velocity"].values
+    slope = np.gradient(height, time)
+    assert speed[1:-1] == pytest.approx(slope[1:-1], rel=0.05)
+    assert run.settings()["ledger_residual"] < 1e-3
+
+
+def test_follow(small_bed: Scene) -> None:
+    times, heights = [0.0, 0.01, 0.025, 0.04], [6.0 * D, 5.5 * D, 5.5 * D, 5.8 * D]
+    run = driven(small_bed, {"kind": "follow", "name": "table", "times": times,
+                             "heights": heights})  # fmt: skip
+    data = run.dataset
+    exact = np.interp(data["time"].values, times, heights)
+    assert data["piston_height"].values == pytest.approx(exact, rel=1e-12)
+    assert data["time"].values[-1] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [{"times": [0.0, 0.1], "heights": [0.036]}, {"times": [0.0, 0.0], "heights": [0.036, 0.03]},
+     {"times": [0.1, 0.0], "heights": [0.036, 0.03]}, {"times": [], "heights": []},
+     {"times": [0.0, 0.1], "heights": [0.036, -0.01]}],
+)  # fmt: skip
+def test_bad_tables(small_bed: Scene, table: dict[str, object]) -> None:
+    with pytest.raises(SceneError):
+        driven(small_bed, {"kind": "follow", "name": "table", **table})
+
+
+def test_oscillation(small_bed: Scene) -> None:
+    run = driven(small_bed, {"kind": "oscillate", "name": "shake", "amplitude": "0.2 D",
+                             "frequency": 50.0, "duration": 0.06})  # fmt: skip
+    data = run.dataset
+    phase = 2.0 * math.pi * 50.0 * data["time"].values
+    exact = (6.0 + 0.2 * np.sin(phase)) * D
+    assert data["piston_height"].values == pytest.approx(exact, rel=1e-12)
+    assert data["piston_velocity"].values == pytest.approx(
+        0.2 * D * 100.0 * math.pi * np.cos(phase), abs=1e-12
+    )
+    assert run.settings()["ledger_residual"] < 1e-3
+
+
+def test_until_force(small_bed: Scene) -> None:
+    """The piston stops at the first look after the force is reached."""
+    stage = {"kind": "move", "name": "press", "to": "3 D", "speed": 0.05, "until_force": 3.0}
+    run = driven(small_bed, stage)
+    force = run.dataset["piston_force"].values
+    assert run.stage("press").reason == "force"
+    assert force[-1] >= 3.0
+    assert (force[:-1] < 3.0).all()
+    assert run.stage("press").height > 3.0 * D
+    assert run.stage("press").height == pytest.approx(float(run.dataset["piston_height"][-1]))
+
+
+def test_force_that_is_not_reached(small_bed: Scene) -> None:
+    stage = {"kind": "move", "name": "press", "to": "5.9 D", "speed": 0.05, "until_force": 1e3}
+    run = driven(small_bed, stage)
+    assert run.stage("press").reason == "duration"
+    assert run.stage("press").height == 5.9 * D
+
+
+def test_free_fall_of_the_piston() -> None:
+    run = empty({"kind": "free", "name": "fall", "duration": 0.1})
+    time, height = (run.dataset[name].values for name in ("time", "piston_height"))
+    assert height == pytest.approx(0.12 - 4.9 * time**2, rel=1e-12)
+    assert run.settings()["ledger_residual"] < 1e-9
+
+
+def test_push_by_a_force() -> None:
+    """F = F0 + F1 sin(w t) on a mass without weight, in closed form."""
+    run = empty(
+        {"kind": "push", "name": "push", "mean": 0.3, "amplitude": 2.0, "frequency": 30.0,
+         "duration": 0.1}, **{"effects.gravity": None},
+    )  # fmt: skip
+    time, height = (run.dataset[name].values for name in ("time", "piston_height"))
+    w = 2.0 * math.pi * 30.0
+    exact = 0.12 + 0.075 * time**2 + 2.0 / 2.0 / w * (time - np.sin(w * time) / w)
+    assert height == pytest.approx(exact, abs=1e-9)
+    assert run.settings()["ledger_residual"] < 1e-6
+
+
+def test_piston_drag() -> None:
+    """A falling mass with viscous drag: v = -g (1 - exp(-t/T)) T, T = M/c."""
+    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **{"piston.drag": 40.0})
+    time, speed = (run.dataset[name].values for name in ("time", "piston_velocity"))
+    assert speed == pytest.approx(-9.8 * 0.05 * -np.expm1(-time / 0.05), rel=1e-9)
+    height = 0.12 - 9.8 * 0.05 * (time + 0.05 * np.expm1(-time / 0.05))
+    assert run.dataset["piston_height"].values == pytest.approx(height, rel=1e-7)
+    loss = run.dataset["piston_loss"].values
+    assert (np.diff(loss) >= 0.0).all()
+    assert run.settings()["ledger_residual"] < 1e-6
+
+
+@pytest.mark.parametrize(("friction", "moves"), [(19.0, True), (20.0, False)])
+def test_piston_friction(friction: float, moves: bool) -> None:
+    """Its weight is 19.6 N: below the friction it hangs still, to the last bit."""
+    run = empty({"kind": "free", "name": "fall", "duration": 0.1}, **{"piston.friction": friction})
+    time, height = (run.dataset[name].values for name in ("time", "piston_height"))
+    if moves:
+        assert height == pytest.approx(0.12 - 0.5 * (9.8 - friction / 2.0) * time**2, rel=1e-6)
+    else:
+        assert (height == 0.12).all()
+    # The first slip, from rest, is resolved to first order only.
+    assert run.settings()["ledger_residual"] < 1e-4
+
+
+def test_shaken_cell() -> None:
+    """Seen from the cell, a grain that nothing holds swings against it."""
+    scene = load_scene("single-particle").replace(
+        **{"effects.gravity": None, "effects.walls": None, "effects.shaking":
+           {"amplitude": 0.01, "frequency": 20.0, "angle": 0.5},
+           "protocol": [{"kind": "hold", "name": "shake", "duration": 0.1}],
+           "output.scalars": 1e-3, "output.frames": 1e-3}
+    )  # fmt: skip
+    run = simulate(scene, dt=1e-5, progress=False)
+    time = run.dataset["frame_time"].values
+    place = run.dataset["position"].values[:, 0]
+    w = 40.0 * math.pi
+    way = 0.01 * (w * time - np.sin(w * time))
+    assert place[:, 0] - place[0, 0] == pytest.approx(way * math.cos(0.5), abs=1e-7)
+    assert place[:, 1] - place[0, 1] == pytest.approx(way * math.sin(0.5), abs=1e-7)
+    assert run.settings()["ledger_residual"] < 1e-5
+
+
+def test_lift_as_the_first_stage(small_damper: Scene) -> None:
+    run = driven(small_damper, {"kind": "lift", "name": "lift", "by": "0.3 D"},
+                 {"kind": "free", "name": "fall", "duration": 0.02},
+                 **{"output.record": None})  # fmt: skip
+    assert run.dataset["piston_height"].values[0] == pytest.approx(6.3 * D)
+    assert run.settings()["ledger_residual"] < 1e-3
+
+
+def test_lowering_into_the_bed_names_the_stage(small_damper: Scene) -> None:
+    with pytest.raises(OutsideError, match=r"stage 'lift' sets the piston into the bed"):
+        driven(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"},
+               **{"output.record": None})  # fmt: skip
+
+
+def test_rest_does_not_depend_on_the_cadence(small_damper: Scene) -> None:
+    """A given step is looked at as often, however rarely it is recorded."""
+    fall = {"kind": "free", "name": "drop", "until": "rest"}
+    ends = [
+        driven(
+            small_damper, fall,
+            **{"output.record": None, "output.scalars": cadence, "output.frames": cadence},
+        ).stage("drop").end
+        for cadence in (1e-3, 0.5)
+    ]  # fmt: skip
+    assert ends[1] == pytest.approx(ends[0], abs=0.02)
+
+
+def test_coarse_records_of_a_falling_piston(small_damper: Scene) -> None:
+    """The automatic step sees the impact coming, though nothing is recorded before it."""
+    fall = {"kind": "free", "name": "drop", "duration": 1.0}
+    changes = {"output.record": None, "output.scalars": 1.0, "output.frames": 1.0,
+               "piston.height": "40 D", "effects.drag": None}  # fmt: skip
+    run = driven(small_damper, fall, **changes)
+    assert run.settings()["ledger_residual"] < 1e-3
+
+
+def test_resuming_to_another_end(small_damper: Scene, tmp_path: object) -> None:
+    free = {"kind": "free", "name": "fall", "duration": 0.02}
+    scene = small_damper.replace(**{"protocol": [free], "output.record": None})
+
+    def run(t_end: float | None, path: str) -> Trajectory:
+        return simulate(scene, t_end=t_end, out=f"{tmp_path}/{path}", resume=True, progress=False)
+
+    run(0.015, "longer")
+    later = run(0.03, "longer")
+    assert later.complete
+    assert later.stages[-1].end == pytest.approx(0.03)
+    whole = simulate(scene, t_end=0.03, progress=False)
+    assert later.dataset["piston_height"].values[-1] == whole.dataset["piston_height"].values[-1]
+    with pytest.raises(StoreError, match=r"has reached 0\.03 s already"):
+        run(0.01, "longer")
+    with pytest.raises(StoreError, match="behind the end of stage 'fall'"):
+        run(None, "longer")
+    run(None, "ended")
+    with pytest.raises(StoreError, match=r"has ended, at 0\.02 s"):
+        run(0.05, "ended")
