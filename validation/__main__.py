@@ -11,6 +11,7 @@ from granular.console import Parser, add_output, add_scene, changes_from, emit, 
 
 _PARTS = {
     "convergence": "orders of convergence against exact solutions",
+    "source-experiment": "the source's test of its method, with and without rounding",
     "energy": "energy over long runs, tested for trends",
     "work-precision": "error against wall time",
     "stability": "the catalogue of hard cases",

@@ -11,6 +11,7 @@ from validation.energy import summary as energy_table
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain
 from validation.sections import choices, stability_table
+from validation.source_experiment import SourceExperiment
 from validation.work_precision import WorkPrecision
 
 
@@ -23,6 +24,10 @@ def part_text(name: str, results: Sequence[Plain]) -> str:
 
 def _convergence(results: Sequence[Plain]) -> str:
     return convergence_table([ConvergenceResult.from_dict(one) for one in results]).text()
+
+
+def _source(results: Sequence[Plain]) -> str:
+    return "\n".join(SourceExperiment.from_dict(one).table().text() for one in results)
 
 
 def _energy(results: Sequence[Plain]) -> str:
@@ -41,6 +46,7 @@ def _stability(results: Sequence[Plain]) -> str:
 
 _TEXTS = {
     "convergence": _convergence,
+    "source-experiment": _source,
     "energy": _energy,
     "work-precision": _work_precision,
     "stability": _stability,

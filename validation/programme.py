@@ -10,10 +10,11 @@ from granular.methods import COMPENSATED, METHODS
 from granular.scene import Scene, load_scene
 from validation.parts import Part, Piece, Plain
 
-QUICK_METHODS = (
-    "symplectic-euler", "stormer-verlet", "adaptive-verlet", "blanes-moan-4", "kahan-li-6",
-    "explicit-euler", "runge-kutta-4",
-)  # fmt: skip
+QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
+"""On every problem; they share their compiled code."""
+
+QUICK_PROBLEM = "oscillation"
+"""The problem that all methods are shown on, also quickly."""
 
 
 # Convergence ------------------------------------------------------------------------------------
@@ -24,7 +25,6 @@ def convergence_pieces(full: bool) -> list[Piece]:
     from validation.convergence import fits
     from validation.exact import NAMES, exact_problem
 
-    methods = tuple(METHODS) if full else QUICK_METHODS
     return [
         Piece(
             f"{method} on {name}",
@@ -32,8 +32,9 @@ def convergence_pieces(full: bool) -> list[Piece]:
             partial(_converge, name, method, full),
         )
         for name in NAMES
-        for method in methods
-        if fits(exact_problem(name), method)
+        for method in METHODS
+        if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
+        and fits(exact_problem(name), method)
     ]
 
 
@@ -46,6 +47,20 @@ def _converge(name: str, method: str, full: bool) -> Plain:
     short = name == "bounce" and (control or not full)
     problem = bounce.problem(time=bounce.SHORT) if short else exact_problem(name)
     return convergence(problem, method).to_dict()
+
+
+# The source's experiment ------------------------------------------------------------------------
+
+
+def source_pieces(full: bool) -> list[Piece]:
+    """[D, 2.3.4], with what of it is rounding."""
+
+    def measure() -> Plain:
+        from validation.source_experiment import source_experiment
+
+        return source_experiment(full=full).to_dict()
+
+    return [Piece("seven steps" if full else "four steps", {"full": full}, measure)]
 
 
 # Energy -----------------------------------------------------------------------------------------
@@ -157,6 +172,7 @@ def stability_pieces(full: bool) -> list[Piece]:
 
 PARTS: Sequence[Part] = (
     Part("convergence", convergence_pieces),
+    Part("source-experiment", source_pieces),
     Part("energy", energy_pieces),
     Part("work-precision", work_precision_pieces),
     Part("stability", stability_pieces),

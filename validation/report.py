@@ -16,6 +16,7 @@ from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain, machine, measured
 from validation.programme import PARTS, part_named
 from validation.sections import SECTIONS, convergence_holds, stability_verdict
+from validation.source_experiment import COMPENSATED, SourceExperiment
 
 Results = Mapping[str, Sequence[Plain]]
 
@@ -99,6 +100,12 @@ def _convergence_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     return f"{right} of {len(found)} slopes are as declared", right == len(found)
 
 
+def _source_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    slopes = [SourceExperiment.from_dict(one).slope(COMPENSATED) for one in results]
+    words = f"the source's test has the slope {', '.join(f'{one:.4f}' for one in slopes)}"
+    return words, all(abs(one - 2.0) <= 0.01 for one in slopes)
+
+
 def _energy_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     found = [EnergyStudy.from_dict(one) for one in results]
     right = sum(one.symplectic == (one.trend.verdict() == "none") for one in found)
@@ -117,6 +124,7 @@ def _stability_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 _VERDICTS = {
     "convergence": _convergence_verdict,
+    "source-experiment": _source_verdict,
     "energy": _energy_verdict,
     "work-precision": _work_verdict,
     "stability": _stability_verdict,

@@ -1,0 +1,40 @@
+"""The catalogue of hard cases, each quickly."""
+
+from __future__ import annotations
+
+import pytest
+
+from validation.hard_cases import catalogue
+from validation.outcomes import CRASHED, SILENT, HardCase, outcome
+
+CASES = catalogue()
+
+COSTLY = ("slabs", "friction", "mass ratio", "aspect", "contact", "drop", "100 kg", "packing")
+"""Cases of scenes that take long to compile or to run; they are checked with the long tests."""
+
+
+def marked(case: HardCase) -> object:
+    costly = any(word in case.name for word in COSTLY)
+    return pytest.param(case, id=case.name, marks=[pytest.mark.long] if costly else [])
+
+
+@pytest.mark.parametrize("case", [marked(case) for case in CASES])
+def test_case_ends_as_it_may(case: HardCase) -> None:
+    found = outcome(case)
+    assert found.kind not in (SILENT, CRASHED), f"{found.error} {found.said}"
+    assert found.allowed, f"{found.kind}: {found.error} {found.said}"
+
+
+def test_names_are_unique() -> None:
+    names = [case.name for case in CASES]
+    assert len(set(names)) == len(names)
+
+
+def test_only_what_may_end_in_an_error_does() -> None:
+    """The list of the catalogue's own description."""
+    words = ("coincident", "overlapping start", "injected", "inside the bed", "stability limit",
+             "step 100 times")  # fmt: skip
+    for case in CASES:
+        if case.errors:
+            assert any(word in case.name for word in words), case.name
+    assert not next(one for one in CASES if one.name == "overlapping start with contact").errors

@@ -1,0 +1,143 @@
+"""The report: pieces kept on disk, sections, verdicts, and the command line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from granular.errors import InputError, SceneError
+from validation.energy import EnergyRun, energy_runs, energy_study
+from validation.parts import FAILED, Part, Piece, Plain, measured
+from validation.programme import PARTS
+from validation.report import page, summary
+from validation.trend import Trend
+
+Command = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def part(measure: Callable[[], Plain], key: str = "a") -> Part:
+    return Part("part", lambda _: [Piece("piece", {"key": key}, measure)])
+
+
+def test_finished_pieces_are_found_again(tmp_path: Path) -> None:
+    calls: list[int] = []
+
+    def measure() -> Plain:
+        calls.append(1)
+        return {"value": 0.1}
+
+    for _ in range(2):
+        assert measured(part(measure), tmp_path, progress=False) == [{"value": 0.1}]
+    assert len(calls) == 1
+    measured(part(measure, "b"), tmp_path, progress=False)
+    assert len(calls) == 2  # another content is another piece
+    measured(part(measure), None, progress=False)
+    assert len(calls) == 3  # nothing is kept without a directory
+
+
+def test_a_cut_piece_is_measured_again(tmp_path: Path) -> None:
+    measured(part(lambda: {"value": 1}), tmp_path, progress=False)
+    (kept,) = (tmp_path / "pieces").iterdir()
+    kept.write_text(kept.read_text(encoding="utf-8")[:-3], encoding="utf-8")
+    assert measured(part(lambda: {"value": 2}), tmp_path, progress=False) == [{"value": 2}]
+
+
+def test_a_failure_is_a_result(tmp_path: Path) -> None:
+    def fails() -> Plain:
+        raise SceneError("a value, a limit, a remedy")
+
+    (result,) = measured(part(fails), tmp_path, progress=False)
+    assert result[FAILED] == "SceneError: a value, a limit, a remedy"
+    results = {"convergence": [result]}
+    assert summary(results)["holds"] is False
+    assert "a value, a limit, a remedy" in page(results, full=False).render()
+
+
+def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="give another -o"):
+        measured(part(dict), tmp_path / "file", progress=False)
+
+
+def test_pieces_have_keys_of_their_own() -> None:
+    for one in PARTS:
+        for full in (False, True):
+            keys = [json.dumps(piece.key, sort_keys=True) for piece in one.pieces(full)]
+            assert len(set(keys)) == len(keys), one.name
+            assert keys
+
+
+def study(method: str, symplectic: bool, drift: float) -> Plain:
+    trend = Trend(drift, (drift, drift), 1e-9 if drift else 0.5, 1e-9 if drift else 0.5, 0.1, 1.0)
+    from validation.energy import EnergyStudy
+
+    times, errors = (0.0, 0.5, 1.0), (0.0, 0.5 * drift, drift)
+    one = EnergyStudy("swing", method, symplectic, 0.1, 10, None, times, errors, trend,
+                      (2.0, 1.0, 2.0), (0.0, -1.0, 0.0))  # fmt: skip
+    plain: Plain = json.loads(json.dumps(one.to_dict()))
+    return plain
+
+
+def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
+    good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
+    assert summary({"energy": good})["holds"] is True
+    assert "unlike its kind" not in page({"energy": good}, full=False).render()
+    bad = [study("stormer-verlet", True, 0.1)]
+    assert summary({"energy": bad})["holds"] is False
+    assert "unlike its kind" in page({"energy": bad}, full=False).render()
+
+
+def energy_run(method: str) -> EnergyRun:
+    return next(run for run in energy_runs() if run.method == method)
+
+
+def test_energy_of_a_symplectic_method_has_no_trend() -> None:
+    found = energy_study(energy_run("stormer-verlet"))
+    assert found.trend.verdict() == "none"
+    assert 1e-5 < found.trend.swing < 1e-2
+    assert abs(found.trend.drift) < 0.1 * found.trend.swing
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("method", "verdict"), [("explicit-euler", "gains"), ("runge-kutta-4", "loses")]
+)
+def test_controls_are_told_apart(method: str, verdict: str) -> None:
+    assert energy_study(energy_run(method)).trend.verdict() == verdict
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("run", energy_runs(), ids=lambda run: run.method)
+def test_only_the_controls_have_a_trend(run: EnergyRun) -> None:
+    found = energy_study(run)
+    assert found.symplectic == (found.trend.verdict() == "none")
+
+
+def test_help_and_bad_input(command: Command) -> None:
+    assert "report" in command("validation", "--help").stdout
+    for words, said in (
+        (("cheapest", "single-particle", "enrgy", "0.01"), "did you mean 'energy'"),
+        (("cheapest", "single-particle", "energy", "0"), "above 0"),
+        (("cheapest", "no-scene", "energy", "0.1"), "unknown scene"),
+        (("nothing",), "--help"),
+        (("report", "--quick", "--full"), "not allowed with"),
+    ):
+        done = command("validation", *words)
+        assert done.returncode == 2
+        assert said in done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1
+        assert not done.stdout
+
+
+def test_cheapest_on_the_command_line(command: Command) -> None:
+    done = command(
+        "validation", "cheapest", "single-particle", "energy", "0.01", "--t-end", "0.3", "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["error"] <= 0.01
+    assert found["command"].startswith("python -m granular run single-particle")

@@ -1,0 +1,126 @@
+"""Work-precision studies: fronts and choices on known points, and a study of the lone grain."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from granular import load_scene, simulate
+from granular.errors import InputError
+from granular.record import PistonRecord
+from validation.cheapest import candidates, choice
+from validation.exact import bounce
+from validation.quantities import QUANTITIES, Quantity, small_swing
+from validation.work_precision import Point, Setting, WorkPrecision, work_precision
+
+
+def point(method: str, steps: int, error: float, seconds: float) -> Point:
+    return Point(Setting(method, f"auto*{1 / steps}"), error, seconds, steps)
+
+
+FAILED = Point(Setting("verlet", "auto*8"), math.nan, math.nan, 0, "EnergyError: off")
+
+
+def study(*points: Point, floor: float = 0.0) -> WorkPrecision:
+    return WorkPrecision("scene", "energy", "1", None, points, floor, "the value 0.0")
+
+
+def test_front_leaves_out_what_is_beaten() -> None:
+    fast, slow = point("a", 10, 1e-2, 1.0), point("a", 100, 1e-4, 10.0)
+    beaten, best = point("b", 10, 2e-2, 2.0), point("b", 100, 1e-3, 1.5)
+    assert study(slow, beaten, FAILED, best, fast).front() == (fast, best, slow)
+
+
+def test_a_setting_accurate_by_luck_is_not_chosen() -> None:
+    """The coarse step meets the tolerance, the next finer one does not."""
+    lucky, missed, sound = (
+        point("a", 10, 1e-5, 1.0),
+        point("a", 20, 1e-2, 2.0),
+        point("a", 40, 1e-4, 4.0),
+    )
+    found = study(sound, lucky, missed, FAILED)
+    assert found.cheapest(1e-3) == sound
+    assert found.cheapest(1e-1) == lucky
+    assert found.cheapest(1e-9) is None
+    with pytest.raises(InputError, match="least error is 1e-05"):
+        choice(found, 1e-9)
+
+
+def test_choice_is_a_command_and_keywords() -> None:
+    setting = Setting("stormer-verlet", "auto*2", {"effects.friction.scheme": "velocity"})
+    found = choice(study(Point(setting, 1e-3, 1.0, 10)), 1e-2)
+    assert found.keywords == {"dt": "auto*2", "method": "stormer-verlet"}
+    assert found.changes == {"effects.friction.scheme": "velocity"}
+    assert found.command == (
+        "python -m granular run scene --set effects.friction.scheme=velocity --dt 'auto*2' "
+        "--method stormer-verlet"
+    )
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
+def test_study_survives_json() -> None:
+    one = study(point("a", 10, 1e-2, 1.0), FAILED, floor=0.1)
+    again = WorkPrecision.from_dict(json.loads(json.dumps(one.to_dict(), allow_nan=False)))
+    assert again.table() == one.table()
+    assert again.points[1].failed
+    assert math.isnan(again.points[1].error)
+
+
+def test_study_of_the_lone_grain() -> None:
+    """Errors against the exact motion fall with the step, and a choice can be run again."""
+    problem = bounce.problem(time=0.3)
+    exact = problem.exact(0.3).positions / 5e-3
+    settings = [Setting("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
+    settings.append(Setting("stormer-verlet", 1.0))  # a step longer than the run
+    found = work_precision(problem.scene, "positions", settings, reference=exact, until=0.3)
+    errors = [one.error for one in found.points[:3]]
+    assert errors[0] > 8.0 * errors[1] > 64.0 * errors[2]
+    best = choice(found, 0.05)
+    run = simulate(
+        problem.scene.replace(**best.changes), t_end=0.3, progress=False, **best.keywords
+    )
+    again = np.abs(run.dataset["position"].values[-1] / 5e-3 - exact).max()
+    assert again == best.error
+    assert again <= 0.05
+
+
+def test_floor_is_the_scatter_over_seeds() -> None:
+    drawn = Quantity("seed", "1", lambda run: float(run.scene.arrangement.seed))
+    scene = load_scene("single-particle")
+    found = work_precision(
+        scene, drawn, [Setting("stormer-verlet", 1e-4)], reference=1.0, until=0.001, seeds=3
+    )
+    assert found.floor == pytest.approx(1.0 / 3.0)  # of 2, 3 and 4
+    assert found.points[0].error == 0.0
+
+
+def test_unknown_quantity_is_named() -> None:
+    with pytest.raises(InputError, match="did you mean 'energy'"):
+        work_precision(load_scene("damper"), "enrgy", [Setting("stormer-verlet", "auto")])
+    with pytest.raises(InputError, match="no settings"):
+        work_precision(load_scene("damper"), "energy", [])
+
+
+def test_candidates_fit_the_scene() -> None:
+    smooth, dry = load_scene("damper"), load_scene("bed").replace(**{"effects.friction": {}})
+    assert {one.method for one in candidates(smooth)} > {"stormer-verlet", "blanes-moan-4"}
+    found = candidates(dry)
+    assert {one.method for one in found} <= {"stormer-verlet", "adaptive-verlet"}
+    assert {one.changes["effects.friction.scheme"] for one in found} == {"velocity", "regularised"}
+
+
+@pytest.mark.parametrize(("period", "ratio"), [(0.288, 0.037), (1.0, 0.2), (0.01, 0.001)])
+def test_small_swing_of_a_damped_oscillation(period: float, ratio: float) -> None:
+    omega = 2.0 * math.pi / period / math.sqrt(1.0 - ratio**2)  # so that the period is damped
+    time = np.arange(0.0, 12.0 * period, period / 200.0)
+    damped = omega * math.sqrt(1.0 - ratio**2)
+    height = 0.06 + 1e-3 * np.exp(-ratio * omega * time) * np.cos(damped * time + 0.3)
+    found = small_swing(PistonRecord(time=time, height=height))
+    assert found == pytest.approx((period, ratio), rel=1e-3)
+
+
+def test_quantities_have_names() -> None:
+    assert all(name == one.name for name, one in QUANTITIES.items())
