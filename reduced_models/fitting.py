@@ -168,13 +168,13 @@ def _candidate(
     problem: Problem, data: _Data, guess: Estimates, starts: int, seed: int
 ) -> _Candidate:
     """Search from random starts, then sharpen the best one."""
+    steps = grid_steps(float(data.record.time[-1]), guess.period, FINE_STEPS)
     random = np.random.default_rng(seed)
     theta = start_vectors(problem, guess, data.training, starts, random)
     theta, costs = _searched(problem, data.training, guess, theta)
     count = len(data.training)
     tie = count * _TIE**2
     converged = int((costs <= float(costs.min()) * 1.01 + tie).sum())
-    steps = grid_steps(float(data.record.time[-1]), guess.period, FINE_STEPS)
     grid = grid_of(problem, data.record, steps)
     best = grid.sharpened(theta[int(costs.argmin())], count)
     residuals = grid.residuals(best)[:count]

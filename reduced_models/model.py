@@ -42,6 +42,10 @@ class HeightMap:
     scale: float = 1.0
     fitted: bool = False
 
+    def __str__(self) -> str:
+        sign = "-" if self.shift >= 0.0 else "+"
+        return f"z = (height {sign} {abs(self.shift):.5g} m)/({self.scale:.5g} m)"
+
     def to_law(self, height: Any) -> Any:
         """Z of a height."""
         return (height - self.shift) / self.scale
@@ -238,10 +242,7 @@ class ReducedModel:
     def __str__(self) -> str:
         lines = [f"{self.law.name}: {self.law.equation}"]
         if self.law.mapped:
-            lines.append(
-                f"  z = (height - {self.map.shift:.5g} m)/{self.map.scale:.5g} m"
-                + ("" if self.map.fitted else " (given)")
-            )
+            lines.append(f"  {self.map}" + ("" if self.map.fitted else " (given)"))
         values = dict(self.parameters)
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}

@@ -58,10 +58,7 @@ def _equations(page: Page, found: Identification) -> None:
         meaning = "z is the height in metres"
         if model.law.mapped:
             how = "fitted" if model.map.fitted else "given, not fitted"
-            meaning = (
-                f"z = (height - {model.map.shift:.5g} m) / {model.map.scale:.5g} m ({how}), a pure "
-                "number; the law's time unit is 1 s"
-            )
+            meaning = f"{model.map} ({how}), a pure number; the law's time unit is 1 s"
         page.text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
         page.table(
             ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from granular.errors import InputError, RecordError
 from reduced_models import HeightMap, ReducedModel, fit, load_model
 from reduced_models.law import Law, parse
 from reduced_models.laws import LAWS, law_named
-from reduced_models.rollout import motion
+from reduced_models.refinement import SOLVER_LIMIT
+from reduced_models.rollout import Motion, motion
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -80,6 +82,44 @@ def test_the_height_map_is_found() -> None:
     assert errors(given).max() < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("true", "start", "seeds"),
+    [(TRUE, 1.0, 10), ({"alpha": 0.3, "omega": 1.05, "g0": 1.1}, 1.2, 4)],
+    ids=["decay", "limit cycle"],
+)
+def test_map_and_law_are_found_together_in_noise(
+    true: dict[str, float], start: float, seeds: int
+) -> None:
+    """Records in metres at 1 % noise, also of a motion whose rest is unstable."""
+    shift, scale = 0.06, 0.002
+    clean = motion(LAWS["van-der-pol-like"], TIME, start, 0.0, tuple(true.values()), 1.0).z
+    truth = true | {"shift": shift, "scale": scale}
+    covered, wrong = [], []
+    for seed in range(seeds):
+        noise = np.random.default_rng(seed).normal(0.0, 0.01 * clean.std(), len(clean))
+        model = fit(PistonRecord(TIME, shift + scale * (clean + noise)), starts=64)
+        assert model.map.fitted
+        assert model.quality.converged >= 0.9 * 64
+        found = dict(model.parameters) | {"shift": model.map.shift, "scale": model.map.scale}
+        wrong.append([abs(found[name] / value - 1.0) for name, value in truth.items()])
+        covered += [
+            model.intervals[name][0] <= value <= model.intervals[name][1]
+            for name, value in truth.items()
+        ]
+    assert np.median(wrong, axis=0).max() < 0.025
+    assert np.mean(covered) >= 0.85
+
+
+def test_the_weak_form_finds_a_quadratic_damping() -> None:
+    from reduced_models.weak_form import quadratic_damping
+
+    found = quadratic_damping(TIME, CLEAN, 6.0)
+    assert found.damping == pytest.approx([0.0, -4.0 * 0.17, 2.0 * 0.17], abs=2e-3)
+    assert found.stiffness == pytest.approx(1.05**2, rel=1e-4)
+    assert found.force == pytest.approx(-1.0, rel=1e-3)
+    assert found.unexplained < 1e-6
+
+
 def linear_record(swing: float = 0.0012, noise: float = 0.0) -> PistonRecord:
     time = np.linspace(0.0, 6.0, 1500)
     omega, lam = 21.8, 0.8
@@ -116,6 +156,90 @@ def test_holdout_judges_on_unseen_data() -> None:
     assert model.quality.holdout > 0.3
 
 
+def test_holdout_is_blind() -> None:
+    """What happens in the held-out stretch does not change the model that is judged on it."""
+    record, offset = noisy(5), 0.3
+    late = TIME > 28.0
+
+    def squared_error(by: float) -> float:
+        height = record.height + by * late
+        quality = fit(PistonRecord(TIME, height), map=HeightMap()).quality
+        return (quality.holdout * height.std()) ** 2
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        above, same, below = (squared_error(by) for by in (offset, 0.0, -offset))
+    # If all three predict the same, the mean squares of r + c, r and r - c obey this to rounding.
+    assert above + below == pytest.approx(2.0 * same + 2.0 * offset**2, rel=1e-9)
+
+
+def test_holdout_stands_beside_a_piston_at_rest() -> None:
+    quality = fit(linear_record(), "linear").quality
+    height, late = linear_record().height, linear_record().time > 4.2
+    rest = height[~late][-(~late).sum() // 3 :].mean()
+    resting = np.sqrt(((height[late] - rest) ** 2).mean()) / height.std()
+    assert quality.holdout_at_rest == pytest.approx(resting, rel=1e-3)
+    assert quality.holdout < 1e-6 < resting
+
+
+@pytest.mark.parametrize("duration", [0.2, 0.3, 0.4])
+def test_short_records(duration: float) -> None:
+    """Less than one and a half periods, in which the frequency cannot be read off."""
+    time = np.linspace(0.0, duration, 400)
+    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(np.sqrt(21.8**2 - 0.64) * time)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = fit(PistonRecord(time, height), "linear")
+    assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-6)
+    assert model.parameters["lam"] == pytest.approx(0.8, rel=1e-5)
+
+
+def test_doubtful_fits_warn_and_keep_the_note(tmp_path: Path) -> None:
+    time = np.linspace(0.0, 0.08, 400)  # a quarter of a period
+    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
+    with pytest.warns(UserWarning, match="random starts led to this fit"):
+        fit(PistonRecord(time, height), "linear")
+    time = np.linspace(0.0, 10.0, 2000)
+    chirp = 0.06 + 0.001 * np.cos(10.0 * time + time**2)
+    with pytest.warns(UserWarning, match="times the record's noise"):
+        model = fit(PistonRecord(time, chirp), "linear")
+    assert any("noise" in note for note in model.notes)
+    model.save(tmp_path / "model.json")
+    assert load_model(tmp_path / "model.json").notes == model.notes
+
+
+def test_records_with_too_many_periods_are_refused() -> None:
+    time = np.linspace(0.0, 4000.0, 200_000)
+    with pytest.raises(RecordError, match=r"holds about 1\.39e\+04 periods.*record\.between"):
+        fit(PistonRecord(time, 0.06 + 0.001 * np.cos(21.8 * time)), "linear")
+
+
+def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reduced_models.fitting.FINE_STEPS", 4)
+    model = fit(linear_record(), "linear")
+    assert model.quality.solver_error <= SOLVER_LIMIT
+    assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-6)
+    monkeypatch.setattr("reduced_models.refinement.finer_grid", lambda steps: None)
+    with pytest.raises(InputError, match=r"is off by .* amplitudes on a grid of"):
+        fit(linear_record(), "linear")
+
+
+def test_a_solution_that_the_judge_cannot_follow_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lost = Motion(np.full(1500, np.nan), np.full(1500, np.nan), "steps")
+    monkeypatch.setattr("reduced_models.refinement.motion", lambda *_: lost)
+    with pytest.raises(InputError, match="cannot be followed by the adaptive solver"):
+        fit(linear_record(), "linear")
+
+
+def test_a_rest_level_near_zero_leaves_nothing_open() -> None:
+    record = linear_record(noise=1.2e-5)
+    model = fit(PistonRecord(record.time, record.height - 0.059), "linear")
+    assert abs(model.parameters["g0"]) < 0.01
+    assert model.undetermined == ()
+
+
 def test_simulate_continues_and_starts_elsewhere() -> None:
     model = fit(linear_record(), "linear")
     later = model.simulate(np.linspace(0.0, 60.0, 500))
@@ -127,9 +251,22 @@ def test_simulate_continues_and_starts_elsewhere() -> None:
         model.simulate(np.array([1.0, 0.5]))
 
 
-def test_blow_up_is_an_error() -> None:
+def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reduced_models.rollout.STEP_BUDGETS", (2**11, 2**12))
+
+    def start(estimates, random, count):  # type: ignore[no-untyped-def]
+        return {"k": estimates.frequencies(random, count) ** 2, "b": np.full(count, 1.0)}
+
+    softening = Law("softening", "z'' = -k*z + b*z**3", start, positive=("k", "b"))
+    swing = motion(softening, TIME, 0.5, 0.0, (1.0, 0.4), 1.0)
+    assert swing.ending == "complete"
+    model = fit(PistonRecord(TIME, swing.z), softening)
+    assert list(model.parameters.values()) == pytest.approx([1.0, 0.4], rel=1e-6)
+    with pytest.raises(InputError, match="blows up behind t = "):
+        model.simulate(np.linspace(0, 40, 200), z0=3.0, v0=0.0)
+    assert motion(softening, TIME, 3.0, 0.0, (1.0, 0.4), 1.0).ending == "blow-up"
     model = fit(PistonRecord(TIME, CLEAN), starts=8)
-    with pytest.raises(InputError, match="blows up"):
+    with pytest.raises(InputError, match=r"needs more than .* steps behind t = .*stiff"):
         model.simulate(np.linspace(0, 40, 200), z0=1.0, v0=-1e9)
 
 
@@ -185,7 +322,7 @@ def test_bad_laws(equation: str, words: str) -> None:
         parse(equation)
 
 
-def test_own_law() -> None:
+def test_own_law(tmp_path: Path) -> None:
     """A law of one's own is fitted like those of the package."""
 
     def start(estimates, random, count):  # type: ignore[no-untyped-def]
@@ -196,6 +333,16 @@ def test_own_law() -> None:
     model = fit(linear_record(), law)
     assert model.parameters["k"] == pytest.approx(21.8**2, rel=1e-6)
     assert model.parameters["level"] == pytest.approx(0.059, rel=1e-6)
+    model.save(tmp_path / "own.json")
+    back = load_model(tmp_path / "own.json")
+    assert back.to_plain() == model.to_plain()
+    times = np.linspace(0.0, 1.0, 50)
+    assert np.array_equal(back.simulate(times).height, model.simulate(times).height)
+    with pytest.raises(InputError, match="does not say where to start"):
+        fit(linear_record(), back.law)
+    plain = model.to_plain() | {"equation": "z'' = -k*z"}
+    with pytest.raises(InputError, match="not those of a reduced model"):
+        ReducedModel.from_plain(plain)
 
 
 @pytest.mark.parametrize(

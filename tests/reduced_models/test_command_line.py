@@ -1,0 +1,103 @@
+"""The command line of the identification: bad input in one line, and strict JSON."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, load_scene
+from granular.console import BAD_INPUT, finite, launch
+from reduced_models.__main__ import main
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A good record, and a few things that are none."""
+    folder = tmp_path_factory.mktemp("files")
+    time = np.linspace(0.0, 3.0, 600)
+    swing = np.exp(-0.8 * time) * np.cos(21.8 * time)
+    noise = np.random.default_rng(3).normal(0.0, 3e-6, len(time))
+    PistonRecord(time, 0.059 + 0.0012 * swing + noise).to_csv(folder / "lab.csv")
+    (folder / "header.csv").write_text('"t [s]","z [m]"\n0,1\n1,2\n')
+    (folder / "unit.csv").write_text("time,height [mm^-200]\n0,1\n1,2\n")
+    (folder / "short.csv").write_text("time,height\n0,1\n1,2\n")
+    run = folder / "run"
+    run.mkdir()
+    np.savez(run / "checkpoint.npz", outcome=np.array("{}"))
+    (run / "run.json").write_text("{}")
+    load_scene("damper").save(run / "scene.toml")
+    return folder
+
+
+BAD = [
+    (("lab.csv", "-o", "lab.csv/out"), "cannot be made"),
+    (("lab.csv", "-o", "lab.csv"), "is a file; give a directory"),
+    (("lab.csv", "-o", "x" * 300), "cannot be made"),
+    (("damper", "-o", "lab.csv"), "is a file; give a directory"),
+    (("x" * 300,), "x"),
+    (("x" * 300 + ".csv",), "check the path"),
+    (("nothing.csv",), "there is no file"),
+    (("run",), "run"),
+    (("header.csv",), "no column 'time'; found: 't', 'z'"),
+    (("unit.csv",), "is beyond 9"),
+    (("short.csv",), "at least 20 are needed"),
+    (("lab.csv", "--method", "eulr"), "unknown method"),
+    (("lab.csv", "--method", "symplectic-euler"), "applies to a scene only"),
+    (("lab.csv", "--dt", "1e-5"), "applies to a scene only"),
+    (("lab.csv", "--dt", "-1"), "above 0 s"),
+    (("lab.csv", "--dt", "1 s^-200"), "is beyond 9"),
+    (("lab.csv", "--dt", "auto*9"), "at most 8"),
+    (("lab.csv", "--threads", "2"), "applies to a scene only"),
+    (("lab.csv", "--set", "piston.mass=1"), "only a scene can be changed"),
+    (("lab.csv", "--law", "linaer"), "did you mean 'linear'"),
+    (("lab.csv", "--starts", "0"), "whole number from 1"),
+    (("lab.csv", "--starts", "few"), "invalid int value"),
+    (("damper", "--method", "euler?"), "unknown method"),
+    (("damper", "--set", "piston.mass=1 mm^-200 kg"), "is beyond 9"),
+    (("single-particle",), "has no piston"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), BAD, ids=[" ".join(row[0])[:40] for row in BAD])
+def test_bad_input_is_one_line_and_exit_code_2(
+    words: tuple[str, ...],
+    message: str,
+    files: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(files)
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # launch replaces it
+    assert launch(main, ["identify", *words, "--quiet"]) == BAD_INPUT
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("error: ")
+    assert said.err.count("\n") == 1
+    assert message in said.err
+
+
+def test_json_is_strict(
+    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where an interval has no end: JSON has no infinity."""
+    monkeypatch.chdir(files)
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    words = ["identify", "lab.csv", "--law", "van-der-pol-like", "--json", "--quiet"]
+    assert launch(main, words) == 0
+    printed = capsys.readouterr().out
+
+    def refuse(word: str) -> float:
+        raise AssertionError(f"{word} is not JSON")
+
+    plain = json.loads(printed, parse_constant=refuse)
+    assert plain["best"] == "van-der-pol-like"
+    assert None in plain["models"][0]["intervals"]["alpha"]
+
+
+def test_numbers_that_json_does_not_know_become_null() -> None:
+    plain = {"a": [1.0, np.inf, (-np.inf, "x")], "b": {"c": np.nan, "d": np.float64(2.0)}}
+    assert finite(plain) == {"a": [1.0, None, [None, "x"]], "b": {"c": None, "d": 2.0}}
