@@ -172,8 +172,11 @@ def compiled_slopes(equation: str) -> Callable[..., Any]:
     import sympy
 
     parsed = parse(equation)
-    slopes = [parsed.acceleration.diff(by) for by in (parsed.symbol_z, parsed.symbol_v)]
-    return sympy.lambdify(_arguments(equation), slopes, "numpy", cse=True)
+    # Of real numbers, or the derivative of a modulus would be one of complex numbers.
+    real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in _arguments(equation)}
+    acceleration = parsed.acceleration.subs(real)
+    slopes = [acceleration.diff(real[by]) for by in (parsed.symbol_z, parsed.symbol_v)]
+    return sympy.lambdify(list(real.values()), slopes, "numpy", cse=True)
 
 
 def _arguments(equation: str) -> list[Any]:

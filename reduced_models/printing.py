@@ -45,8 +45,8 @@ def latex(equation: sympy.Eq) -> str:
         for term in _terms(expression):
             negative = term.could_extract_minus_sign()
             sign = " - " if negative else " + "
-            one = sympy.latex(-term if negative else term)
-            text += (sign if text else ("-" if negative else "")) + one
+            text_of_term = sympy.latex(-term if negative else term)
+            text += (sign if text else ("-" if negative else "")) + text_of_term
         for name, (mark, _) in _MARKS.items():
             text = text.replace(name, mark)
         return text

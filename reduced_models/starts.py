@@ -51,6 +51,6 @@ def _mapped_draws(
     shift = -scale * random.uniform(-2.0, 4.0, count)
     each = [problem.law.starts(seen.seen_as(shift[k], scale[k]), random, 1) for k in range(count)]
     draws = {
-        name: np.array([float(one[name][0]) for one in each]) for name in problem.law.parameters
+        name: np.array([float(draw[name][0]) for draw in each]) for name in problem.law.parameters
     }
     return draws | {"shift": shift, "scale": scale}

@@ -5,10 +5,26 @@ from __future__ import annotations
 from granular.errors import InputError
 from granular.schema import unknown
 from reduced_models.law import Law
+from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.linear import LINEAR
+from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
+from reduced_models.laws.power_law_spring import POWER_LAW_SPRING
+from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG
+from reduced_models.laws.van_der_pol import VAN_DER_POL
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
-LAWS = {law.name: law for law in (LINEAR, VAN_DER_POL_LIKE)}
+LAWS = {
+    law.name: law
+    for law in (
+        LINEAR,
+        VAN_DER_POL_LIKE,
+        VAN_DER_POL,
+        DUFFING,
+        POLYNOMIAL_SPRING,
+        POWER_LAW_SPRING,
+        QUADRATIC_DRAG,
+    )
+}
 
 
 def law_named(name: str) -> Law:

@@ -271,7 +271,7 @@ def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPat
 
 
 def test_models_on_disk(tmp_path: Path) -> None:
-    for law in LAWS:
+    for law in ("linear", "van-der-pol-like"):
         model = fit(linear_record(noise=1e-6), law)
         model.save(tmp_path / "model.json")
         back = load_model(tmp_path / "model.json")

@@ -1,0 +1,28 @@
+"""The Duffing oscillator: a linear spring with a cubic term (Duffing 1918)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.estimates import Estimates
+from reduced_models.law import Law
+
+
+def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = estimates.frequencies(random, count)
+    return {
+        "lam": estimates.decays(random, count),
+        "omega": omega,
+        "rest": estimates.levels(random, count),
+        "beta": (omega / estimates.amplitude) ** 2 * random.uniform(-0.2, 0.5, count),
+    }
+
+
+DUFFING = Law(
+    name="duffing",
+    equation="z'' + 2*lam*z' + omega**2*(z - rest) + beta*(z - rest)**3 = 0",
+    start=_start,
+    positive=("lam", "omega"),
+    units={"lam": "1/s", "omega": "rad/s", "rest": "m", "beta": "1/(m^2 s^2)"},
+    source="G. Duffing 1918; I. Kovacic, M. J. Brennan, doi:10.1002/9780470977859",
+)

@@ -1,0 +1,29 @@
+"""A spring of third degree about a level of rest, with viscous drag."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.estimates import Estimates
+from reduced_models.law import Law
+
+
+def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    k1 = estimates.frequencies(random, count) ** 2
+    return {
+        "lam": estimates.decays(random, count),
+        "k1": k1,
+        "rest": estimates.levels(random, count),
+        "k2": k1 / estimates.amplitude * random.uniform(-0.3, 0.3, count),
+        "k3": k1 / estimates.amplitude**2 * random.uniform(-0.2, 0.5, count),
+    }
+
+
+POLYNOMIAL_SPRING = Law(
+    name="polynomial-spring",
+    equation="z'' + 2*lam*z' + k1*(z - rest) + k2*(z - rest)**2 + k3*(z - rest)**3 = 0",
+    start=_start,
+    positive=("lam", "k1"),
+    units={"lam": "1/s", "k1": "1/s^2", "rest": "m", "k2": "1/(m s^2)", "k3": "1/(m^2 s^2)"},
+    source="Taylor series of the force about rest",
+)

@@ -1,0 +1,36 @@
+"""A spring whose force is a power of the height, under a weight, with viscous drag.
+
+A bed that re-packs as it is squeezed between walls carries a piston with a force close to
+height^-2.5; the exponent is free here. The force is written relative to the weight, which it
+balances at the height of rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.estimates import Estimates
+from reduced_models.law import Law
+
+
+def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = estimates.frequencies(random, count)
+    # The law is for heights above the floor; a record about zero has another law.
+    rest = np.maximum(np.abs(estimates.levels(random, count)), estimates.amplitude)
+    power = np.exp(random.uniform(0.0, 2.0, count))
+    return {
+        "lam": estimates.decays(random, count),
+        "weight": omega**2 * rest / power,
+        "rest": rest,
+        "power": power,
+    }
+
+
+POWER_LAW_SPRING = Law(
+    name="power-law-spring",
+    equation="z'' + 2*lam*z' = weight*((rest/z)**power - 1)",
+    start=_start,
+    positive=("lam", "weight", "rest", "power"),
+    units={"lam": "1/s", "weight": "m/s^2", "rest": "m", "power": "1"},
+    source="force of a bed that re-packs, close to height^-2.5",
+)

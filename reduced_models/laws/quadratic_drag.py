@@ -1,0 +1,30 @@
+"""A linear spring with a drag that grows with the square of the speed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.estimates import Estimates
+from reduced_models.law import Law
+
+
+def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = estimates.frequencies(random, count)
+    # The drag c |v| v takes as much energy from a swing of amplitude A as 2 lam v does where
+    # lam = 4/(3 pi) c omega A.
+    size = 3.0 * np.pi / (4.0 * estimates.frequency * estimates.amplitude)
+    return {
+        "c": estimates.decays(random, count) * size,
+        "omega": omega,
+        "g0": omega**2 * estimates.levels(random, count),
+    }
+
+
+QUADRATIC_DRAG = Law(
+    name="quadratic-drag",
+    equation="z'' + c*Abs(z')*z' + omega**2*z = g0",
+    start=_start,
+    positive=("c", "omega"),
+    units={"c": "1/m", "omega": "rad/s", "g0": "m/s^2"},
+    source="drag proportional to the square of the speed (Newton 1687)",
+)

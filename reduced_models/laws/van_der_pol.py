@@ -1,0 +1,32 @@
+"""The Van der Pol oscillator about a level of rest (van der Pol 1926).
+
+The damping is negative within a half-width of the level of rest and positive outside, so the motion
+tends to a limit cycle of about twice that half-width.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.estimates import Estimates
+from reduced_models.law import Law
+
+
+def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = estimates.frequencies(random, count)
+    return {
+        "mu": omega * np.exp(random.uniform(-3.0, 0.0, count)),
+        "rest": estimates.levels(random, count),
+        "width": 0.5 * estimates.amplitude * np.exp(random.uniform(-0.3, 0.3, count)),
+        "omega": omega,
+    }
+
+
+VAN_DER_POL = Law(
+    name="van-der-pol",
+    equation="z'' + mu*((z - rest)**2/width**2 - 1)*z' + omega**2*(z - rest) = 0",
+    start=_start,
+    positive=("mu", "width", "omega"),
+    units={"mu": "1/s", "rest": "m", "width": "m", "omega": "rad/s"},
+    source="B. van der Pol 1926, doi:10.1080/14786442608564127",
+)
