@@ -48,6 +48,8 @@ def _empty_part(path: Path) -> Path:
     path = path.absolute()
     part = path.with_name(f".{path.name}.part")
     try:
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
         path.parent.mkdir(parents=True, exist_ok=True)
         if part.exists():  # left by a run that was killed while it began
             _remove_part(part)
@@ -92,8 +94,6 @@ class Store:
         """
         import zarr
 
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
         part = _empty_part(path)
         store = cls(part, scene, system)
         scene.save(part / SCENE)
@@ -136,7 +136,12 @@ class Store:
 
         checkpoint = read_checkpoint(self.path)
         # A write that was cut off may have left some arrays longer than others.
-        group = zarr.open_group(self.path / TRAJECTORY, mode="r+", use_consolidated=False)
+        try:
+            group = zarr.open_group(self.path / TRAJECTORY, mode="r+", use_consolidated=False)
+        except FileNotFoundError:
+            raise StoreError(
+                f"{self.path / TRAJECTORY} is missing; restore it, or run the scene anew"
+            ) from None
         for one in (TIME, *self.scalars, STAGE, FRAME_TIME, FRAME_HEIGHT, *self.fields):
             frames = one.dims[0] == "frame"
             length = int(checkpoint["readable_frames" if frames else "readable_rows"])
@@ -200,7 +205,7 @@ def read_checkpoint(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path / CHECKPOINT, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise StoreError(f"{path} holds no run; give the directory that a run wrote") from None
     except (OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
         raise StoreError(

@@ -131,7 +131,7 @@ def test_weight_above_static_friction_slides_with_dynamic_friction() -> None:
 
 
 def test_friction_and_drag_together_stop_a_grain_as_in_closed_form() -> None:
-    """v' = -c v - b: stops after ln(1 + c v/b)/c."""
+    """With v' = -c v - b it stops after ln(1 + c v/b)/c."""
     load, gamma, speed = 0.01, 0.02, 0.2
     scene = lone_grain(
         **{"effects.drag.coefficient": gamma, "arrangement.velocities": [[speed, 0.0]]}
@@ -210,5 +210,5 @@ def test_least_diameter_is_that_of_the_model(torque: str) -> None:
     """The angle exists above sqrt(E^2 - eps^2) = 0.78 mm."""
     bed = load_scene("bed").replace(**{"effects.friction.torque": torque, "grains.count": 2})
     bed.replace(**{"grains.species.0.diameter": 0.00079})
-    with pytest.raises(SceneError, match="above 0.000781 m"):
+    with pytest.raises(SceneError, match=r"above 0\.000781 m"):
         bed.replace(**{"grains.species.0.diameter": 0.00078})

@@ -13,7 +13,7 @@ import pytest
 
 import granular.simulation
 from granular import Scene, load_trajectory, simulate
-from granular.errors import StoreError
+from granular.store import is_run
 
 KILLS = 100
 STEP = 2e-6
@@ -52,12 +52,9 @@ def test_hundred_random_kills(
         assert process.pid is not None
         os.kill(process.pid, signal.SIGKILL)
         process.join()
-        try:
-            part = load_trajectory(path)
-        except StoreError as error:
-            assert "holds no run" in str(error)  # killed before it had begun
-            assert not lengths
-            continue
+        if not lengths and not is_run(path):
+            continue  # killed before it had begun
+        part = load_trajectory(path)
         lengths.append(part.dataset.sizes["time"])
         for name in part.dataset.data_vars:
             values = part.dataset[name].values
