@@ -82,7 +82,8 @@ def _equations(page: Page, found: Identification) -> None:
         if quality.holdout_at_rest is not None:
             words += (
                 f" A piston that stays at the level of rest would score "
-                f"{100 * quality.holdout_at_rest:.3g} % there, and only a smaller error speaks for the law."
+                f"{100 * quality.holdout_at_rest:.3g} % there; "
+                "only a smaller error speaks for the law."
             )
         page.text(words)
 
@@ -131,9 +132,9 @@ def _figures(page: Page, found: Identification) -> None:
             rows.append((title, f"{factor * figure_.value:.6g}", shown, interval, *errors))
     page.table(("figure", "value", "unit", "interval of the fit", "step error", "scatter"), rows)
     page.text(
-        f"From the fit of the law {found.figures_law!r}. The step error comes from a run with half the time "
-        "step and the same fit, by the order of the method; the scatter is the standard deviation "
-        "over random starts of the bed. Where the step error is not smaller "
+        f"From the fit of the law {found.figures_law!r}. The step error comes from a run with half "
+        "the time step and the same fit, by the order of the method; the scatter is the "
+        "standard deviation over random starts of the bed. Where the step error is not smaller "
         "than the scatter, it is the scatter that it shows: another step lets the bed pack in "
         "another way."
     )
