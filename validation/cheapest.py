@@ -71,11 +71,15 @@ def candidates(scene: Scene) -> tuple[Setting, ...]:
     dry = effects.friction is not None or effects.contact is not None
     piston = scene.piston
     dry = dry or (piston is not None and piston.mass is not None and piston.friction > 0.0)
-    names = [name for name in CANDIDATES if not dry or METHODS[name].takes_dry_friction]
+    names = [name for name in CANDIDATES if not dry or _takes_friction(name)]
     schemes: list[dict[str, Any]] = [{}]
     if effects.friction is not None:
         schemes = [{"effects.friction.scheme": one} for one in ("velocity", "regularised")]
     return tuple(Setting(name, dt, scheme) for scheme in schemes for name in names for dt in STEPS)
+
+
+def _takes_friction(name: str) -> bool:
+    return METHODS[name].takes_dry_friction and not METHODS[name].variable
 
 
 def cheapest(

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from granular.html import Page
+from granular.methods import METHODS
 from granular.plotting import COLOURS, GREY, STYLES, figure
 from validation.convergence import CLEAR, ConvergenceResult
 from validation.convergence import summary as convergence_table
@@ -20,6 +23,10 @@ from validation.work_precision import WorkPrecision
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+BINS = 40
+WIDTH = 5.6
+"""Of a figure [inch]: narrow enough for its letters to be read on a phone."""
 
 TOLERANCES = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 """How far a slope may be from the declared order."""
@@ -59,7 +66,7 @@ def convergence_section(page: Page, results: Sequence[Plain]) -> None:
         page.note(f"{one.method} on {one.problem} does not show its order {one.order}.")
     for name in dict.fromkeys(one.problem for one in found):
         group = [one for one in found if one.problem == name]
-        with figure(height=4.0) as (drawing, axes):
+        with figure(width=WIDTH, height=5.2) as (drawing, axes):
             for k, one in enumerate(group):
                 style = STYLES[k // len(COLOURS) % len(STYLES)]
                 one.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
@@ -72,11 +79,14 @@ def convergence_holds(one: ConvergenceResult) -> bool:
     """Whether a slope is as declared; where rounding leaves no slope to fit, nothing is wrong."""
     if not one.smooth:
         return one.fit is not None and abs(one.fit.value - min(one.order, 2)) <= 0.1
-    return one.fit is None or one.holds(TOLERANCES[one.order])
+    # A variable step is cut where a record is due, so its length is no smooth function.
+    tolerance = 0.05 if METHODS[one.method].variable else TOLERANCES[one.order]
+    return one.fit is None or one.holds(tolerance)
 
 
 def _legend(axes: Axes) -> None:
-    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    # Below the axes, so that a narrow page leaves the figure wide enough to be read.
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
 
 
 # The source's experiment ------------------------------------------------------------------------
@@ -98,7 +108,7 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
             f"{plain.peaks:.1e} m there (the source prints {PRINTED_PEAKS:g} m) and "
             f"{clean.peaks:.1e} m compensated."
         )
-        with figure(height=3.6) as (drawing, axes):
+        with figure(width=WIDTH, height=3.8) as (drawing, axes):
             one.plot(axes)
             page.figure(drawing, "Error of the height after 2 s against the exact one.")
         _tabulate(page, one.table())
@@ -130,27 +140,37 @@ def energy_section(page: Page, results: Sequence[Plain]) -> None:
 
 
 def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
-    kinds = (("symplectic", True), ("controls", False))
-    rows = [
-        (name, [one for one in group if one.symplectic is symplectic]) for name, symplectic in kinds
-    ]
-    rows = [(name, ones) for name, ones in rows if ones]
-    with figure(len(rows), 1, height=2.6 * len(rows), sharex=True, squeeze=False) as (
-        drawing,
-        all_,
-    ):
-        for axes, (name, ones) in zip(all_[:, 0], rows, strict=True):
+    for kind, symplectic in (("symplectic methods", True), ("controls", False)):
+        ones = [one for one in group if one.symplectic is symplectic]
+        if not ones:
+            continue
+        with figure(width=WIDTH, height=4.2) as (drawing, axes):
             for k, one in enumerate(ones):
-                axes.plot(one.times, one.errors, color=COLOURS[k % len(COLOURS)], linewidth=0.8,
-                          label=one.method)  # fmt: skip
-            axes.set_ylabel(f"{name}\nenergy error")
-            axes.set_yscale("symlog", linthresh=1e-8)
+                axes.semilogy(
+                    *_envelope(one),
+                    color=COLOURS[k % len(COLOURS)],
+                    linestyle=STYLES[k // len(COLOURS)],
+                    label=one.method,
+                )
+            axes.set_ylabel("greatest energy error")
+            axes.set_xlabel("time [s]")
             _legend(axes)
-        all_[-1, 0].set_xlabel("time [s]")
-        page.figure(drawing, f"{system}: error of the energy (linear within 1e-8).")
+            page.figure(
+                drawing,
+                f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run, over "
+                "the energy turned over.",
+            )
     portraits = [one for one in group if one.heights]
     if portraits:
         _phase_portraits(page, system, portraits)
+
+
+def _envelope(one: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
+    """Middle of each part of the run, and the greatest error in it."""
+    bins = min(BINS, len(one.errors))
+    greatest = np.array([part.max() for part in np.array_split(np.abs(one.errors), bins)])
+    middles = np.array([part.mean() for part in np.array_split(np.array(one.times), bins)])
+    return middles, np.where(greatest > 0.0, greatest, np.nan)
 
 
 def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
@@ -195,7 +215,7 @@ def work_precision_section(page: Page, results: Sequence[Plain]) -> None:
     )
     _tabulate(page, choices(found))
     for one in found:
-        with figure(height=3.8) as (drawing, axes):
+        with figure(width=WIDTH, height=5.0) as (drawing, axes):
             one.plot(axes)
             _legend(axes)
             until = "" if one.horizon is None else f" over {one.horizon:g} s"

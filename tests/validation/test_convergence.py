@@ -10,6 +10,7 @@ import pytest
 from granular.methods import METHODS
 from granular.scales import Scales
 from validation.convergence import (
+    CLEAR,
     ConvergenceResult,
     Solver,
     convergence,
@@ -37,12 +38,15 @@ def test_rounding_is_left_out_of_the_fit() -> None:
     errors = [h**4 + rounding * abs(random.standard_normal()) for h in STEPS]
     assert errors[-1] < 2.0 * errors[-2]  # the finest are rounding alone
     fit = fitted_slope(STEPS, errors, rounding)
-    assert fit is None  # less than half a decade stands clear
+    assert fit is not None
+    assert errors[fit.last] > CLEAR * rounding
+    assert fit.last < len(STEPS) - 4
+    assert fit.value == pytest.approx(4.0, abs=0.05)
     long = tuple(0.1 * 2.0 ** (-k / 2) for k in range(20))
     errors = [h**2 + rounding * abs(random.standard_normal()) for h in long]
     fit = fitted_slope(long, errors, rounding)
     assert fit is not None
-    assert long[fit.last] ** 2 > 20.0 * rounding
+    assert long[fit.last] ** 2 > (CLEAR - 4.0) * rounding
     assert fit.value == pytest.approx(2.0, abs=0.02)
 
 
@@ -149,6 +153,7 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
         # Errors of such methods are rounding before they have fallen for half a decade of steps.
         assert min(result.errors) < 1e-14
         return
-    assert result.holds(TOLERANCE[order]), summary([result]).text()
+    tolerance = 0.05 if METHODS[method].variable else TOLERANCE[order]
+    assert result.holds(tolerance), summary([result]).text()
     if order <= 4 and not result.exact:
         assert result.decades > 0.99

@@ -34,7 +34,7 @@ def problem(time: float = TIME) -> Problem:
         scene,
         time,
         lambda t: moment(scene, t),
-        fewest=16,
+        fewest=256,
         conservative=False,
         smooth=False,
     )
