@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
 from granular.engine.loop import COLUMNS
 from granular.engine.state import State
 from granular.engine.system import Constants
+from granular.scales import Scales
+from granular.scene import Scene
+from granular.variables import (
+    FRAME_HEIGHT,
+    FRAME_TIME,
+    STAGE,
+    TIME,
+    Variable,
+    frame_variables,
+    scalar_variables,
+    si_column,
+)
 
 
 @dataclasses.dataclass
@@ -53,6 +66,15 @@ class Recorder:
     def clear(self) -> None:
         for one in (self.rows, self.stages, self.frames):
             one.clear()
+
+    def in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[Variable, np.ndarray]]:
+        """Every variable of the scene with its values in SI."""
+        rows, stages = self.table()
+        for one in (TIME, *scalar_variables(scene)):
+            yield one, si_column(one, rows, scales)
+        yield STAGE, stages
+        for one in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
+            yield one, self.stacked(one.name, one.dims) * getattr(scales, one.scale)
 
     def table(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""

@@ -31,15 +31,6 @@ from granular.recorder import Recorder
 from granular.scene import Scene
 from granular.store import Store, is_run, read_settings
 from granular.trajectory import Trajectory, finished, load_trajectory
-from granular.variables import (
-    FRAME_HEIGHT,
-    FRAME_TIME,
-    STAGE,
-    TIME,
-    frame_variables,
-    scalar_variables,
-    si_column,
-)
 
 if TYPE_CHECKING:
     import xarray
@@ -183,22 +174,12 @@ def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset
     """The recorded data in SI, from memory."""
     import xarray
 
-    rows, stages = recorder.table()
-    scales = system.scales
-    columns = {
-        one.name: ("time", si_column(one, rows, scales), one.attributes())
-        for one in (TIME, *scalar_variables(scene))
-    }
-    columns[STAGE.name] = ("time", stages, STAGE.attributes())
-    fields = {
-        one.name: (
-            one.dims,
-            recorder.stacked(one.name, one.dims) * getattr(scales, one.scale),
-            one.attributes(),
-        )
-        for one in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene))
-    }
-    return xarray.Dataset(columns | fields)
+    return xarray.Dataset(
+        {
+            one.name: (one.dims, values, one.attributes())
+            for one, values in recorder.in_si(scene, system.scales)
+        }
+    )
 
 
 def checked_step(dt: float | str) -> Step:

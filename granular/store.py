@@ -31,7 +31,6 @@ from granular.variables import (
     Variable,
     frame_variables,
     scalar_variables,
-    si_column,
 )
 
 TIME_CHUNK = 4096
@@ -157,18 +156,13 @@ class Store:
         import zarr
 
         group = zarr.open_group(self.path / TRAJECTORY, mode="r+", use_consolidated=False)
-        scales = self.system.scales
-        rows, stages = recorder.table()
-        if len(rows):
-            for one in (TIME, *self.scalars):
-                _append(group[one.name], self.rows, si_column(one, rows, scales))
-            _append(group[STAGE.name], self.rows, stages)
-            self.rows += len(rows)
-        if recorder.frames:
-            for one in (FRAME_TIME, FRAME_HEIGHT, *self.fields):
-                values = recorder.stacked(one.name, one.dims) * getattr(scales, one.scale)
-                _append(group[one.name], self.frames, values)
-            self.frames += len(recorder.frames)
+        starts = {"time": self.rows, "frame": self.frames}
+        for one, values in recorder.in_si(self.scene, self.system.scales):
+            if len(values):
+                _append(group[one.name], starts[one.dims[0]], values)
+        rows, frames = recorder.counts()
+        self.rows += rows
+        self.frames += frames
         self._consolidate()
         recorder.clear()
 

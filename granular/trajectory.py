@@ -28,7 +28,7 @@ class StageResult:
     start, end : float
         [s]
     reason : str
-        Why it ended: ``"duration"``, ``"rest"``, or ``"running"`` where it was cut.
+        Why it ended: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` where the run was.
     height : float
         Piston height at the end [m]; over the window of rest, its middle.
     spread : float

@@ -9,9 +9,10 @@ from reduced_models import fit
 
 
 @pytest.mark.filterwarnings("ignore:two grains came as close")
-def test_rest_height_period_and_damping(damper: Scene) -> None:
+@pytest.mark.parametrize("dt", ["auto", "auto*2"])
+def test_rest_height_period_and_damping(damper: Scene, dt: str) -> None:
     """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D."""
-    run = simulate(damper, dt="auto*2", progress=False)
+    run = simulate(damper, dt=dt, progress=False)
     diameter = damper.grains.species[0].diameter
     assert run.stage("drop").height / diameter == pytest.approx(9.86, abs=0.1)
     assert run.dataset["piston_height"].values.min() / diameter == pytest.approx(5.8, abs=0.1)
