@@ -10,9 +10,8 @@ from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain
-from validation.sections import choices, stability_table
+from validation.sections import choices, stability_table, studies
 from validation.source_experiment import SourceExperiment
-from validation.work_precision import WorkPrecision
 
 
 def part_text(name: str, results: Sequence[Plain]) -> str:
@@ -35,7 +34,7 @@ def _energy(results: Sequence[Plain]) -> str:
 
 
 def _work_precision(results: Sequence[Plain]) -> str:
-    found = [WorkPrecision.from_dict(one) for one in results]
+    found = studies(results)
     tables = [f"{one.quantity} of {one.scene}\n{one.table().text()}\n" for one in found]
     return "\n".join([*tables, choices(found).text()])
 

@@ -110,35 +110,51 @@ def frictionless_bed() -> Scene:
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
+DAMPER_METHODS = ("stormer-verlet", "blanes-moan-4")
+DAMPER_STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2")
+"""Fewer than for the others: the damper's runs are long, and soon within the scatter of starts."""
+
+
 def work_precision_pieces(full: bool) -> list[Piece]:
-    """What accuracy costs: the lone grain always; bed, damper and compression in full."""
-    wanted: list[tuple[Scene, str, dict[str, Any]]] = [
-        (load_scene("single-particle"), "energy", {"until": 1.0}),
-        (load_scene("single-particle"), "positions", {"until": 1.0}),
-        (frictionless_bed(), "energy", {"until": 0.02}),
-        (frictionless_bed(), "positions", {"until": 0.02}),
+    """What accuracy costs: grain, frictionless bed and compression; in full also the damper."""
+    from validation.cheapest import candidates
+    from validation.work_precision import Setting
+
+    wanted: list[tuple[Scene, tuple[str, ...], Sequence[Setting], dict[str, Any]]] = [
+        (scene, quantities, candidates(scene), options)
+        for scene, quantities, options in (
+            (load_scene("single-particle"), ("energy", "positions"), {"until": 1.0}),
+            (frictionless_bed(), ("energy", "positions"), {"until": 0.02}),
+            (compression_scene(), ("piston force", "mean distance"), {"seeds": 4}),
+        )
     ]
     if full:
-        damper, pressed = load_scene("damper"), compression_scene()
-        wanted += [
-            (damper, name, {"seeds": 4}) for name in ("rest height", "period", "damping ratio")
-        ]
-        wanted += [(pressed, name, {"seeds": 4}) for name in ("piston force", "mean distance")]
+        damper = [Setting(name, dt) for name in DAMPER_METHODS for dt in DAMPER_STEPS]
+        quantities = ("rest height", "period", "damping ratio")
+        options: dict[str, Any] = {
+            "seeds": 4,
+            "repeats": 1,
+            "references": [Setting("stormer-verlet", "auto/8")] * len(quantities),
+        }
+        wanted.append((load_scene("damper"), quantities, damper, options))
     return [
         Piece(
-            f"{quantity} of {scene.name}",
-            {"scene": scene.digest(), "quantity": quantity, **options},
-            partial(_weigh, scene, quantity, options),
+            scene.name,
+            {"scene": scene.digest(), "quantities": quantities, "settings": str(settings),
+             "options": str(options)},
+            partial(_weigh, scene, quantities, settings, options),
         )
-        for scene, quantity, options in wanted
+        for scene, quantities, settings, options in wanted
     ]  # fmt: skip
 
 
-def _weigh(scene: Scene, quantity: str, options: dict[str, Any]) -> Plain:
-    from validation.cheapest import candidates
-    from validation.work_precision import work_precision
+def _weigh(
+    scene: Scene, quantities: Sequence[str], settings: Sequence[Any], options: dict[str, Any]
+) -> Plain:
+    from validation.work_precision import work_precisions
 
-    return work_precision(scene, quantity, candidates(scene), **options).to_dict()
+    found = work_precisions(scene, quantities, settings, **options)
+    return {"studies": [one.to_dict() for one in found]}
 
 
 # Hard cases -------------------------------------------------------------------------------------

@@ -204,9 +204,14 @@ def _zoom(axes: Axes, one: EnergyStudy) -> None:
 # Work and precision -----------------------------------------------------------------------------
 
 
+def studies(results: Sequence[Plain]) -> list[WorkPrecision]:
+    """The studies of all pieces."""
+    return [WorkPrecision.from_dict(plain) for one in results for plain in one["studies"]]
+
+
 def work_precision_section(page: Page, results: Sequence[Plain]) -> None:
     """A picture and a table a quantity, and which setting to take."""
-    found = [WorkPrecision.from_dict(one) for one in _sound(results)]
+    found = studies(_sound(results))
     page.section("What accuracy costs")
     page.text(
         "Error over wall time, warm, the least of the repeats. The broad line joins the settings "

@@ -49,6 +49,10 @@ class Setting(NamedTuple):
         return ", ".join([self.method, *(f"{key} = {one}" for key, one in self.changes.items())])
 
 
+Reference = Setting | float | np.ndarray | None
+"""A setting to take the true value from, the value, or None for `finest` or the exact one."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Point:
     """What one setting gave.
@@ -223,7 +227,7 @@ def work_precision(
     quantity: str | Quantity,
     settings: Iterable[Setting],
     *,
-    reference: Setting | float | np.ndarray | None = None,
+    reference: Reference = None,
     until: float | None = None,
     seeds: int = 0,
     repeats: int = REPEATS,
@@ -254,21 +258,63 @@ def work_precision(
     RunError
         If the reference itself fails.
     """
-    chosen, wanted = quantity_named(quantity), tuple(settings)
+    return work_precisions(
+        scene, [quantity], settings, references=[reference], until=until, seeds=seeds,
+        repeats=repeats,
+    )[0]  # fmt: skip
+
+
+def work_precisions(
+    scene: Scene,
+    quantities: Sequence[str | Quantity],
+    settings: Iterable[Setting],
+    *,
+    references: Sequence[Reference] | None = None,
+    until: float | None = None,
+    seeds: int = 0,
+    repeats: int = REPEATS,
+) -> tuple[WorkPrecision, ...]:
+    """`work_precision` of several quantities from the same runs, a result each."""
+    chosen = [quantity_named(one) for one in quantities]
+    wanted = tuple(settings)
     if not wanted:
         raise InputError("no settings are given; give at least one method and step")
-    if reference is None:
-        reference = finest(scene) if chosen.exact is None else chosen.exact
-    told, value = f"the value {reference}", reference
-    if isinstance(reference, Setting):
-        told = f"{reference.family}, dt = {reference.dt}"
-        value = chosen.measure(_run(scene, reference, until))
-    assert not isinstance(value, Setting)
-    points = tuple(_point(scene, chosen, one, value, until, repeats) for one in wanted)
-    return WorkPrecision(
-        scene.name, chosen.name, "1" if chosen.relative else chosen.unit, until, points,
-        _scatter(scene, chosen, wanted[0], until, seeds), told,
+    told, values = _references(scene, chosen, references or [None] * len(chosen), until)
+    rows = [_points(scene, chosen, one, values, until, repeats) for one in wanted]
+    scatters = _scatter(scene, chosen, wanted[0], until, seeds)
+    return tuple(
+        WorkPrecision(
+            scene.name, one.name, "1" if one.relative else one.unit, until,
+            tuple(row[k] for row in rows), scatters[k], told[k],
+        )
+        for k, one in enumerate(chosen)
     )  # fmt: skip
+
+
+def _references(
+    scene: Scene,
+    quantities: Sequence[Quantity],
+    given: Sequence[Reference],
+    until: float | None,
+) -> tuple[list[str], list[float | np.ndarray]]:
+    """What each quantity is measured against, in words and as a value; no run is made twice."""
+    runs: dict[str, Trajectory] = {}
+    told: list[str] = []
+    values: list[float | np.ndarray] = []
+    for quantity, one in zip(quantities, given, strict=True):
+        wanted = one
+        if wanted is None:
+            wanted = finest(scene) if quantity.exact is None else quantity.exact
+        if isinstance(wanted, Setting):
+            words = f"{wanted.family}, dt = {wanted.dt}"
+            if words not in runs:
+                runs[words] = _run(scene, wanted, until)
+            told.append(words)
+            values.append(quantity.measure(runs[words]))
+        else:
+            told.append(f"the value {wanted:g}" if isinstance(wanted, float) else "exact values")
+            values.append(wanted)
+    return told, values
 
 
 def finest(scene: Scene) -> Setting:
@@ -288,14 +334,15 @@ def _run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:
         )  # fmt: skip
 
 
-def _point(
+def _points(
     scene: Scene,
-    quantity: Quantity,
+    quantities: Sequence[Quantity],
     setting: Setting,
-    value: float | np.ndarray,
+    values: Sequence[float | np.ndarray],
     until: float | None,
     repeats: int,
-) -> Point:
+) -> list[Point]:
+    """A point for each quantity, from the same runs."""
     try:
         _warm(scene, setting)
         seconds = math.inf
@@ -303,10 +350,20 @@ def _point(
             begun = time.perf_counter()
             run = _run(scene, setting, until)
             seconds = min(seconds, time.perf_counter() - begun)
-        error = quantity.error(quantity.measure(run), value)
     except GranularError as stop:
-        return Point(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
-    return Point(setting, error, seconds, int(run.settings()["steps"]))
+        return [_failed(setting, stop)] * len(quantities)
+    points = []
+    for quantity, value in zip(quantities, values, strict=True):
+        try:
+            error = quantity.error(quantity.measure(run), value)
+            points.append(Point(setting, error, seconds, int(run.settings()["steps"])))
+        except GranularError as stop:
+            points.append(_failed(setting, stop))
+    return points
+
+
+def _failed(setting: Setting, stop: GranularError) -> Point:
+    return Point(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
 
 
 def _warm(scene: Scene, setting: Setting) -> None:
@@ -318,17 +375,23 @@ def _warm(scene: Scene, setting: Setting) -> None:
 
 
 def _scatter(
-    scene: Scene, quantity: Quantity, setting: Setting, until: float | None, seeds: int
-) -> float:
-    """Standard deviation over further starts, as an error."""
+    scene: Scene,
+    quantities: Sequence[Quantity],
+    setting: Setting,
+    until: float | None,
+    seeds: int,
+) -> list[float]:
+    """Standard deviation of each quantity over further starts, as an error."""
     if seeds < 2:
-        return 0.0
+        return [0.0] * len(quantities)
     first = scene.arrangement.seed + 1
-    values = [
-        np.asarray(
-            quantity.measure(_run(scene.replace(**{"arrangement.seed": seed}), setting, until))
-        )
+    runs = [
+        _run(scene.replace(**{"arrangement.seed": seed}), setting, until)
         for seed in range(first, first + seeds)
     ]
+    return [_spread(one, [np.asarray(one.measure(run)) for run in runs]) for one in quantities]
+
+
+def _spread(quantity: Quantity, values: Sequence[np.ndarray]) -> float:
     spread = float(np.std(values, axis=0, ddof=1).max())
     return spread / float(np.abs(np.mean(values, axis=0)).max()) if quantity.relative else spread
