@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_MARKS = (b"@compiled", b"@intrinsic")
+_MARKS = (b"@compiled", b"@intrinsic", b"llvmlite")
 
 
 @functools.cache

@@ -12,6 +12,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import STRENGTH
+from granular.pairs.inverse import SCALE
 from granular.pairs.plain import plain_direct_sum
 from granular.pairs.vector import WIDTH, padded, sweep_block, sweep_rows
 
@@ -59,10 +60,9 @@ def _sweep(
     size = x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
         sweep_block(x, y, fx, fy, charge, stiffness, extremes, load, weight, first)
-        for row in range(first, first + WIDTH, 2):
-            sweep_rows(
-                x, y, fx, fy, charge, stiffness, extremes, load, weight, row, first + WIDTH, size
-            )
+        sweep_rows(
+            x, y, fx, fy, charge, stiffness, extremes, load, weight, first, first + WIDTH, size
+        )
 
 
 @compiled
@@ -77,13 +77,17 @@ def _sweep_part(
     buffer: Array,
     part: int,
 ) -> None:
-    buffer[:, :] = 0.0
+    buffer[0] = 0.0
+    buffer[1] = 0.0
     if stiffness is not None:
         stiffness = buffer[2]
+        stiffness[:] = 0.0
     if extremes is not None:
         extremes = buffer[4]
+        extremes[:2] = 0.0
     if load is not None:
         load = buffer[3]
+        load[:] = 0.0
     _sweep(x, y, buffer[0], buffer[1], charge, stiffness, extremes, load, weight, part, PARTS)
 
 
@@ -166,8 +170,14 @@ def _direct_sum(
                 extremes[0] += buffers[part, 4, 0]
                 extremes[1] = max(extremes[1], buffers[part, 4, 1])
     for i in range(fx.size):
-        fx[i] *= STRENGTH
-        fy[i] *= STRENGTH
+        fx[i] *= STRENGTH * SCALE
+        fy[i] *= STRENGTH * SCALE
+    if stiffness is not None:
+        stiffness *= SCALE
+    if load is not None:
+        load *= SCALE
+    if extremes is not None:
+        extremes *= SCALE
 
 
 direct_sum = plain_direct_sum if numba.config.DISABLE_JIT else _direct_sum

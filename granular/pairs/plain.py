@@ -5,12 +5,10 @@ Takes the same arguments; runs without compilation when ``NUMBA_DISABLE_JIT=1``.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from granular.compiled import Array
-from granular.effects.dipole import STRENGTH
+from granular.effects.dipole import ENERGY, STRENGTH, pair_energy, pair_force
 
 
 def plain_direct_sum(
@@ -31,24 +29,26 @@ def plain_direct_sum(
         if out is not None:
             out[:] = 0.0
     q = np.ones(x.size) if charge is None else charge
-    old = np.seterr(over="ignore")  # the distance to padding grains overflows, as it should
+    # The distance to padding grains overflows, as it should, and that of grains at one place is 0.
+    old = np.seterr(over="ignore", divide="ignore", invalid="ignore")
     for i in range(x.size):
         for j in range(i + 1, x.size):
             dx, dy = x[i] - x[j], y[i] - y[j]
-            r2 = dx * dx + dy * dy
-            s = 1.0 / (r2 * r2 * math.sqrt(r2)) if r2 > 0.0 else math.inf
-            strength = STRENGTH * q[i] * q[j] * s
-            fx[i] += strength * dx
-            fy[i] += strength * dy
-            fx[j] -= strength * dx
-            fy[j] -= strength * dy
+            r = np.sqrt(dx * dx + dy * dy)
+            ratio = q[i] * q[j] * pair_force(r) / r
+            fx[i] += ratio * dx
+            fy[i] += ratio * dy
+            fx[j] -= ratio * dx
+            fy[j] -= ratio * dy
+            fourth = pair_force(r) / STRENGTH
+            cube = pair_energy(r) / ENERGY
             if stiffness is not None:
-                stiffness[i] += q[j] * s
-                stiffness[j] += q[i] * s
+                stiffness[i] += q[j] * fourth / r
+                stiffness[j] += q[i] * fourth / r
             if extremes is not None:
-                extremes[0] += q[i] * q[j] * r2 * s
-                extremes[1] = max(extremes[1], s)
+                extremes[0] += q[i] * q[j] * cube
+                extremes[1] = max(extremes[1], fourth / r)
             if load is not None and weight is not None:
-                load[i] += weight[j] * r2 * s
-                load[j] += weight[i] * r2 * s
+                load[i] += weight[j] * cube
+                load[j] += weight[i] * cube
     np.seterr(**old)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -57,20 +60,67 @@ def test_fast_sum_is_its_slow_twin(count: int, seed: int, charged: bool, full: b
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max() + 1e-150)
 
 
-@pytest.mark.parametrize("count", [92, 368, PARTED_FROM + 3])
-def test_error_against_long_double(count: int) -> None:
-    """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
-    positions = arrangement(count, 3)
-    fast = sums(direct_sum, positions, None, full=False)
+def exact(positions: np.ndarray, charge: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
+    """Forces, their magnitudes' sum and the friction load, in extended precision."""
     place = positions.astype(np.longdouble)
     delta = place[:, None] - place[None]
     r2 = (delta**2).sum(axis=2)
     np.fill_diagonal(r2, np.inf)
-    force = 0.75 * r2**-2.5
-    magnitudes = 0.75 * (r2**-2.0).sum(axis=1)
-    for axis in range(2):
-        wanted = (force * np.where(np.isfinite(r2), delta[:, :, axis], 0)).sum(axis=1)
-        assert (np.abs(fast[axis] - wanted) <= 1e-13 * magnitudes).all()
+    pairs = charge[:, None] * charge[None]
+    force = 0.75 * pairs * r2**-2.5
+    np.fill_diagonal(force, 0.0)
+    return [
+        (force * delta[:, :, 0]).sum(axis=1),
+        (force * delta[:, :, 1]).sum(axis=1),
+        (0.75 * pairs * r2**-2.0).sum(axis=1),
+        (weight[None] * r2**-1.5).sum(axis=1),
+    ]
+
+
+@pytest.mark.parametrize("charged", [False, True])
+@pytest.mark.parametrize("count", [7, 92, 368, PARTED_FROM + 3])
+def test_error_against_long_double(count: int, charged: bool) -> None:
+    """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
+    positions = arrangement(count, 3)
+    charge = np.linspace(0.3, 1.0, count) if charged else np.ones(count)
+    fast = sums(direct_sum, positions, padded_values(charge) if charged else None, full=True)
+    fx, fy, magnitudes, load = exact(positions, charge, np.linspace(0.2, 1.0, count))
+    assert (np.abs(fast[0] - fx) <= 1e-13 * magnitudes).all()
+    assert (np.abs(fast[1] - fy) <= 1e-13 * magnitudes).all()
+    assert (np.abs(fast[3] - load) <= 1e-13 * load).all()
+
+
+PORTABLE = """
+import json, sys
+import numpy as np
+from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
+positions = np.array(json.loads(sys.argv[1]))
+x, y = padded_coordinates(positions)
+fx, fy, load = np.zeros((3, x.size))
+weight = padded_values(np.ones(len(positions)))
+direct_sum(x, y, fx, fy, None, None, None, load, weight, None, None)
+(code,) = direct_sum.inspect_asm().values()
+print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "sqrtpd" in code]))
+"""
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="other processors run it always")
+def test_portable_path(tmp_path: Path) -> None:
+    """The code for a processor without AVX: as exact, and without square roots and estimates."""
+    positions = arrangement(57, 8)
+    done = subprocess.run(
+        [sys.executable, "-c", PORTABLE, json.dumps(positions.tolist())],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+        env=os.environ | {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "",
+                          "NUMBA_CACHE_DIR": str(tmp_path)},
+    )  # fmt: skip
+    *found, estimates, roots = json.loads(done.stdout)
+    assert not estimates
+    assert not roots
+    fx, fy, magnitudes, load = exact(positions, np.ones(57), np.ones(57))
+    assert (np.abs(np.array(found[0])[:57] - fx) <= 1e-13 * magnitudes).all()
+    assert (np.abs(np.array(found[1])[:57] - fy) <= 1e-13 * magnitudes).all()
+    assert (np.abs(np.array(found[2])[:57] - load) <= 1e-13 * load).all()
 
 
 def test_parts_agree_with_one_part() -> None:
@@ -98,7 +148,7 @@ print(repr(run.dataset["position"].values[-1].tolist()))
         done = subprocess.run(
             [sys.executable, "-c", code],
             capture_output=True, text=True, check=True, cwd=ROOT,
-            env={**__import__("os").environ, "NUMBA_DISABLE_JIT": flag},
+            env={**os.environ, "NUMBA_DISABLE_JIT": flag},
         )  # fmt: skip
         results.append(np.array(eval(done.stdout)))
     np.testing.assert_allclose(results[0], results[1], rtol=1e-12)

@@ -1,0 +1,157 @@
+"""Operations on eight doubles at a time, written out as LLVM vector instructions.
+
+LLVM splits the eight lanes on processors with narrower registers. Every operation is IEEE double
+and its order is fixed: the result has the same bits whichever thread runs it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+
+WIDTH = 8
+"""Lanes of a vector; arrays are padded to a multiple of it."""
+
+DOUBLE = ir.DoubleType()
+INDEX = ir.IntType(64)
+LANES = ir.VectorType(DOUBLE, WIDTH)
+_BITS = ir.VectorType(INDEX, WIDTH)
+_FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
+_UNDEFINED = ir.Constant(LANES, ir.Undefined)
+
+
+def padded(count: int) -> int:
+    """The least multiple of the vector width that holds ``count`` grains (at least one vector)."""
+    return max(WIDTH, -(-count // WIDTH) * WIDTH)
+
+
+def constant(value: float) -> ir.Constant:
+    return ir.Constant(LANES, [value] * WIDTH)
+
+
+def whole_constant(value: int) -> ir.Constant:
+    return ir.Constant(_BITS, [value] * WIDTH)
+
+
+def flags(lanes: list[bool]) -> ir.Constant:
+    return ir.Constant(_FLAGS, lanes)
+
+
+def has_avx512(context: Any) -> bool:
+    """Whether the processor that Numba compiles for has 512-bit vectors."""
+    return "+avx512f" in context.codegen().magic_tuple()[2]
+
+
+class Code:
+    """An instruction builder with the few vector operations that are needed."""
+
+    def __init__(self, context: Any, builder: ir.IRBuilder) -> None:
+        self.context, self.builder = context, builder
+
+    def data(self, kind: Any, array: Any) -> Any:
+        """Pointer to an array's first element; None for an absent array."""
+        if isinstance(kind, types.NoneType):
+            return None
+        return self.context.make_array(kind)(self.context, self.builder, array).data
+
+    def call(self, name: str, *operands: ir.Value) -> ir.Value:
+        """A function of LLVM on vectors of doubles."""
+        module = self.builder.module
+        function = module.globals.get(name)
+        if function is None:
+            kind = ir.FunctionType(LANES, [operand.type for operand in operands])
+            function = ir.Function(module, kind, name)
+        return self.builder.call(function, operands)
+
+    def fused(self, a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
+        return self.call(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
+
+    def bits(self, vector: ir.Value) -> ir.Value:
+        return self.builder.bitcast(vector, _BITS)
+
+    def number(self, bits: ir.Value) -> ir.Value:
+        return self.builder.bitcast(bits, LANES)
+
+    def splat(self, scalar: ir.Value) -> ir.Value:
+        first = self.builder.insert_element(_UNDEFINED, scalar, ir.Constant(ir.IntType(32), 0))
+        return self.shuffled(first, first, [0] * WIDTH)
+
+    def shuffled(self, first: ir.Value, second: ir.Value, lanes: list[int]) -> ir.Value:
+        """Lanes of two vectors; those of the second count from `WIDTH`."""
+        mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
+        return self.builder.shuffle_vector(first, second, mask)
+
+    def turned(self, vector: ir.Value, by: int) -> ir.Value:
+        """Lane l + by in the place of lane l, round the end."""
+        return self.shuffled(vector, vector, [(lane + by) % WIDTH for lane in range(WIDTH)])
+
+    def _vector_at(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
+        return self.builder.bitcast(self.builder.gep(pointer, [index]), LANES.as_pointer())
+
+    def load(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
+        return self.builder.load(self._vector_at(pointer, index), align=8)
+
+    def store(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+        self.builder.store(vector, self._vector_at(pointer, index), align=8)
+
+    def scalar(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
+        return self.builder.load(self.builder.gep(pointer, [index]))
+
+    def put_scalar(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+        self.builder.store(value, self.builder.gep(pointer, [index]))
+
+    def add_scalar(self, value: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+        total = self.builder.fadd(self.scalar(pointer, index), value)
+        self.put_scalar(total, pointer, index)
+
+    def lane(self, vector: ir.Value, lane: int) -> ir.Value:
+        return self.builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
+
+    def _folded(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
+        """Sums of lanes that lie ``half`` apart: of the first vector, and between them of both."""
+        lanes = range(WIDTH)
+        there = [lane + WIDTH if lane & half else lane for lane in lanes]
+        other = [(lane ^ half) + WIDTH if lane & half else lane ^ half for lane in lanes]
+        return self.builder.fadd(
+            self.shuffled(first, second, there), self.shuffled(first, second, other)
+        )
+
+    def totals(self, vectors: list[ir.Value]) -> ir.Value:
+        """The sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree, in a shorter vector."""
+        places = [0]
+        for half in (4, 2, 1):
+            if len(vectors) > 1:
+                pairs = zip(vectors[::2], vectors[1::2], strict=True)
+                vectors = [self._folded(first, second, half) for first, second in pairs]
+                places = [*places, *(place + half for place in places)]
+            else:
+                vectors = [self._folded(vectors[0], vectors[0], half)]
+        return self.shuffled(vectors[0], vectors[0], places)
+
+    def total(self, vector: ir.Value) -> ir.Value:
+        """Sum of the lanes, as a tree."""
+        return self.lane(self.totals([vector]), 0)
+
+    def add_vector(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
+        """Add a vector of any length to the places from ``index`` on."""
+        place = self.builder.bitcast(self.builder.gep(pointer, [index]), vector.type.as_pointer())
+        total = self.builder.fadd(self.builder.load(place, align=8), vector)
+        self.builder.store(total, place, align=8)
+
+    def largest(self, vector: ir.Value) -> ir.Value:
+        for half in (4, 2, 1):
+            other = self.shuffled(vector, vector, [lane ^ half for lane in range(WIDTH)])
+            vector = self.greater(vector, other)
+        return self.lane(vector, 0)
+
+    def greater(self, a: ir.Value, b: ir.Value) -> ir.Value:
+        return self.builder.select(self.builder.fcmp_ordered(">", a, b), a, b)
+
+    def variable(self, start: ir.Value) -> ir.Value:
+        return cgutils.alloca_once_value(self.builder, start)
+
+    def raise_by(self, variable: ir.Value, value: ir.Value) -> None:
+        self.builder.store(self.builder.fadd(self.builder.load(variable), value), variable)
