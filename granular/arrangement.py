@@ -106,7 +106,10 @@ def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_positions(scene: Scene, positions: np.ndarray) -> None:
-    """Raise `SceneError` unless all grains stand clear of each other, the walls and the piston."""
+    """Raise `SceneError` unless all grains stand clear of each other, the walls and the piston.
+
+    Where contact acts, grains may overlap each other.
+    """
     from scipy.spatial import cKDTree
 
     radius = scene.grains.diameters() / 2.0
@@ -116,7 +119,7 @@ def check_positions(scene: Scene, positions: np.ndarray) -> None:
     _clear_of(scene.cell.width - x - radius, "the right wall", "widen the cell or move it left")
     _clear_of(y - radius, "the bottom", "move it up")
     _clear_of(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
-    if len(positions) > 1:
+    if len(positions) > 1 and scene.effects.contact is None:
         pairs = cKDTree(positions).query_pairs(2.0 * float(radius.max()), output_type="ndarray")
         gap = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
         overlap = radius[pairs].sum(axis=1) - gap

@@ -71,7 +71,7 @@ class Method:
 
     @property
     def takes_dry_friction(self) -> bool:
-        return self.tableau is None and not self.backward
+        return self.tableau is None and not self.backward and not self.variable
 
 
 def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:

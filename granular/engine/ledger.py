@@ -23,6 +23,9 @@ while the forces of the bed hardly change (piston force and mean distance at ste
 1e-3 s agree within the scatter of the starts)."""
 DRY_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
+_LEAST_TURNOVER = 1e-5
+"""Least energy turned over that counts, over the potential energy that is there: what has just
+begun to move from rest has a large relative error of no consequence."""
 
 
 def is_dry(scene: Scene) -> bool:
@@ -51,15 +54,18 @@ class Ledger:
         Potential energy at the start.
     wrong : float
         Relative residual that stops the run.
+    piston : float
+        Energy of the piston at the start.
     moved : float
-        Energy turned over so far: the greatest kinetic energy and change of potential energy,
-        and what was lost and worked.
+        Energy turned over so far: the greatest sum of the kinetic energy, the changes of the
+        potential and the piston's energy, and what was lost and worked.
     worst : float
         Greatest residual so far.
     """
 
     start: float
     potential: float
+    piston: float
     wrong: float = WRONG
     moved: float = 0.0
     worst: float = 0.0
@@ -77,6 +83,8 @@ class Ledger:
         return cls(
             start=float(_columns(rows, *ENERGIES).sum()),
             potential=potential,
+            piston=float(row[COLUMNS.index("piston")]),
+            moved=_LEAST_TURNOVER * float(np.abs(_columns(rows, *POTENTIALS)).sum()),
             wrong=WRONG * (DRY_FACTOR if dry else 1.0),
         )
 
@@ -85,8 +93,9 @@ class Ledger:
         potential = _columns(rows, *POTENTIALS).sum(axis=1)
         total = _columns(rows, *ENERGIES).sum(axis=1)
         lost, work = _columns(rows, *LOSSES).sum(axis=1), _columns(rows, "work")[:, 0]
-        kinetic = _columns(rows, "kinetic")[:, 0]
-        moved = kinetic + np.abs(potential - self.potential) + lost + np.abs(work)
+        kinetic, piston = _columns(rows, "kinetic", "piston").T
+        moved = kinetic + np.abs(potential - self.potential) + np.abs(piston - self.piston)
+        moved += lost + np.abs(work)
         moved = np.maximum.accumulate(np.maximum(moved, self.moved))
         residual = total - self.start + lost - work
         floor = _ROUNDING * (np.abs(potential) + np.abs(total) + lost + np.abs(work))
@@ -97,10 +106,14 @@ class Ledger:
         relative[~np.isfinite(residual)] = np.inf
         return excess, relative
 
-    def check(self, rows: np.ndarray) -> tuple[int, float] | None:
-        """Enter records; the first one that cannot be trusted, if any, and its residual."""
+    def check(self, rows: np.ndarray, turned: float) -> tuple[int, float] | None:
+        """Enter records; the first one that cannot be trusted, if any, and its residual.
+
+        ``turned`` is the energy that was turned over between them.
+        """
         if not len(rows):
             return None
+        self.moved = max(self.moved, turned)
         residual, relative = self.residuals(rows)
         self.worst = max(self.worst, float(residual.max()))
         bad = np.flatnonzero(relative > self.wrong)

@@ -72,8 +72,11 @@ class Watch(NamedTuple):
         Ticks that the rest must last.
     band : float64 (3,)
         Memory: the tick at which the present band began, and its bounds.
-    seen : float64 (2,)
-        Memory: highest angular frequency since it was last cleared, and the last one.
+    seen : float64 (3,)
+        Memory: highest angular frequency since it was last cleared, and the last one; greatest
+        energy turned over.
+    potential, piston : float
+        Potential energy, and energy of the piston, at the run's start [F* D].
     """
 
     stiff: float
@@ -81,6 +84,8 @@ class Watch(NamedTuple):
     window: int
     band: np.ndarray
     seen: np.ndarray
+    potential: float
+    piston: float
 
 
 @compiled
@@ -155,6 +160,14 @@ class Window(NamedTuple):
     limit: float
     first: int
     ticks: int
+
+
+@compiled
+def _turned_over(watch: Watch, row: Array) -> float:
+    """Energy turned over since the start; see `granular.engine.ledger.Ledger`."""
+    potential = row[8] + row[9] + row[10] + row[11] - watch.potential
+    lost = row[14] + row[15] + row[16] + row[17]
+    return row[7] + abs(potential) + abs(row[12] - watch.piston) + lost + abs(row[13])
 
 
 @compiled
@@ -241,6 +254,7 @@ def advance(
         measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
         watch.seen[0] = max(watch.seen[0], row[STIFFEST])
         watch.seen[1] = row[STIFFEST]
+        watch.seen[2] = max(watch.seen[2], _turned_over(watch, row))
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
         if done % pace.every == 0:
             kept += 1

@@ -54,6 +54,10 @@ from granular.scene import Scene
 CALL_SECONDS = 0.1
 """Length of one call of the compiled loop: how long an interruption may have to wait."""
 
+DECAY_LIMIT = 10.0
+"""A decay by drag is resolved as far as it is at most this much faster than the stiffest mode (or
+than one that a step from record to record would resolve): a faster one leaves grains that creep, which the exact flow of drag carries at any step."""
+
 REST_TOLERANCE = 1e-4
 """Rest where the stage gives no tolerance [D], [D/tau]."""
 
@@ -130,7 +134,7 @@ class Run:
         )
         self.constants = system.constants
         self.measurement: Measurement = new_measurement(self.state)
-        self.band, self.seen = np.zeros(3), np.zeros(2)
+        self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: Ledger | None = None
         self.motion = Motion()
         self._row = np.zeros(len(COLUMNS))
@@ -273,7 +277,7 @@ class Run:
         row = self._look(_PLACE)
         self._set_pace(row)
         self.band[:] = (0.0, row[1], row[1])
-        self.seen[:] = 0.0
+        self.seen[:2] = 0.0
         progress.begun = True
         # Where nothing jumped, the last record of the stage before is the first one of this.
         if by or not progress.results:
@@ -314,11 +318,21 @@ class Run:
             speed += self.constants.acting.shaking.greatest_speed
         frequency = max(float(row[STIFFEST]), collision_frequency(self.constants, speed))
         pace = self.step.pace(
-            output.scalars / scales.time, output.frames_every, frequency, scales.time
+            output.scalars / scales.time,
+            output.frames_every,
+            self._with_drag(frequency),
+            scales.time,
         )
         self._use(pace)
         if self.plan.fraction is not None:
             open_density(speed, 0.5 * pace.length, self.plan.fraction, self.state, self.constants)
+
+    def _with_drag(self, frequency: float) -> float:
+        """The frequency that an automatic step is to resolve, with the decay by drag."""
+        rate = self.constants.acting.drag or 0.0
+        record = self.scene.output.scalars / self.system.scales.time
+        slowest = max(frequency, self.step.fraction / record)
+        return max(frequency, min(rate, DECAY_LIMIT * slowest))
 
     def _use(self, pace: Pace) -> None:
         self.progress.pace = list(pace)
@@ -341,7 +355,9 @@ class Run:
                 rest = stage.tolerance / scales.length
             window = math.ceil(stage.window / scales.time / pace.length)
         stiff = self.step.stiff if self.plan.fraction is None else math.inf
-        return Watch(stiff, rest, window, self.band, self.seen)
+        assert self.ledger is not None
+        potential, piston = self.ledger.potential, self.ledger.piston
+        return Watch(stiff, rest, window, self.band, self.seen, potential, piston)
 
     # Advancing ---------------------------------------------------------------------------------
 
@@ -458,7 +474,11 @@ class Run:
 
     def _set_steps(self, frequency: float) -> None:
         if self.plan.fraction is None:
-            self._use(self.pace.with_steps(self.step.steps_of(self.pace.length, frequency)))
+            self._use(
+                self.pace.with_steps(
+                    self.step.steps_of(self.pace.length, self._with_drag(frequency))
+                )
+            )
 
     def _short_tick(self, left: float) -> None:
         """The rest of a stage that is no whole tick, in steps that are a little shorter."""
@@ -541,7 +561,7 @@ class Run:
         if not len(rows):
             return
         assert self.ledger is not None
-        wrong = self.ledger.check(rows)
+        wrong = self.ledger.check(rows, float(self.seen[2]))
         self.progress.closest = min(self.progress.closest, float(rows[:, CLOSEST].min()))
         self.progress.last = float(rows[-1, 0])
         good = len(rows) if wrong is None else wrong[0] + 1

@@ -93,6 +93,6 @@ def make_step(
                 last = k == stages - 1
                 if last and measurement is not None:
                     outside += measure_forces(state, constants, start + stage, measurement)
-                elif not last or kicks[stages] != 0.0:
+                elif not last or kicks[stages] != 0.0 or kicks[0] != 0.0:
                     outside += compute_forces(state, constants, start + stage)
     return outside

@@ -13,22 +13,10 @@ COSTLY = ("slabs", "friction", "mass ratio", "aspect", "contact", "drop", "100 k
 """Cases of scenes that take long to compile or to run; they are checked with the long tests."""
 
 
-DEFECTS = {
-    "drag with gamma h/m = 1": "the automatic step does not see the rate of the drag",
-    "no grain": "an empty bed has no shape to record",
-    "one grain": "with the automatic step the ledger closes to 1.1e-4 only",
-    "two grains": "with the automatic step the ledger closes to 3.3e-4 only",
-    "overlapping start with contact": "a start is refused also where contact would carry it",
-}
-"""What does not end as it must yet. A case that is mended fails here until it is taken out."""
-
-
 def marked(case: HardCase) -> object:
     marks = []
     if any(word in case.name for word in COSTLY):
         marks.append(pytest.mark.long)
-    if case.name in DEFECTS:
-        marks.append(pytest.mark.xfail(strict=True, reason=DEFECTS[case.name]))
     return pytest.param(case, id=case.name, marks=marks)
 
 

@@ -96,9 +96,7 @@ SYMPLECTIC = tuple(run for run in energy_runs() if METHODS[run.method].symplecti
 
 
 def marked(run: EnergyRun) -> object:
-    reason = "its opening kick takes the forces of the step before"
-    defect = [pytest.mark.xfail(strict=True, reason=reason)] * (run.method == "symplectic-euler")
-    return pytest.param(run, id=run.method, marks=defect)
+    return pytest.param(run, id=run.method)
 
 
 def energy_run(method: str) -> EnergyRun:
