@@ -17,6 +17,8 @@ _HOMES = {
     "mono_bed": "granular.beds",
     "bidisperse": "granular.beds",
     "damper": "granular.beds",
+    "sweep": "granular.studies.sweep",
+    "Study": "granular.studies.sweep",
     "simulate": "granular.simulation",
     "evaluate": "granular.evaluation",
     "Evaluation": "granular.evaluation",

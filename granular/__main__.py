@@ -46,6 +46,18 @@ examples:
   python -m granular export runs/bed --format gsd -o bed.gsd          (for OVITO)
   python -m granular export runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
   python -m granular export runs/bed --format source -o dat           (posPart.dat and the rest)""",
+    "sweep": """\
+example:
+  python -m granular sweep study.toml -o studies/mass      (again: goes on where it was)
+
+study.toml:
+  scene = "damper"
+  dt = "auto*2"
+  [grid]                       # all combinations
+  "piston.mass" = [6.0, 7.5]
+  "arrangement.seed" = [1, 2, 3]
+  [[cases]]                    # and one by one
+  "piston.mass" = "9 kg" """,
     "render": """\
 examples:
   python -m granular render runs/bed -o bed.png --colour force
@@ -95,7 +107,20 @@ def parser() -> Parser:
     add_output(one)
     _add_export(add("export", "write a run for other programs"))
     _add_render(add("render", "draw a still or a movie of a run"))
+    _add_sweep(add("sweep", "run a scene under many changes, from a study's file"))
     return top
+
+
+def _add_sweep(one: Parser) -> None:
+    one.add_argument("study", metavar="STUDY", help="the study's TOML file")
+    one.add_argument(
+        "-o", "--out", metavar="DIR", required=True, help="directory that keeps what is done"
+    )
+    one.add_argument("--workers", type=int, metavar="N", help="processes on this machine")
+    one.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address")
+    one.add_argument("--mpi", action="store_true", help="run on the ranks of mpi4py.futures")
+    one.add_argument("--keep-runs", action="store_true", help="keep the whole runs too")
+    add_output(one)
 
 
 def _add_export(one: Parser) -> None:
@@ -138,6 +163,7 @@ def main(arguments: Sequence[str]) -> None:
     options = parser().parse_args(arguments)
     commands = {
         "scenes": _scenes, "show": _show, "run": _run, "export": _export, "render": _render,
+        "sweep": _sweep,
     }  # fmt: skip
     commands[options.command](options)
 
@@ -247,6 +273,39 @@ def _render_movie(options: Any) -> None:
         progress=not options.quiet,
     )
     emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+
+
+def _sweep(options: Any) -> None:
+    from granular.studies.file import load_study
+    from granular.studies.remote import executor
+    from granular.studies.sweep import sweep
+
+    study = load_study(options.study)
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers {options.workers}; give at least 1")
+    with executor(options.dask, options.mpi) as pool:
+        found = sweep(
+            study.pop("scene"),
+            out=options.out,
+            keep_runs=options.keep_runs,
+            executor=pool,
+            workers=options.workers,
+            progress=not options.quiet,
+            **study,
+        )
+    path = Path(options.out) / "table.csv"
+    found.table.to_csv(path, index=False)
+    figures = {
+        "cases": len(found.cases),
+        "reused": found.reused,
+        "failed": len(found.failed),
+        "table": str(path),
+    }
+    text = (
+        f"{len(found.cases)} cases, {found.reused} of them done before, {len(found.failed)} "
+        f"failed; table in {path}"
+    )
+    emit(figures, text, options.json)
 
 
 if __name__ == "__main__":

@@ -56,7 +56,8 @@ CALL_SECONDS = 0.1
 
 DECAY_LIMIT = 10.0
 """A decay by drag is resolved as far as it is at most this much faster than the stiffest mode (or
-than one that a step from record to record would resolve): a faster one leaves grains that creep, which the exact flow of drag carries at any step."""
+than one that a step from record to record would resolve): a faster one leaves grains that creep,
+which the exact flow of drag carries at any step."""
 
 REST_TOLERANCE = 1e-4
 """Rest where the stage gives no tolerance [D], [D/tau]."""

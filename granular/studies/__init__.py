@@ -1,0 +1,1 @@
+"""Studies: one scene under many changes, each case computed once."""

@@ -1,0 +1,98 @@
+"""The cases of a study: a scene with its changes, and a key that says what is computed."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from granular.errors import InputError
+from granular.scene import Scene
+from granular.trajectory import Trajectory
+
+Measure = Callable[[Trajectory], Mapping[str, Any]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One case of a study.
+
+    Attributes
+    ----------
+    changes : dict
+        Dotted keys and values, what tells it from the others.
+    scene : Scene
+    settings : dict
+        Keywords of `simulate`.
+    key : str
+        Digest of all that determines the result: scene, settings and measure.
+    """
+
+    changes: dict[str, Any]
+    scene: Scene
+    settings: dict[str, Any]
+    key: str
+
+
+def measure_name(measure: Measure) -> str:
+    """Where a measure is defined, and a digest of its code where it has any."""
+    name = f"{measure.__module__}:{getattr(measure, '__qualname__', repr(measure))}"
+    code = getattr(measure, "__code__", None)
+    if code is None:
+        return name
+    text = repr((code.co_code, [c for c in code.co_consts if not hasattr(c, "co_code")]))
+    return f"{name}#{hashlib.sha256((text + repr(code.co_names)).encode()).hexdigest()[:8]}"
+
+
+def make_cases(
+    scene: Scene,
+    grid: Mapping[str, Iterable[Any]],
+    cases: Sequence[Mapping[str, Any]],
+    settings: Mapping[str, Any],
+    measure: Measure,
+) -> list[Case]:
+    """All combinations of the grid's values, followed by the cases given one by one.
+
+    Raises
+    ------
+    InputError
+        If there is no case, or two are the same.
+    SceneError
+        If a change does not fit the scene.
+    """
+    values = {name: _listed(name, some) for name, some in grid.items()}
+    combined = [
+        dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())
+    ]
+    every = [*(combined if values else []), *map(dict, cases)]
+    if not every:
+        raise InputError("the study has no case; give a grid or a list of cases")
+    made = [_case(scene, changes, dict(settings), measure) for changes in every]
+    seen: dict[str, Case] = {}
+    for case in made:
+        if case.key in seen:
+            raise InputError(f"two cases are the same: {seen[case.key].changes} and {case.changes}")
+        seen[case.key] = case
+    return made
+
+
+def _listed(name: str, values: Iterable[Any]) -> list[Any]:
+    if isinstance(values, str | bytes) or not isinstance(values, Iterable):
+        raise InputError(f"grid {name!r} = {values!r} must be a list of values")
+    return list(values)
+
+
+def _case(
+    scene: Scene, changes: dict[str, Any], settings: dict[str, Any], measure: Measure
+) -> Case:
+    changed = scene.replace(**changes)
+    content = {
+        "scene": changed.plain(),
+        "settings": settings,
+        "measure": measure_name(measure),
+    }
+    text = json.dumps(content, sort_keys=True, default=str)
+    return Case(changes, changed, settings, hashlib.sha256(text.encode()).hexdigest()[:20])

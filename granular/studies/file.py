@@ -1,0 +1,72 @@
+"""A study as a TOML file.
+
+scene = "damper"               # a packaged scene, or a path from here
+measure = "last-values"        # or "module:function"
+dt = "auto*2"                  # as in simulate; t_end and method likewise
+
+[changes]                      # in every case
+"grains.count" = 92
+
+[grid]                         # all combinations
+"piston.mass" = [2.0, 3.0]
+"arrangement.seed" = [1, 2, 3]
+
+[[cases]]                      # and one by one
+"piston.mass" = "4 kg"
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from granular.errors import InputError
+from granular.scene import load_scene, scene_names
+from granular.schema import unknown
+from granular.studies.measures import measure_named
+
+KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
+
+
+def load_study(path: str | Path) -> dict[str, Any]:
+    """The arguments of `sweep` from a study's file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds an unknown key.
+    """
+    path = Path(path)
+    try:
+        plain = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: {reason}; give a study's TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not a TOML file: {error}") from None
+    for key in plain:
+        if key not in KEYS:
+            raise InputError(f"{path.name}: {unknown(key, KEYS, 'key')}")
+    if "scene" not in plain:
+        raise InputError(f"{path.name}: scene must be given, a packaged one or a path")
+    for key, kind in (("changes", dict), ("grid", dict), ("cases", list)):
+        if not isinstance(plain.get(key, kind()), kind):
+            raise InputError(f"{path.name}: {key} must be a {'table' if kind is dict else 'list'}")
+    name = str(plain["scene"])
+    scene = load_scene(name if name in scene_names() else path.parent / name)
+    found: dict[str, Any] = {key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain}
+    found["grid"] = _flat(plain.get("grid", {}))
+    found["cases"] = [_flat(one) for one in plain.get("cases", [])]
+    found["measure"] = measure_named(str(plain.get("measure", "last-values")))
+    found["scene"] = scene.replace(**_flat(plain.get("changes", {})))
+    return found
+
+
+def _flat(changes: dict[str, Any], above: str = "") -> dict[str, Any]:
+    """Nested tables as dotted keys: TOML reads piston.mass = 1 as a table of its own."""
+    flat: dict[str, Any] = {}
+    for key, value in changes.items():
+        name = f"{above}.{key}" if above else key
+        flat |= _flat(value, name) if isinstance(value, dict) else {name: value}
+    return flat

@@ -1,0 +1,48 @@
+"""What a study writes down of each run."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+from granular.errors import InputError
+from granular.studies.cases import Measure
+from granular.trajectory import Trajectory
+
+
+def last_values(run: Trajectory) -> Mapping[str, Any]:
+    """Every scalar record at the end of the run, in SI; height and end of each stage."""
+    data = run.dataset
+    figures = {
+        str(name): float(data[name][-1])
+        for name in data.data_vars
+        if data[name].dims == ("time",) and name != "stage"
+    }
+    for stage in run.stages:
+        figures[f"{stage.name}.end"] = stage.end
+        if run.scene.piston is not None:
+            figures[f"{stage.name}.height"] = stage.height
+    return figures
+
+
+def measure_named(name: str) -> Measure:
+    """``"last-values"``, or a function by ``"module:function"``.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if name == "last-values":
+        return last_values
+    module, _, function = name.partition(":")
+    if not function:
+        raise InputError(f"measure {name!r}; give 'last-values', or 'module:function'")
+    try:
+        found = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"measure {name!r} cannot be imported: {error}") from None
+    if not callable(found):
+        raise InputError(f"measure {name!r} is no function")
+    return found

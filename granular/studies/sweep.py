@@ -1,0 +1,244 @@
+"""`sweep`: many changes of one scene, on any executor, each case once."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import dataclasses
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granular.errors import InputError
+from granular.scene import Scene
+from granular.studies.cases import Case, Measure, make_cases
+from granular.studies.measures import last_values
+from granular.studies.work import Outcome, compute, keep_outcome, read_outcome
+
+if TYPE_CHECKING:
+    import pandas
+
+ATTEMPTS = 3
+"""Workers that a case may lose before it is given up: one that dies may have been killed from
+outside, one that dies thrice is killed by the case."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """The outcome of a sweep.
+
+    Attributes
+    ----------
+    cases : tuple of Case
+    outcomes : tuple of dict
+        ``figures`` and ``error`` of each case, in the order of the cases.
+    reused : int
+        How many of them had been computed before.
+    """
+
+    cases: tuple[Case, ...]
+    outcomes: tuple[Outcome, ...]
+    reused: int
+
+    @property
+    def table(self) -> pandas.DataFrame:
+        """One row a case: its changes, its figures [SI], its error, its key."""
+        import pandas
+
+        rows = [
+            {**case.changes, **outcome["figures"], "error": outcome["error"], "key": case.key}
+            for case, outcome in zip(self.cases, self.outcomes, strict=True)
+        ]
+        table = pandas.DataFrame(rows)
+        last = ["error", "key"]
+        return table[[name for name in table.columns if name not in last] + last]
+
+    @property
+    def failed(self) -> tuple[Case, ...]:
+        pairs = zip(self.cases, self.outcomes, strict=True)
+        return tuple(case for case, outcome in pairs if outcome["error"] is not None)
+
+
+def sweep(
+    scene: Scene,
+    grid: Mapping[str, Iterable[Any]] | None = None,
+    *,
+    cases: Sequence[Mapping[str, Any]] = (),
+    measure: Measure = last_values,
+    dt: float | str = "auto",
+    t_end: float | None = None,
+    method: str = "stormer-verlet",
+    out: str | Path | None = None,
+    keep_runs: bool = False,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Study:
+    """Run a scene under many changes.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : mapping of str to values
+        Dotted keys and the values that each takes; all combinations are run.
+    cases : sequence of mapping
+        Further changes, one by one.
+    measure : function of Trajectory
+        What is written down of a run: names and numbers. It must be a function that other
+        processes can have.
+    dt, t_end, method
+        As in `simulate`; each run has one thread.
+    out : str or Path, optional
+        Directory that keeps each outcome as soon as it is there. Called again, the sweep goes on:
+        a case with the same scene, settings and measure is not computed twice.
+    keep_runs : bool
+        Keep the whole runs in ``out`` too; a case that was cut off then goes on from its last
+        checkpoint.
+    executor : concurrent.futures.Executor, optional
+        Where the cases run: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... Without:
+        processes on this machine.
+    workers : int, optional
+        How many processes; as many as there are processors if not given.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    Study
+        Also of the cases that failed: their row tells why.
+
+    Raises
+    ------
+    InputError
+        If the study has no case, two are alike, a change does not fit, or ``keep_runs`` is asked
+        for without ``out``.
+    KeyboardInterrupt
+        On Ctrl-C; ``out`` keeps what was done.
+    """
+    if keep_runs and out is None:
+        raise InputError("keep_runs = True needs out, the directory to keep them in")
+    settings = {"dt": dt, "t_end": t_end, "method": method}
+    every = make_cases(scene, grid or {}, cases, settings, measure)
+    directory = None if out is None else _directory(Path(out))
+    done = _done_before(every, directory)
+    reused = len(done)
+    waiting = [case for case in every if case.key not in done]
+    with _Bar(len(every), reused, progress) as bar:
+        for case, outcome in _outcomes(waiting, measure, directory, keep_runs, executor, workers):
+            done[case.key] = outcome
+            bar.advance(outcome["error"] is not None)
+    return Study(tuple(every), tuple(done[case.key] for case in every), reused)
+
+
+def _directory(path: Path) -> Path:
+    try:
+        (path / "cases").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path} cannot be made: {error.strerror}; give another out") from None
+    return path.absolute()
+
+
+def _done_before(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
+    if directory is None:
+        return {}
+    found = {case.key: read_outcome(directory, case.key) for case in cases}
+    return {key: outcome for key, outcome in found.items() if outcome is not None}
+
+
+def _outcomes(
+    cases: Sequence[Case],
+    measure: Measure,
+    directory: Path | None,
+    keep_runs: bool,
+    executor: Executor | None,
+    workers: int | None,
+) -> Iterator[tuple[Case, Outcome]]:
+    """Each case with its outcome, as they come; a pool whose worker died is made anew."""
+    waiting, lost = list(cases), dict.fromkeys((case.key for case in cases), 0)
+    while waiting:
+        pool = _local_pool(min(len(waiting), workers or os.cpu_count() or 1), executor)
+        try:
+            futures = {
+                pool.submit(compute, case, measure, directory, keep_runs): case for case in waiting
+            }
+            broken = False
+            for future in concurrent.futures.as_completed(futures):
+                case = futures[future]
+                outcome = _outcome_of(future)
+                if outcome is None:
+                    broken = True
+                    continue
+                waiting.remove(case)
+                if directory is not None:
+                    keep_outcome(directory, case.key, outcome)
+                yield case, outcome
+        except BaseException:
+            _stop(pool, executor)
+            raise
+        if executor is None:
+            pool.shutdown()
+        if broken:
+            yield from _given_up(waiting, lost)
+
+
+def _outcome_of(future: Future[Outcome]) -> Outcome | None:
+    """What a worker returned; None where the worker itself was lost."""
+    try:
+        return future.result()
+    except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):
+        return None
+    except Exception as error:
+        if type(error).__name__ == "KilledWorker":  # of Dask, which is imported only by its users
+            return None
+        return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
+
+
+def _given_up(waiting: list[Case], lost: dict[str, int]) -> Iterator[tuple[Case, Outcome]]:
+    for case in list(waiting):
+        lost[case.key] += 1
+        if lost[case.key] == ATTEMPTS:
+            waiting.remove(case)
+            yield case, {"figures": {}, "error": f"the worker died, {ATTEMPTS} times"}
+
+
+def _local_pool(workers: int, executor: Executor | None) -> Executor:
+    if executor is not None:
+        return executor
+    from loky import ProcessPoolExecutor
+
+    pool: Executor = ProcessPoolExecutor(max_workers=workers)
+    return pool
+
+
+def _stop(pool: Executor, executor: Executor | None) -> None:
+    """Let go of what still waits; our own workers are stopped at once."""
+    if executor is None:
+        pool.shutdown(wait=False, kill_workers=True)  # type: ignore[call-arg]
+    else:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+class _Bar:
+    """One line that shows how many cases are done and failed, and the time left."""
+
+    def __init__(self, total: int, reused: int, wanted: bool) -> None:
+        self._failed, self._bar = 0, None
+        if wanted:
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=total, initial=reused, desc="cases", unit="case", smoothing=0.1)
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def advance(self, failed: bool) -> None:
+        self._failed += failed
+        if self._bar is not None:
+            if self._failed:
+                self._bar.set_postfix_str(f"{self._failed} failed", refresh=False)
+            self._bar.update()

@@ -1,0 +1,206 @@
+"""Sweeps: every case once, none lost, whatever is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pandas
+import pytest
+
+from granular import Scene, Trajectory, load_scene, sweep
+from granular.errors import InputError, SceneError
+from granular.studies.file import load_study
+from granular.studies.measures import last_values
+
+ROOT = Path(__file__).parents[3]
+
+
+def falling(**changes: Any) -> Scene:
+    """A grain that falls without walls: a case takes milliseconds."""
+    return load_scene("single-particle").replace(
+        **{"effects.walls": None, "effects.dipole": None, "effects.drag": None,
+           "protocol": [{"kind": "hold", "name": "fall", "duration": 0.01}],
+           "output.scalars": 1e-3, "output.frames": 1e-2, **changes}
+    )  # fmt: skip
+
+
+def measured(run: Trajectory) -> dict[str, float]:
+    return {"energy": float(run.dataset["kinetic_energy"][-1])}
+
+
+def test_grid_and_cases_make_a_tidy_table() -> None:
+    study = sweep(
+        falling(), {"effects.gravity.acceleration": [1.0, 2.0], "arrangement.seed": [1, 2]},
+        cases=[{"grains.density": 7000.0}], measure=measured, dt=1e-4, workers=1, progress=False,
+    )  # fmt: skip
+    table = study.table
+    assert len(table) == 5
+    assert list(table.columns[:2]) == ["effects.gravity.acceleration", "arrangement.seed"]
+    assert list(table.columns[-2:]) == ["error", "key"]
+    first = table["energy"][0]
+    mass = falling().grains.density * 0.003 * 3.141592653589793 / 4.0 * 0.005**2
+    diameter = falling().grains.species[0].diameter
+    mass *= (diameter / 0.005) ** 2
+    assert first == pytest.approx(0.5 * mass * 0.01**2, rel=1e-9)
+    assert table["energy"][2] == pytest.approx(4.0 * first, rel=1e-9)
+    assert study.reused == 0
+
+
+def test_a_failing_case_does_not_lose_the_others(tmp_path: Path) -> None:
+    # The second grain is beside the wall when it starts and is shot into it at a step too long.
+    scene = load_scene("single-particle").replace(
+        **{"protocol": [{"kind": "hold", "name": "fall", "duration": 0.05}], "output.scalars": 1e-3,
+           "output.frames": 1e-2}
+    )  # fmt: skip
+    study = sweep(
+        scene, cases=[{"arrangement.velocities": [[0.0, 0.0]]},
+                      {"arrangement.velocities": [[0.0, -50.0]]}],
+        dt=1e-3, out=tmp_path, workers=1, progress=False,
+    )  # fmt: skip
+    assert [outcome["error"] is None for outcome in study.outcomes] == [True, False]
+    assert "Error: step" in study.outcomes[1]["error"]
+    assert len(study.failed) == 1
+    again = sweep(
+        scene, cases=[{"arrangement.velocities": [[0.0, 0.0]]},
+                      {"arrangement.velocities": [[0.0, -50.0]]}],
+        dt=1e-3, out=tmp_path, workers=1, progress=False,
+    )  # fmt: skip
+    assert again.reused == 2
+    pandas.testing.assert_frame_equal(study.table, again.table, check_exact=True)
+
+
+def test_another_measure_or_step_is_another_case(tmp_path: Path) -> None:
+    arguments: dict[str, Any] = {"cases": [{}], "out": tmp_path, "workers": 1, "progress": False}
+    keys = {
+        sweep(falling(), dt=dt, measure=measure, **arguments).cases[0].key
+        for dt in (1e-4, 2e-4)
+        for measure in (measured, last_values)
+    }
+    assert len(keys) == 4
+    assert sweep(falling(), dt=1e-4, measure=measured, **arguments).reused == 1
+
+
+def test_kept_runs_can_be_loaded(tmp_path: Path) -> None:
+    from granular import load_trajectory
+
+    study = sweep(
+        falling(), cases=[{}], dt=1e-4, out=tmp_path, keep_runs=True, workers=1, progress=False
+    )
+    run = load_trajectory(tmp_path / "runs" / study.cases[0].key)
+    assert run.complete
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, "no case"),
+        ({"cases": [{}, {}]}, "two cases are the same"),
+        ({"grid": {"arrangement.seed": 3}}, "must be a list"),
+        ({"cases": [{"piston.mas": 1.0}]}, "unknown key"),
+        ({"cases": [{}], "keep_runs": True}, "needs out"),
+    ],
+)
+def test_bad_sweeps(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises((InputError, SceneError), match=words):
+        sweep(falling(), **arguments, progress=False)
+
+
+def write_study(path: Path, cases: int) -> Path:
+    """A study of short runs whose results differ in every bit."""
+    falling(**{"protocol": [{"kind": "hold", "name": "fall", "duration": 0.02}]}).save(
+        path / "fall.toml"
+    )
+    seeds = ", ".join(f"{1.0 + 0.01 * k}" for k in range(cases))
+    (path / "study.toml").write_text(
+        f'scene = "fall.toml"\ndt = 1e-6\n[grid]\n"effects.gravity.acceleration" = [{seeds}]\n'
+    )
+    return path / "study.toml"
+
+
+def command(study: Path, out: Path, *more: str) -> list[str]:
+    words = ["-m", "granular", "sweep", str(study), "-o", str(out), "--quiet", *more]
+    return [sys.executable, *words]
+
+
+def outcomes(out: Path) -> dict[str, float]:
+    return {one.name: one.stat().st_mtime_ns for one in (out / "cases").glob("*.json")}
+
+
+def children(pid: int) -> list[int]:
+    found = []
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        found += [int(word) for word in task.read_text().split()]
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
+def test_two_hundred_cases_survive_kills(tmp_path: Path) -> None:
+    """Of the command, and of a worker; nothing is repeated, and the table has the same bits."""
+    study = write_study(tmp_path, 200)
+    subprocess.run(command(study, tmp_path / "whole"), check=True, cwd=ROOT)
+    out = tmp_path / "killed"
+    process = subprocess.Popen(command(study, out), cwd=ROOT)
+    wait_for(out, 40)
+    workers = children(process.pid)
+    process.kill()
+    process.wait()
+    for pid in workers:
+        try:
+            os.kill(pid, signal.SIGKILL)
+        except ProcessLookupError:
+            continue
+    first = outcomes(out)
+    assert 40 <= len(first) < 200
+    process = subprocess.Popen(command(study, out), cwd=ROOT)
+    wait_for(out, len(first) + 40)
+    victims = [pid for pid in children(process.pid) if b"loky" in cmdline(pid)]
+    os.kill(victims[-1], signal.SIGKILL)
+    assert process.wait(timeout=300) == 0
+    after = outcomes(out)
+    assert len(after) == 200
+    assert all(after[name] == time for name, time in first.items())
+    assert (out / "table.csv").read_bytes() == (tmp_path / "whole" / "table.csv").read_bytes()
+
+
+def cmdline(pid: int) -> bytes:
+    return Path(f"/proc/{pid}/cmdline").read_bytes()
+
+
+def wait_for(out: Path, count: int) -> None:
+    for _ in range(3000):
+        if (out / "cases").is_dir() and len(outcomes(out)) >= count:
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"{count} cases were not done in a minute")
+
+
+@pytest.mark.long
+def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    study = load_study(write_study(tmp_path, 40))
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        import threading
+
+        def kill() -> None:
+            wait_for(tmp_path / "dask", 8)
+            os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        with distributed.Client(cluster) as client:
+            found = sweep(
+                **study, out=tmp_path / "dask", executor=client.get_executor(retries=2),
+                progress=False,
+            )  # fmt: skip
+        killer.join()
+    whole = sweep(**study, workers=1, progress=False)
+    pandas.testing.assert_frame_equal(found.table, whole.table, check_exact=True)
