@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from typing import Any
 
 from granular.errors import InputError
 
@@ -30,13 +32,13 @@ def executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
 
 def _dask(address: str) -> Iterator[Executor]:
     try:
-        from distributed import Client
+        distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise InputError(
             "--dask needs Dask; install it with: pip install 'granular-damper[dask]'"
         ) from None
     try:
-        client = Client(address, timeout="10s")
+        client = distributed.Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(
             f"no Dask scheduler answers at {address!r} ({type(error).__name__}); check the address"
