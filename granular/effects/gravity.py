@@ -23,7 +23,7 @@ class Gravity(Section):
         return self.acceleration / scales.acceleration
 
 
-@compiled
+@compiled(inline=True)
 def add_weight(gravity: float | None, count: int, charge: Array | None, fy: Array) -> None:
     """Add the grains' weight, -G times the mass ratio (which equals the charge)."""
     if gravity is not None:

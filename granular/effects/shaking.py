@@ -71,7 +71,7 @@ def acceleration_rate(swing: Swing | None, time: float) -> tuple[float, float]:
     return swing.x * phase, swing.y * phase
 
 
-@compiled
+@compiled(inline=True)
 def add_inertia(
     swing: Swing | None, time: float, count: int, charge: Array | None, fx: Array, fy: Array
 ) -> None:

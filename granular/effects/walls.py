@@ -6,6 +6,7 @@ piston force.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,27 +157,34 @@ class Side(NamedTuple):
     sign: float
 
 
-@compiled
+@compiled(inline=True)
 def _press(
     experimental: bool | None,
     infinite: bool | None,
     slab: Slab | None,
     count: int,
+    charge: Array | None,
     side: Side,
+    force: Array,
     push: Array,
     shove: Array,
 ) -> int:
-    """Forces of one wall for charges 1: away from it, and (slabs) along it."""
+    """Add the forces of one wall away from it; along it (slabs) they are left for charges 1."""
     outside = 0
     if experimental is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
             push[i] = wall_experimental.force(w)
-            outside += not w > 0.0
+            if charge is not None:
+                push[i] *= charge[i]
+            force[i] += side.sign * push[i]
     if infinite is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
             push[i] = wall_infinite.force(w)
+            if charge is not None:
+                push[i] *= charge[i]
+            force[i] += side.sign * push[i]
             outside += not w > 0.0
     if slab is not None:
         for i in range(count):
@@ -187,6 +195,9 @@ def _press(
                 a, b = side.along[i] - slab.starts[k], slab.ends[k] - side.along[i]
                 push[i] += wall_slab.normal_force(w, a, b)
                 shove[i] += wall_slab.tangential_force(w, a, b)
+            if charge is not None:
+                push[i] *= charge[i]
+            force[i] += side.sign * push[i]
             outside += (not w > 0.0) if slab.closed else (not abs(w) >= 0.0)
     return outside
 
@@ -203,7 +214,7 @@ def _shove(
             along_force[i] += ratio * shove[i]
 
 
-@compiled
+@compiled(inline=True)
 def _press_side(
     law: Law | None,
     which: int,
@@ -218,18 +229,18 @@ def _press_side(
 ) -> int:
     if law is None:
         return 0
-    outside = _press(law.experimental, law.infinite, law.slab, count, side, push, shove)
-    if charge is not None:
-        for i in range(count):
-            push[i] *= charge[i]
-    for i in range(count):
-        force[i] += side.sign * push[i]
+    outside = _press(
+        law.experimental, law.infinite, law.slab, count, charge, side, force, push, shove
+    )
     _shove(law.slab, count, charge, along_force, shove)
     totals[which] = lane_sum(push)
+    if law.experimental is not None:
+        # Behind this wall the force is no number, so the total tells.
+        outside += not totals[which] < math.inf
     return outside
 
 
-@compiled
+@compiled(inline=True)
 def add_wall_forces(
     laws: WallLaws,
     count: int,

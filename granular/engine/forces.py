@@ -19,7 +19,7 @@ from granular.pairs.direct import direct_sum
 from granular.pairs.vector import lane_sum
 
 
-@compiled
+@compiled(inline=True)
 def _pair_forces(
     dipole: bool | None,
     friction: FrictionLaw | None,
@@ -71,7 +71,7 @@ def _contact_forces(
     return 0
 
 
-@compiled
+@compiled(inline=True)
 def _other_forces(state: State, constants: Constants, time: float) -> int:
     acting, count, charge = constants.acting, constants.grains, constants.charge
     add_weight(acting.gravity, count, charge, state.fy)
@@ -83,7 +83,7 @@ def _other_forces(state: State, constants: Constants, time: float) -> int:
     )  # fmt: skip
 
 
-@compiled
+@compiled(inline=True)
 def compute_forces(state: State, constants: Constants, time: float) -> int:
     """Overwrite the forces on the grains and the walls, at a time [tau].
 

@@ -31,7 +31,7 @@ def _speed_up(low: Array | None, state: State, i: int, by_x: float, by_y: float)
         state.vy[i], low[3, i] = sum_with_low_part(state.vy[i], low[3, i], by_y)
 
 
-@compiled
+@compiled(inline=True)
 def _kick_freely(
     low: Array | None, span: float, state: State, count: int, charge: Array | None
 ) -> None:
@@ -44,7 +44,7 @@ def _kick_freely(
             _speed_up(low, state, i, gain * state.fx[i], gain * state.fy[i])
 
 
-@compiled
+@compiled(inline=True)
 def _kick_with_drag(
     low: Array | None, rate: float, span: float, state: State, count: int, charge: Array | None
 ) -> None:
@@ -177,7 +177,7 @@ def _dry_kick(
         _kick_regularised(law, rate, span, state, constants, constants.charge, threshold)
 
 
-@compiled
+@compiled(inline=True)
 def _smooth_kick(rate: float | None, span: float, state: State, constants: Constants) -> None:
     if rate is None:
         _kick_freely(state.low, span, state, constants.grains, constants.charge)
@@ -190,7 +190,7 @@ def _drag_rate(rate: float | None) -> float:
     return 0.0 if rate is None else rate
 
 
-@compiled
+@compiled(inline=True)
 def _grain_kick(
     friction: FrictionLaw | None, span: float, state: State, constants: Constants, opening: bool
 ) -> None:
@@ -230,7 +230,7 @@ def _dampen(
                 state.ledger[CONTACT] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
 
-@compiled
+@compiled(inline=True)
 def kick_grains(span: float, state: State, constants: Constants, opening: bool) -> None:
     """Velocities of the grains after ``span`` [tau] under the present forces.
 

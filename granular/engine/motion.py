@@ -55,7 +55,7 @@ class Motion(NamedTuple):
     heights: np.ndarray = _NO_TABLE
 
 
-@compiled
+@compiled(inline=True)
 def path(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
     if motion.kind == DESCENT:

@@ -35,7 +35,7 @@ def _raise_height(low: Array | None, by: float, state: State) -> None:
         state.piston[0], state.piston[2] = sum_with_low_part(state.piston[0], state.piston[2], by)
 
 
-@compiled
+@compiled(inline=True)
 def _free_kick(
     resistance: Resistance | None, force: float, span: float, mass: float, state: State,
     opening: bool,
@@ -66,7 +66,7 @@ def _rub(resistance: Resistance, span: float, mass: float, state: State) -> None
         state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
 
-@compiled
+@compiled(inline=True)
 def kick_piston(
     span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
     opening: bool,
@@ -88,7 +88,7 @@ def kick_piston(
     add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
 
 
-@compiled
+@compiled(inline=True)
 def add_shaking_work(
     swing: Swing | None, span: float, state: State, constants: Constants, time: float
 ) -> None:
@@ -101,7 +101,7 @@ def add_shaking_work(
             state.ledger[WORK] -= span * ry * constants.mass * state.piston[0]
 
 
-@compiled
+@compiled(inline=True)
 def drift_piston(
     span: float, state: State, constants: Constants, motion: Motion, time: float, start: float
 ) -> None:
@@ -116,7 +116,7 @@ def drift_piston(
         state.ledger[WORK] += piston_energy(state, constants, start + time) - before
 
 
-@compiled
+@compiled(inline=True)
 def piston_energy(state: State, constants: Constants, time: float) -> float:
     """Kinetic and potential energy of the piston [F* D]; zero where it has no mass."""
     if not constants.mass < math.inf:

@@ -36,7 +36,7 @@ class Plan(NamedTuple):
     fraction: float | None
 
 
-@compiled
+@compiled(inline=True)
 def drift_grains(low: Array | None, span: float, state: State, count: int) -> None:
     """Positions of the grains after ``span`` [tau]."""
     if low is None:
@@ -50,7 +50,7 @@ def drift_grains(low: Array | None, span: float, state: State, count: int) -> No
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
-@compiled
+@compiled(inline=True)
 def make_step(
     tableau: Array | None, plan: Plan, h: float, time: float, start: float, state: State,
     constants: Constants, motion: Motion, measurement: Measurement | None,
