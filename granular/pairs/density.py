@@ -37,8 +37,9 @@ def step_density(
     Parameters
     ----------
     square : float
-        Square of a speed c [D/tau]: grains that approach with it shall not cross much of their
-        distance in a step, so kappa = 3 (q_i + q_j)/r^5 + c^2/r^2.
+        Square of a speed c [D/tau]: what comes with it shall not cross much of its distance in a
+        step. A wall stands still, so kappa = (7/4)/w^5 + c^2/w^2; two grains may approach at twice
+        it, so kappa = 3 (q_i + q_j)/r^5 + (2 c)^2/r^2.
     least : float
         The frequency where nothing is near [1/tau], above 0.
     sides : tuple of float
@@ -54,7 +55,7 @@ def step_density(
                 dx, dy = x[i] - x[j], y[i] - y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 closing = (dx * (vx[i] - vx[j]) + dy * (vy[i] - vy[j])) / r
-                value, change = _enter(r, closing, 3.0 * (qi + qj), square)
+                value, change = _enter(r, closing, 3.0 * (qi + qj), 4.0 * square)
                 total += value
                 rate += change
         for gap, speed in (
