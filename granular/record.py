@@ -155,13 +155,28 @@ class PistonRecord:
 
     def between(self, start: float, stop: float) -> PistonRecord:
         """The samples with start <= time <= stop [s]."""
-        chosen = (self.time >= start) & (self.time <= stop)
+        return self._chosen((self.time >= start) & (self.time <= stop))
+
+    def first(self, count: int) -> PistonRecord:
+        """The first ``count`` samples."""
+        return self._chosen(slice(count))
+
+    def from_zero(self) -> PistonRecord:
+        """The same record with times that start at 0."""
+        return dataclasses.replace(self, time=self.time - self.time[0])
+
+    def mapped(self, shift: float, scale: float) -> PistonRecord:
+        """The record of (height - shift)/scale."""
+        velocity = None if self.velocity is None else self.velocity / scale
+        return dataclasses.replace(self, height=(self.height - shift) / scale, velocity=velocity)
+
+    def _chosen(self, samples: np.ndarray | slice) -> PistonRecord:
         return PistonRecord(
-            self.time[chosen],
-            self.height[chosen],
-            None if self.velocity is None else self.velocity[chosen],
-            None if self.force is None else self.force[chosen],
-            {key: values[chosen] for key, values in self.extra.items()},
+            self.time[samples],
+            self.height[samples],
+            None if self.velocity is None else self.velocity[samples],
+            None if self.force is None else self.force[samples],
+            {key: values[samples] for key, values in self.extra.items()},
         )
 
 

@@ -19,6 +19,12 @@ _HOMES = {
     "Law": "reduced_models.law",
     "law_named": "reduced_models.laws",
     "identify": "reduced_models.identification",
+    "discover": "reduced_models.discovery.discovering",
+    "compare": "reduced_models.comparison",
+    "Comparison": "reduced_models.comparison",
+    "roll_out": "reduced_models.judging",
+    "forced_law": "reduced_models.response",
+    "LawEstimator": "reduced_models.estimator",
 }
 
 __all__ = list(_HOMES)

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from granular.record import PistonRecord
 from reduced_models.estimates import noise_level
 from reduced_models.model import HeightMap, Quality, ReducedModel
-from reduced_models.refinement import Solution
+from reduced_models.refinement import Grid, Solution
 from reduced_models.search import BLOWN_UP
-from reduced_models.uncertainty import interval_analysis
+from reduced_models.uncertainty import (
+    Analysis,
+    Information,
+    autocorrelation_time,
+    bootstrap_intervals,
+    interval_analysis,
+    marginal,
+)
 
 FEW = 0.25
 """Share of the starts that must lead to the best fit before it is taken without a note."""
@@ -24,35 +35,64 @@ class Training(NamedTuple):
 
     Attributes
     ----------
-    samples : int
-        Of the training stretch.
-    stop : float
-        End of that stretch, since the record's start [s].
+    samples : tuple of int
+        Of the training stretch of each record.
+    stops : tuple of float
+        End of each, since the record's start [s].
     starts, converged : int
         Random starts, and how many of them led to the best fit.
+    confidence : float
+        Of the intervals.
+    bounds : mapping of str to (float, float)
+        That parameters were kept in.
+    replicates : int
+        Resampled records that give the intervals; 0 where the linearisation does.
     """
 
-    samples: int
-    stop: float
+    samples: tuple[int, ...]
+    stops: tuple[float, ...]
     starts: int
     converged: int
+    confidence: float
+    bounds: Mapping[str, tuple[float, float]] = {}
+    replicates: int = 0
 
 
-def model_of(solution: Solution, training: Training, confidence: float) -> ReducedModel:
-    """The reduced model of a solution, with intervals, quality and notes."""
-    grid, theta = solution.grid, solution.theta
+def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...]:
+    """The reduced model of each record of a solution, with intervals, quality and notes."""
+    joint, theta = solution.joint, solution.theta
+    normal = joint.normal_matrix(theta)
+    residuals = tuple(joint.residuals(theta))
+    again = None
+    if training.replicates:
+        from reduced_models.bootstrap import replicates
+
+        again = replicates(joint, theta, training.replicates, seed=0)
+    models = []
+    for k, here in enumerate(joint.layout.places):
+        known = Information(marginal(normal, here), residuals, joint.layout.size)
+        analysis = interval_analysis(joint.problem, theta[here], known, training.confidence)
+        if again is not None:
+            intervals = bootstrap_intervals(joint.problem, again[:, here], training.confidence)
+            analysis = dataclasses.replace(analysis, intervals=intervals)
+        models.append(_model(solution, k, training, analysis))
+    return tuple(models)
+
+
+def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -> ReducedModel:
+    grid = solution.joint.grids[k]
     problem, record = grid.problem, grid.record
+    theta = solution.theta[solution.joint.layout.places[k]]
     values, shift, scale, z0, v0 = problem.physical(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=problem.map is None)
-    residuals = grid.residuals(theta)
-    analysis = interval_analysis(problem, theta, grid.normal_matrix(theta), residuals, confidence)
-    quality = _quality(solution, training)
+    quality = _quality(solution, k, training)
     speeds = np.gradient(record.height, record.time)
+    parameters = dict(zip(problem.law.parameters, map(float, values), strict=True))
     return ReducedModel(
         law=problem.law,
-        parameters=dict(zip(problem.law.parameters, map(float, values), strict=True)),
+        parameters=parameters,
         intervals=analysis.intervals,
-        confidence=confidence,
+        confidence=training.confidence,
         map=height_map,
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
         at_rest=analysis.at_rest,
@@ -62,39 +102,72 @@ def model_of(solution: Solution, training: Training, confidence: float) -> Reduc
             "height": (float(record.height.min()), float(record.height.max())),
             "velocity": (float(speeds.min()), float(speeds.max())),
         },
-        notes=_notes(quality),
+        notes=(*_notes(quality), *_bound_notes(parameters, training.bounds)),
+        provenance=provenance(record, training),
     )
 
 
-def _quality(solution: Solution, training: Training) -> Quality:
-    record = solution.grid.record
+def provenance(record: PistonRecord, training: Training) -> dict[str, str]:
+    """Where a model comes from, in words: the same for the same data and settings."""
+    digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
+    bounds = ", ".join(f"{low:g} <= {name} <= {high:g}" for name, (low, high) in
+                       training.bounds.items())  # fmt: skip
+    intervals = f"bootstrap, {training.replicates} records" if training.replicates else "linear"
+    return {
+        "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, "
+        f"sha256 {digest[:16]}",
+        "records": str(len(training.samples)),
+        "fit": f"{training.starts} starts, intervals {intervals}" + (f", {bounds}" * bool(bounds)),
+    }
+
+
+def _bound_notes(
+    parameters: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
+) -> tuple[str, ...]:
+    return tuple(
+        f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or read it as given"
+        for name, pair in bounds.items()
+        if any(abs(parameters[name] - edge) <= 1e-9 * abs(edge) for edge in pair)
+    )
+
+
+def _quality(solution: Solution, k: int, training: Training) -> Quality:
+    joint, grid = solution.joint, solution.joint.grids[k]
+    record, samples = grid.record, training.samples[k]
     swing = float(record.height.std())
-    residual = _rms(solution.grid.residuals(solution.theta)) * solution.grid.problem.amplitude
-    held_out = len(record) - training.samples >= 2
-    error, resting = _holdout_errors(solution, training.samples) if held_out else (None, None)
+    here = joint.layout.places[k]
+    residuals = grid.residuals(solution.theta[here])
+    residual = _rms(residuals) * grid.problem.amplitude
+    held_out = len(record) - samples >= 2
+    error, resting = None, None
+    if held_out:
+        error, resting = _holdout_errors(grid, solution.trained[here], samples)
     return Quality(
         residual=residual,
         relative=residual / swing,
         holdout=error,
-        holdout_from=training.stop if held_out else None,
+        holdout_from=training.stops[k] if held_out else None,
         starts=training.starts,
         converged=training.converged,
         samples=len(record),
-        solver_error=solution.solver_error,
+        solver_error=solution.solver_errors[k],
         holdout_at_rest=resting,
-        noise=noise_level(record.height),
+        noise=noise_level(record.height, record.time),
+        correlation=autocorrelation_time(residuals),
     )
 
 
-def _holdout_errors(solution: Solution, training: int) -> tuple[float, float]:
+def _holdout_errors(grid: Grid, trained: np.ndarray, training: int) -> tuple[float, float]:
     """Errors over the held-out stretch, of the roll-out and of a piston that stays at rest.
 
     Neither has seen that stretch; both count in the rms swing of the record.
     """
-    grid = solution.grid
-    swing, rest = float(grid.record.height.std()), grid.problem.rest
-    residuals = grid.residuals(solution.trained)[training:]
-    resting = _rms(grid.record.height[training:] - rest) / swing
+    record = grid.record
+    swing = float(record.height.std())
+    # The level of rest at the end of this record's training stretch.
+    rest = float(record.height[training + (-training // 3) : training].mean())
+    residuals = grid.residuals(trained)[training:]
+    resting = _rms(record.height[training:] - rest) / swing
     if (np.abs(residuals) >= BLOWN_UP).any():
         return math.inf, resting
     return _rms(residuals) * grid.problem.amplitude / swing, resting

@@ -116,7 +116,7 @@ def estimates(record: PistonRecord) -> Estimates:
     amplitude = float(np.abs(swing).max())
     if amplitude <= 1e-12 * max(abs(rest), 1e-300):
         raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
-    threshold = min(max(0.01 * amplitude, 4.0 * noise_level(height)), 0.5 * amplitude)
+    threshold = min(max(0.01 * amplitude, 4.0 * noise_level(height, time)), 0.5 * amplitude)
     passages = crossings(time, swing, threshold)
     half = _half_period(passages, float(time[-1]))
     frequency = math.pi / half
@@ -125,12 +125,20 @@ def estimates(record: PistonRecord) -> Estimates:
     return Estimates(rest, amplitude, frequency, decay, start, speed, len(passages))
 
 
-def noise_level(height: np.ndarray) -> float:
+def noise_level(height: np.ndarray, time: np.ndarray) -> float:
     """Standard deviation of white noise on a smooth record, from its third differences.
 
-    Their median absolute value is that of noise times sqrt(20); a smooth motion hardly adds to it.
+    The differences are divided ones, which a smooth motion leaves small also where the samples are
+    irregular, and each is scaled to the standard deviation of the noise.
     """
-    return float(np.median(np.abs(np.diff(height, 3))) / (0.6745 * math.sqrt(20.0)))
+    if len(height) < 4:
+        return 0.0
+    quadruples = np.lib.stride_tricks.sliding_window_view(height, 4)
+    times = np.lib.stride_tricks.sliding_window_view(time, 4)
+    times = (times - times[:, :1]) / (times[:, 3:] - times[:, :1])
+    weights = 1.0 / (times[:, :, None] - times[:, None, :] + np.eye(4)).prod(axis=2)
+    weights /= np.sqrt((weights**2).sum(axis=1, keepdims=True))
+    return float(np.median(np.abs((quadruples * weights).sum(axis=1))) / 0.6745)
 
 
 def _half_period(passages: np.ndarray, duration: float) -> float:

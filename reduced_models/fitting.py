@@ -10,21 +10,26 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 
 from granular.errors import InputError
 from granular.record import PistonRecord
-from reduced_models.assessment import Training, model_of
+from granular.schema import unknown
+from reduced_models.assessment import Training, models_of
+from reduced_models.bootstrap import REPLICATES
 from reduced_models.estimates import Estimates, estimates
-from reduced_models.law import Law
+from reduced_models.inputs import column_names, drive_on_grid
+from reduced_models.law import Law, law_from_text
 from reduced_models.laws import law_named
+from reduced_models.layout import joint_normal, layout_of
 from reduced_models.model import HeightMap, ReducedModel
-from reduced_models.problem import Problem, problem_of
-from reduced_models.refinement import Grid, grid_of, problem_equations, solution
+from reduced_models.problem import Problem, problem_of, theta_bounds
+from reduced_models.refinement import Joint, grid_of, problem_equations, solution
 from reduced_models.rollout import grid_steps
-from reduced_models.search import BLOWN_UP, Prior, means_on_grid, search
+from reduced_models.search import BLOWN_UP, Bounds, Prior, means_on_grid, search
 from reduced_models.starts import start_vectors
 
 STARTS = 16
@@ -34,9 +39,43 @@ _TIE = 1e-7  # residuals below this fraction of the amplitude are not told apart
 COARSE_STEPS, FINE_STEPS = 16, 64
 """Grid steps of a period: the phase error of a period is then 4e-6 and 1e-9."""
 
+Pairs = Mapping[str, tuple[float, float]]
 
+
+@overload
 def fit(
     record: PistonRecord,
+    law: str | Law = ...,
+    *,
+    map: HeightMap | Literal["auto", "fitted"] = ...,  # noqa: A002
+    starts: int = ...,
+    holdout: float = ...,
+    confidence: float = ...,
+    seed: int = ...,
+    own: Sequence[str] = ...,
+    bounds: Pairs | None = ...,
+    intervals: Literal["linear", "bootstrap"] = ...,
+) -> ReducedModel: ...
+
+
+@overload
+def fit(
+    record: Sequence[PistonRecord],
+    law: str | Law = ...,
+    *,
+    map: HeightMap | Literal["auto", "fitted"] = ...,  # noqa: A002
+    starts: int = ...,
+    holdout: float = ...,
+    confidence: float = ...,
+    seed: int = ...,
+    own: Sequence[str] = ...,
+    bounds: Pairs | None = ...,
+    intervals: Literal["linear", "bootstrap"] = ...,
+) -> tuple[ReducedModel, ...]: ...
+
+
+def fit(
+    record: PistonRecord | Sequence[PistonRecord],
     law: str | Law = "van-der-pol-like",
     *,
     map: HeightMap | Literal["auto", "fitted"] = "auto",  # noqa: A002
@@ -44,36 +83,50 @@ def fit(
     holdout: float = HOLDOUT,
     confidence: float = 0.95,
     seed: int = 0,
-) -> ReducedModel:
-    """Fit a law to a record.
+    own: Sequence[str] = (),
+    bounds: Pairs | None = None,
+    intervals: Literal["linear", "bootstrap"] = "linear",
+) -> ReducedModel | tuple[ReducedModel, ...]:
+    """Fit a law to a record, or to several at once.
 
     Parameters
     ----------
-    record : PistonRecord
+    record : PistonRecord, or a sequence of them
+        Samples may be irregular and have gaps.
     law : str or Law
-        A law of the package by its name, or one of your own.
+        A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
+        Law. Names in an equation that are columns of the record are inputs; all others are
+        parameters.
     map : HeightMap, "auto" or "fitted"
         How the height enters a law that has a map (``law.mapped``): as given, fitted, or fitted
         unless the record is described as well with z = height (Bayesian information criterion).
     starts : int
         Random starts.
     holdout : float
-        Fraction of the record, at its end, that is held out: first guesses, the choice of the map
+        Fraction of each record, at its end, that is held out: first guesses, the choice of the map
         and a first model do without it, and that model is judged on it. The model that is given
         back is then fitted to all of the record. 0 for none.
     confidence : float
         Of the intervals.
     seed : int
         Of the random starts.
+    own : sequence of str
+        Parameters that each of several records has for itself; the others are shared. Every record
+        has its own initial state.
+    bounds : mapping of str to (float, float), optional
+        Least and greatest value of parameters.
+    intervals : "linear" or "bootstrap"
+        From the linearisation at the best fit, or by fitting resampled records.
 
     Returns
     -------
-    ReducedModel
+    ReducedModel, or a tuple of them
+        One for each record.
 
     Raises
     ------
     RecordError
-        If the record is too short or does not move.
+        If a record is too short, does not move, or lacks a column that is an input of the law.
     InputError
         If an argument is out of its range, no start led to a solution that stays finite, or the
         solution cannot be followed to the accuracy that the fit needs.
@@ -81,18 +134,22 @@ def fit(
     Warns
     -----
     UserWarning
-        For each of the model's notes: where few starts agree, or the law leaves over much more
-        than the record's noise.
+        For each of the model's notes: where few starts agree, a parameter lies at its bound, or the
+        law leaves over much more than the record's noise.
     """
-    chosen = law_named(law) if isinstance(law, str) else law
+    records = [record] if isinstance(record, PistonRecord) else list(record)
+    if not records:
+        raise InputError("there is no record to fit; give at least one")
     if not isinstance(map, HeightMap) and map not in ("auto", "fitted"):
         raise InputError(f"map = {map!r}; give 'auto', 'fitted' or a HeightMap")
+    if intervals not in ("linear", "bootstrap"):
+        raise InputError(f"intervals = {intervals!r}; give 'linear' or 'bootstrap'")
     check_options(starts, holdout, confidence)
-    data = _split(record, holdout)
-    guess = estimates(data.training)
+    chosen = law_of(law, records[0])
+    _check_names(chosen, own, bounds or {})
+    case = _case(records, holdout, own, bounds or {})
     candidates = [
-        _candidate(problem_of(chosen, height_map, guess), data, guess, starts, seed)
-        for height_map in _maps(chosen, map)
+        _candidate(chosen, height_map, case, starts, seed) for height_map in _maps(chosen, map)
     ]
     best = min(candidates, key=_information)
     if not math.isfinite(_information(best)):
@@ -100,12 +157,35 @@ def fit(
             f"no start led to a solution of {chosen.name!r} that stays finite over the record; try "
             "another law, more starts or a shorter record"
         )
-    found = solution(best.grid, best.theta, best.samples)
-    training = Training(best.samples, data.stop, starts, best.converged)
-    model = model_of(found, training, confidence)
-    for note in model.notes:
+    found = solution(best.joint, best.theta, case.samples)
+    training = Training(
+        samples=case.samples,
+        stops=tuple(data.stop for data in case.data),
+        starts=starts,
+        converged=best.converged,
+        confidence=confidence,
+        bounds=case.bounds,
+        replicates=REPLICATES if intervals == "bootstrap" else 0,
+    )
+    models = models_of(found, training)
+    for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=2)
-    return model
+    return models[0] if isinstance(record, PistonRecord) else models
+
+
+def law_of(law: str | Law, record: PistonRecord) -> Law:
+    """A law by its name, its equation, or as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such law, or the text is no equation of motion.
+    """
+    if isinstance(law, Law):
+        return law
+    if "=" in law or "'" in law:
+        return law_from_text(law, column_names(record))
+    return law_named(law)
 
 
 def check_options(starts: int = STARTS, holdout: float = HOLDOUT, confidence: float = 0.95) -> None:
@@ -118,6 +198,19 @@ def check_options(starts: int = STARTS, holdout: float = HOLDOUT, confidence: fl
         raise InputError(f"confidence = {confidence!r}; give a fraction between 0 and 1")
 
 
+def _check_names(law: Law, own: Sequence[str], bounds: Pairs) -> None:
+    for name in (*own, *bounds):
+        if name not in law.parameters:
+            raise InputError(unknown(name, law.parameters, "parameter"))
+    for name, (low, high) in bounds.items():
+        if not low < high:
+            raise InputError(f"bounds of {name}: {low:g} is not below {high:g}; give them in order")
+        if name in law.positive and high <= 0.0:
+            raise InputError(
+                f"bounds of {name}: up to {high:g}, and the law holds for values above 0; raise it"
+            )
+
+
 def _maps(law: Law, wanted: HeightMap | str) -> list[HeightMap | None]:
     if not law.mapped or isinstance(wanted, HeightMap):
         return [wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()]
@@ -125,39 +218,60 @@ def _maps(law: Law, wanted: HeightMap | str) -> list[HeightMap | None]:
 
 
 class _Data(NamedTuple):
-    """A record from time 0 on, and the stretch of it that a fit may see before it is judged."""
+    """A record from time 0 on, the stretch of it that a fit may see first, and a glance at that."""
 
     record: PistonRecord
     training: PistonRecord
     stop: float
+    guess: Estimates
+
+
+class _Case(NamedTuple):
+    """Records to fit together; the one that swings the furthest sets the scales."""
+
+    data: tuple[_Data, ...]
+    own: Sequence[str]
+    bounds: Pairs
+
+    @property
+    def leader(self) -> _Data:
+        return max(self.data, key=lambda data: data.guess.amplitude)
+
+    @property
+    def samples(self) -> tuple[int, ...]:
+        return tuple(len(data.training) for data in self.data)
+
+
+def _case(
+    records: Sequence[PistonRecord], holdout: float, own: Sequence[str], bounds: Pairs
+) -> _Case:
+    return _Case(tuple(_split(each, holdout) for each in records), own, bounds)
 
 
 def _split(record: PistonRecord, holdout: float) -> _Data:
-    time = record.time - record.time[0]
-    stop = float(time[-1]) * (1.0 - holdout)
-    count = int(np.searchsorted(time, stop, side="right"))
+    whole = record.from_zero()
+    stop = float(whole.time[-1]) * (1.0 - holdout)
     # Two samples make a record; what is too short to fit is told by its estimates.
-    count = max(2, count)
-    return _Data(
-        PistonRecord(time, record.height), PistonRecord(time[:count], record.height[:count]), stop
-    )
+    count = max(2, int(np.searchsorted(whole.time, stop, side="right")))
+    training = whole.first(count)
+    return _Data(whole, training, stop, estimates(training))
 
 
 class _Candidate(NamedTuple):
-    """A law with one way to map the height, fitted to the training stretch.
+    """A law with one way to map the height, fitted to the training stretches.
 
     Attributes
     ----------
-    grid : Grid
-        Of the whole record.
+    joint : Joint
+        Of the whole records.
     theta : float64 (p,)
     samples, converged : int
-        Of the training stretch; starts that led to this fit.
+        Of the training stretches; starts that led to this fit.
     cost : float
         Sum of the squared training residuals; infinite where the solution blows up.
     """
 
-    grid: Grid
+    joint: Joint
     theta: np.ndarray
     samples: int
     converged: int
@@ -165,38 +279,72 @@ class _Candidate(NamedTuple):
 
 
 def _candidate(
-    problem: Problem, data: _Data, guess: Estimates, starts: int, seed: int
+    law: Law, height_map: HeightMap | None, case: _Case, starts: int, seed: int
 ) -> _Candidate:
     """Search from random starts, then sharpen the best one."""
-    steps = grid_steps(float(data.record.time[-1]), guess.period, FINE_STEPS)
-    random = np.random.default_rng(seed)
-    theta = start_vectors(problem, guess, data.training, starts, random)
-    theta, costs = _searched(problem, data.training, guess, theta)
-    count = len(data.training)
-    tie = count * _TIE**2
-    converged = int((costs <= float(costs.min()) * 1.01 + tie).sum())
-    grid = grid_of(problem, data.record, steps)
-    best = grid.sharpened(theta[int(costs.argmin())], count)
-    residuals = grid.residuals(best)[:count]
+    leader = case.leader
+    problem = problem_of(law, height_map, leader.guess, leader.training)
+    layout = layout_of(problem, len(case.data), case.own)
+    bounds = Bounds(*(layout.joined(edge) for edge in theta_bounds(problem, case.bounds)))
+    theta = layout.merged(_start_vectors(problem, case, starts, seed))
+    theta, costs = _searched(problem, case, theta, bounds)
+    grids = []
+    for data in case.data:
+        duration = float(data.record.time[-1])
+        steps = grid_steps(duration, data.guess.period, law.resolution * FINE_STEPS)
+        grids.append(grid_of(problem, data.record, steps))
+    joint = Joint(tuple(grids), layout, bounds)
+    count = sum(case.samples)
+    converged = int((costs <= float(costs.min()) * 1.01 + count * _TIE**2).sum())
+    best = joint.sharpened(theta[int(costs.argmin())], case.samples)
+    residuals = np.concatenate(
+        [each[:size] for each, size in zip(joint.residuals(best), case.samples, strict=True)]
+    )
     finite = bool((np.abs(residuals) < BLOWN_UP).all())
     cost = float(residuals @ residuals) if finite else math.inf
-    return _Candidate(grid, best, count, converged, cost)
+    return _Candidate(joint, best, count, converged, cost)
+
+
+def _start_vectors(problem: Problem, case: _Case, starts: int, seed: int) -> list[np.ndarray]:
+    """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
+    found = [
+        start_vectors(problem, data.guess, data.training, starts, np.random.default_rng(seed))
+        for data in case.data
+    ]
+    leader = found[case.data.index(case.leader)]
+    shared = slice(0, -2)
+    found[0] = found[0].copy()
+    keep = [problem.law.parameters.index(name) for name in case.own]
+    own = found[0][:, keep].copy()
+    found[0][:, shared] = leader[:, shared]
+    found[0][:, keep] = own
+    return found
 
 
 def _searched(
-    problem: Problem, training: PistonRecord, guess: Estimates, theta: np.ndarray
+    problem: Problem, case: _Case, theta: np.ndarray, bounds: Bounds
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Search vectors and costs of all starts, on the first swings, then on the whole stretch."""
-    duration = float(training.time[-1])
-    steps = grid_steps(duration, guess.shortest_period, COARSE_STEPS)
-    means = means_on_grid(training.time, training.height, steps)
-    equations = problem_equations(problem, steps)
-    grid = means.step * np.arange(steps + 1)
+    """Search vectors and costs of all starts, on the first swings, then on whole stretches."""
+    equations = problem_equations(problem)
+    layout = layout_of(problem, len(case.data), case.own)
+    coarse = []
+    for data in case.data:
+        training, guess = data.training, data.guess
+        duration = float(training.time[-1])
+        wanted = problem.law.resolution * COARSE_STEPS
+        steps = grid_steps(duration, guess.shortest_period, wanted)
+        drive = drive_on_grid(training, problem.law.inputs, steps)
+        coarse.append(means_on_grid(training.time, training.height, steps, drive))
     costs = np.full(len(theta), math.inf)
-    for stop in (_FIRST_SWINGS * guess.period, duration):
-        weight = means.weight * (grid <= stop)
-        normal = equations.of(means._replace(weight=weight), problem.scales)
-        theta, costs = search(normal, theta, Prior(problem.prior, float((weight**2).sum())))
+    for swings in (_FIRST_SWINGS, math.inf):
+        normals, total = [], 0.0
+        for data, means in zip(case.data, coarse, strict=True):
+            seen = means.step * np.arange(len(means.weight)) <= swings * data.guess.period
+            weight = means.weight * seen
+            total += float((weight**2).sum())
+            normals.append(equations.of(means._replace(weight=weight), problem.scales))
+        prior = Prior(layout.joined(problem.prior), total)
+        theta, costs = search(joint_normal(normals, layout), theta, prior, bounds=bounds)
     return theta, costs
 
 

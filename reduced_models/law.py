@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from tokenize import TokenError
 from typing import TYPE_CHECKING, Any
 
@@ -23,22 +23,25 @@ MappedStarts = Callable[
     [np.ndarray, np.ndarray, "Estimates", np.random.Generator, int], dict[str, np.ndarray] | None
 ]
 
-_ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,'= ]+")
+_ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,'=; ]+")
+_HIDDEN = re.compile(r"\s*([A-Za-z_]\w*)'\s*")
 _FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tanh", "sign", "Abs")
 
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """A law z'' = f(z, z') with parameters.
+    """A law z'' = f(z, z', hidden states, inputs) with parameters.
 
     Attributes
     ----------
     name : str
     equation : str
-        Such as ``"z'' + 2*lam*z' + omega**2*z = g0"``: linear in ``z''``.
+        Such as ``"z'' + 2*lam*z' + omega**2*z = g0"``: linear in ``z''``. A law with memory has
+        hidden states, which start at zero, each with an equation of its own behind a semicolon:
+        ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``.
     start : callable or None
         ``start(estimates, random, count)`` gives random start values, an array of ``count`` for
-        each parameter. None for a law that was read from a file: it predicts, but cannot be fitted.
+        each parameter. None where the accelerations in the record are to tell them.
     positive : tuple of str
         Parameters that are above zero; they are searched for on a logarithmic scale.
     units : mapping of str to str
@@ -52,6 +55,11 @@ class Law:
         values also of ``shift`` and ``scale``, for a swing about the level of rest in amplitudes;
         None where the record does not tell.
     source : str
+    inputs : tuple of str
+        Names in the equation that stand for columns of the record, such as the motion of a base or
+        a force: known functions of time, in the units that the columns have.
+    resolution : int
+        How many times more steps a period a solution needs than one of a smooth law.
     """
 
     name: str
@@ -62,38 +70,37 @@ class Law:
     mapped: bool = False
     mapped_start: MappedStarts | None = None
     source: str = ""
+    inputs: tuple[str, ...] = ()
+    resolution: int = 1
 
-    def starts(
-        self, estimates: Estimates, random: np.random.Generator, count: int
-    ) -> dict[str, np.ndarray]:
-        """Random start values, an array of ``count`` for each parameter.
-
-        Raises
-        ------
-        InputError
-            If the law does not say where to start.
-        """
-        if self.start is None:
-            raise InputError(
-                f"the law {self.name!r} does not say where to start a fit; give it a start function"
-            )
-        return self.start(estimates, random, count)
+    @property
+    def parsed(self) -> Parsed:
+        """The equation taken apart."""
+        return parse(self.equation, self.inputs)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order in which the equation names them."""
-        return parse(self.equation).parameters
+        return self.parsed.parameters
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """Names of the hidden states."""
+        return tuple(self.parsed.hidden)
 
     @property
     def acceleration(self) -> sympy.Expr:
-        """Z'' as an expression in the symbols z, v and the parameters."""
-        return parse(self.equation).acceleration
+        """Z'' as an expression in the symbols z, z_first, hidden states, inputs and parameters."""
+        return self.parsed.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:
-        """The equation in z(t), with numbers where ``values`` gives them."""
+        """The equation in z(t), with numbers where ``values`` gives them.
+
+        Hidden states stay symbols; `sympy_hidden` has their equations.
+        """
         import sympy
 
-        parsed = parse(self.equation)
+        parsed = self.parsed
         t = sympy.Symbol("t")
         z = sympy.Function("z")(t)
         numbers = {sympy.Symbol(name): number for name, number in (values or {}).items()}
@@ -105,10 +112,20 @@ class Law:
         ]
         return sympy.Eq(*sides, evaluate=False)
 
+    def sympy_hidden(self, values: Mapping[str, float] | None = None) -> dict[str, sympy.Expr]:
+        """The rate of each hidden state, in z(t) and z'(t)."""
+        import sympy
+
+        parsed, t = self.parsed, sympy.Symbol("t")
+        z = sympy.Function("z")(t)
+        numbers = {sympy.Symbol(name): number for name, number in (values or {}).items()}
+        motion = {parsed.symbol_v: z.diff(t), parsed.symbol_z: z}
+        return {name: rate.subs(numbers).subs(motion) for name, rate in parsed.hidden.items()}
+
 
 @dataclasses.dataclass(frozen=True)
 class Parsed:
-    """An equation taken apart."""
+    """An equation taken apart; ``hidden`` holds the rate of each hidden state."""
 
     left: Any
     right: Any
@@ -117,10 +134,20 @@ class Parsed:
     symbol_z: Any
     symbol_v: Any
     symbol_a: Any
+    hidden: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def arguments(self) -> list[Any]:
+        """Symbols of z, z', hidden states, inputs and parameters, in this order."""
+        import sympy
+
+        names = (*self.hidden, *self.inputs, *self.parameters)
+        return [self.symbol_z, self.symbol_v, *map(sympy.Symbol, names)]
 
 
 @functools.cache
-def parse(equation: str) -> Parsed:
+def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     """Take an equation of motion apart.
 
     Raises
@@ -132,55 +159,108 @@ def parse(equation: str) -> Parsed:
 
     if not _ALLOWED.fullmatch(equation) or "__" in equation:
         raise InputError(f"the law {equation!r} holds characters that no formula has")
-    if equation.count("=") != 1:
-        raise InputError(f"the law {equation!r} must have one equals sign")
-    text = re.sub(r"\bz''", "z_second", equation)
-    text = re.sub(r"\bz'", "z_first", text)
-    if "'" in text:
+    first, *others = equation.split(";")
+    hidden = dict(_hidden_texts(equation, others))
+    text = re.sub(r"\bz''", "z_second", first)
+    texts = [re.sub(r"\bz'", "z_first", each) for each in (text, *hidden.values())]
+    if any("'" in each for each in texts) or any("z_second" in each for each in texts[1:]):
         raise InputError(f"the law {equation!r} has a prime that does not follow z")
-    names = dict.fromkeys(re.findall(r"(?<![\w.])[A-Za-z_]\w*", text))
+    names = dict.fromkeys(re.findall(r"(?<![\w.])[A-Za-z_]\w*", " ".join(texts)))
     local: dict[str, Any] = {name: getattr(sympy, name) for name in _FUNCTIONS}
     local |= {name: sympy.Symbol(name) for name in names if name not in local}
-    try:
-        left, right = (
-            sympy.parse_expr(side, local_dict=local, evaluate=True) for side in text.split("=")
-        )
-    except (SyntaxError, TypeError, ValueError, AttributeError, TokenError) as error:
-        raise InputError(f"the law {equation!r} cannot be read: {error}") from None
+    sides = texts[0].split("=")
+    if len(sides) != 2:
+        raise InputError(f"the law {equation!r} must have one equals sign")
+    left, right, *rates = (_expression(equation, each, local) for each in (*sides, *texts[1:]))
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     difference = sympy.expand(left - right)
     factor = difference.coeff(a, 1)
     if factor == 0 or difference.has(a**2) or factor.has(a):
         raise InputError(f"the law {equation!r} must be linear in z''")
     acceleration = -(difference - factor * a) / factor
-    known = {"z", "z_first", "z_second", *_FUNCTIONS}
+    for name in inputs:
+        if name not in names:
+            raise InputError(f"the law {equation!r} does not name its input {name!r}")
+    known = {"z", "z_first", "z_second", *_FUNCTIONS, *hidden, *inputs}
     parameters = tuple(name for name in names if name not in known)
-    return Parsed(left, right, acceleration, parameters, z, v, a)
+    return Parsed(
+        left, right, acceleration, parameters, z, v, a,
+        dict(zip(hidden, rates, strict=True)), inputs,
+    )  # fmt: skip
+
+
+def _hidden_texts(equation: str, texts: list[str]) -> list[tuple[str, str]]:
+    """Name and right-hand side of each further equation."""
+    found = []
+    for text in texts:
+        left, equals, right = text.partition("=")
+        match = _HIDDEN.fullmatch(left)
+        if match is None or not equals or "=" in right or match[1] in ("z", *_FUNCTIONS):
+            raise InputError(
+                f"the law {equation!r}: {text.strip()!r} must have one equals sign behind the rate "
+                "of a hidden state, such as w' = z' - w"
+            )
+        found.append((match[1], right))
+    return found
+
+
+def _expression(equation: str, text: str, local: dict[str, Any]) -> Any:
+    import sympy
+
+    try:
+        found = sympy.parse_expr(text, local_dict=local, evaluate=True)
+    except (SyntaxError, TypeError, ValueError, AttributeError, TokenError) as error:
+        raise InputError(f"the law {equation!r} cannot be read: {error}") from None
+    if not isinstance(found, sympy.Expr):
+        raise InputError(f"the law {equation!r} cannot be read: {text.strip()!r} is no formula")
+    return found
 
 
 @functools.cache
 def compiled_rate(equation: str, modules: str = "jax") -> Callable[..., Any]:
-    """Z'' as a function of z, v and the parameters, in their order, for JAX or NumPy."""
-    import sympy
-
-    return sympy.lambdify(_arguments(equation), parse(equation).acceleration, modules, cse=True)
-
-
-@functools.cache
-def compiled_slopes(equation: str) -> Callable[..., Any]:
-    """Derivatives of z'' by z and by v, as a NumPy function of the same arguments."""
+    """Z'' of a law without memory and inputs, as a function of z, z' and the parameters."""
     import sympy
 
     parsed = parse(equation)
+    return sympy.lambdify(parsed.arguments, parsed.acceleration, modules, cse=True)
+
+
+@functools.cache
+def compiled_field(
+    equation: str, inputs: tuple[str, ...] = (), modules: str = "jax"
+) -> Callable[..., Any]:
+    """[z'', rates of the hidden states], of z, z', hidden states, inputs and parameters."""
+    import sympy
+
+    parsed = parse(equation, inputs)
+    rates = [parsed.acceleration, *parsed.hidden.values()]
+    return sympy.lambdify(parsed.arguments, rates, modules, cse=True)
+
+
+@functools.cache
+def compiled_slopes(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., Any]:
+    """Derivatives of z'' by z and by z', as a NumPy function of the same arguments."""
+    import sympy
+
+    parsed = parse(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
-    real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in _arguments(equation)}
+    real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
     acceleration = parsed.acceleration.subs(real)
     slopes = [acceleration.diff(real[by]) for by in (parsed.symbol_z, parsed.symbol_v)]
     return sympy.lambdify(list(real.values()), slopes, "numpy", cse=True)
 
 
-def _arguments(equation: str) -> list[Any]:
-    import sympy
+def law_from_text(equation: str, columns: Collection[str] = ()) -> Law:
+    """A law from its equation alone; names that are columns of the record are its inputs.
 
-    parsed = parse(equation)
-    return [parsed.symbol_z, parsed.symbol_v, *map(sympy.Symbol, parsed.parameters)]
+    Raises
+    ------
+    InputError
+        If the text is no equation, or has no parameter.
+    """
+    names = dict.fromkeys(re.findall(r"(?<![\w.])[A-Za-z_]\w*", equation))
+    inputs = tuple(name for name in names if name in columns and name != "z")
+    law = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
+    if not law.parameters:
+        raise InputError(f"the law {equation!r} has no parameter, so there is nothing to fit")
+    return law

@@ -21,9 +21,11 @@ from reduced_models.printing import latex, rounded
 if TYPE_CHECKING:
     import sympy
 
+    from reduced_models.response import Cycle, FrequencyResponse
     from reduced_models.rollout import Motion
 
 FORMAT = 1
+_MARGIN = 0.05  # of the range of heights seen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,6 +127,8 @@ class Quality:
         a prediction has to beat.
     noise : float
         Standard deviation of white noise in the record, from its third differences [m].
+    correlation : float
+        Integrated autocorrelation time of the residuals, in samples.
     """
 
     residual: float
@@ -137,6 +141,7 @@ class Quality:
     solver_error: float
     holdout_at_rest: float | None = None
     noise: float = 0.0
+    correlation: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -164,6 +169,8 @@ class ReducedModel:
         Range of heights [m] and velocities [m/s] seen.
     notes : tuple of str
         What is to be doubted, in plain words.
+    provenance : mapping of str to str
+        Which data and which fit the model comes from.
     """
 
     law: Law
@@ -177,6 +184,7 @@ class ReducedModel:
     undetermined: tuple[Direction, ...] = ()
     domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def equation(self) -> sympy.Eq:
@@ -199,7 +207,11 @@ class ReducedModel:
         return latex(self.law.sympy_equation(rounded(self.parameters)))
 
     def simulate(
-        self, t: np.ndarray, z0: float | None = None, v0: float | None = None
+        self,
+        t: np.ndarray,
+        z0: float | None = None,
+        v0: float | None = None,
+        inputs: Mapping[str, np.ndarray] | None = None,
     ) -> PistonRecord:
         """The motion that the law predicts.
 
@@ -209,6 +221,8 @@ class ReducedModel:
             Times [s], increasing; the motion starts at the first.
         z0, v0 : float, optional
             Height [m] and velocity [m/s] at the start; those of the fitted record if not given.
+        inputs : mapping of str to float (n,), optional
+            The law's inputs at these times.
 
         Returns
         -------
@@ -218,13 +232,21 @@ class ReducedModel:
         Raises
         ------
         InputError
-            If the times do not increase, the solution blows up, or it is too stiff to follow.
+            If the times do not increase, an input is missing, the solution blows up, or it is too
+            stiff to follow.
         """
         from reduced_models.rollout import motion
 
         times = np.asarray(t, dtype=np.float64)
         if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise InputError("t must hold at least two increasing times")
+        given = inputs or {}
+        for name in self.law.inputs:
+            if name not in given or np.shape(given[name]) != times.shape:
+                raise InputError(
+                    f"the law {self.law.name!r} has the input {name!r}; give inputs={{{name!r}: "
+                    "one value a time}"
+                )
         start = (
             self.initial[0] if z0 is None else z0,
             self.initial[1] if v0 is None else v0,
@@ -233,11 +255,91 @@ class ReducedModel:
         size = max(abs(self.map.to_law(start[0])), abs(start[1] / scale), 1e-300)
         if self.at_rest is not None:
             size = max(abs(start[0] - self.at_rest.height) / scale, 1e-6 * size)
+        if self.law.inputs and "height" in self.domain:
+            # A driven motion may well start at rest.
+            size = max(size, (self.domain["height"][1] - self.domain["height"][0]) / abs(scale))
         values = [self.parameters[name] for name in self.law.parameters]
-        found = motion(self.law, times, self.map.to_law(start[0]), start[1] / scale, values, size)
+        drive = [np.asarray(given[name], dtype=np.float64) for name in self.law.inputs]
+        z_start = self.map.to_law(start[0])
+        found = motion(self.law, times, z_start, start[1] / scale, values, size, drive)
         if found.ending != "complete":
             raise InputError(_incomplete(self.law.name, times, found))
         return PistonRecord(times, self.map.to_height(found.z), scale * found.velocity)
+
+    def follow(self, record: PistonRecord) -> PistonRecord:
+        """The motion at the times of a record, with its inputs, from the fitted initial state.
+
+        Raises
+        ------
+        InputError
+            As `simulate`; also if the record lacks an input.
+        """
+        from reduced_models.inputs import column
+
+        inputs = {name: column(record, name) for name in self.law.inputs}
+        return self.simulate(record.time, inputs=inputs)
+
+    def predict(self, t: np.ndarray) -> np.ndarray:
+        """Heights (n,) [m] at increasing times (n,) [s] that start where the record did."""
+        return self.simulate(t).height
+
+    def score(self, record: PistonRecord) -> float:
+        """Coefficient of determination R^2 of a prediction from the record's first period.
+
+        Raises
+        ------
+        RecordError
+            If the record is too short, does not move, or lacks an input of the law.
+        """
+        from reduced_models.judging import roll_out
+
+        return 1.0 - roll_out(self, record).relative ** 2
+
+    def decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
+        """The motion of a piston let go so far above its level of rest [m]; see `response`."""
+        from reduced_models.response import decay
+
+        return decay(self, amplitude, periods)
+
+    def cycle(self, amplitude: float, frequency: float | None = None) -> Cycle:
+        """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`."""
+        from reduced_models.response import cycle
+
+        return cycle(self, amplitude, frequency)
+
+    def frequency_response(
+        self, force: float, frequencies: np.ndarray, largest: float | None = None
+    ) -> FrequencyResponse:
+        """Steady amplitudes under a harmonic force, by describing functions; see `response`."""
+        from reduced_models.response import frequency_response
+
+        return frequency_response(self, force, frequencies, largest)
+
+    @property
+    def numpy_source(self) -> str:
+        """Python source of a stand-alone module of the model, which needs NumPy alone."""
+        from reduced_models.export import numpy_source
+
+        return numpy_source(self)
+
+    @property
+    def text(self) -> str:
+        """Equation, parameters, domain, provenance and LaTeX as text."""
+        from reduced_models.export import equations_text
+
+        return equations_text(self)
+
+    def outside(self, motion: PistonRecord) -> str:
+        """Where a motion leaves the heights that the model was fitted to, in words; or nothing."""
+        low, high = self.domain.get("height", (-math.inf, math.inf))
+        margin = _MARGIN * (high - low)
+        least, most = float(motion.height.min()), float(motion.height.max())
+        if least >= low - margin and most <= high + margin:
+            return ""
+        return (
+            f"the motion goes from {least:.4g} to {most:.4g} m, and the law {self.law.name!r} was "
+            f"fitted to heights from {low:.4g} to {high:.4g} m: read it as an extrapolation"
+        )
 
     def __str__(self) -> str:
         lines = [f"{self.law.name}: {self.law.equation}"]
@@ -286,6 +388,9 @@ class ReducedModel:
             "undetermined": [dataclasses.asdict(direction) for direction in self.undetermined],
             "domain": {name: list(pair) for name, pair in self.domain.items()},
             "notes": list(self.notes),
+            "inputs": list(self.law.inputs),
+            "resolution": self.law.resolution,
+            "provenance": dict(self.provenance),
         }
 
     def save(self, path: str | Path) -> None:
@@ -318,6 +423,7 @@ class ReducedModel:
                 undetermined=tuple(Direction(**direction) for direction in plain["undetermined"]),
                 domain=_pairs(plain["domain"]),
                 notes=tuple(plain["notes"]),
+                provenance=dict(plain.get("provenance", {})),
             )
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
@@ -352,6 +458,8 @@ def _law_from_plain(plain: Mapping[str, Any]) -> Law:
         units=dict(plain["units"]),
         mapped=bool(plain["mapped"]),
         source=plain["source"],
+        inputs=tuple(plain.get("inputs", ())),
+        resolution=int(plain.get("resolution", 1)),
     )
     if set(own.parameters) != set(plain["parameters"]):
         raise ValueError("the equation does not have the parameters that are given")

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from granular.record import PistonRecord
 from reduced_models.estimates import LEAST_CROSSINGS, Estimates
 from reduced_models.law import Law
+from reduced_models.matching import drawn
 from reduced_models.model import HeightMap
 
 _PRIOR_SPREAD = 3.0
@@ -70,7 +73,9 @@ class Problem:
         return physical(theta, self.scales, self.logarithmic, self.map is None, np)
 
 
-def problem_of(law: Law, height_map: HeightMap | None, guess: Estimates) -> Problem:
+def problem_of(
+    law: Law, height_map: HeightMap | None, guess: Estimates, record: PistonRecord
+) -> Problem:
     """The problem of a law, scaled by what a glance at the record tells."""
     given = height_map or HeightMap(guess.rest, guess.amplitude)
     seen = guess.seen_as(given.shift, given.scale)
@@ -78,13 +83,31 @@ def problem_of(law: Law, height_map: HeightMap | None, guess: Estimates) -> Prob
     away = dataclasses.replace(
         seen, rest=abs(seen.rest) + seen.amplitude, crossings=max(seen.crossings, LEAST_CROSSINGS)
     )
-    typical = law.starts(away, np.random.default_rng(0), 1)
+    seen_record = record.mapped(given.shift, given.scale)
+    typical = drawn(law, away, seen_record, np.random.default_rng(0), 1)
     units = tuple(
         1.0 if name in law.positive else abs(float(typical[name][0])) or 1.0
         for name in law.parameters
     )
     speed = guess.amplitude * guess.frequency
     return Problem(law, height_map, units, guess.rest, guess.amplitude, speed)
+
+
+def theta_bounds(
+    problem: Problem, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest entries (p,) of the search vector."""
+    length = len(problem.prior)
+    edges = np.full((2, length), [[-np.inf], [np.inf]])
+    for k, name in enumerate(problem.law.parameters):
+        if name not in bounds:
+            continue
+        for side, value in enumerate(bounds[name]):
+            if name in problem.law.positive:
+                edges[side, k] = math.log(value) if value > 0.0 else -np.inf
+            else:
+                edges[side, k] = value / problem.units[k]
+    return edges[0], edges[1]
 
 
 @functools.cache

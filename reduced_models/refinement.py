@@ -1,18 +1,23 @@
-"""The end of a fit: all samples, a fine grid, and diffrax as the judge of its solution."""
+"""The end of a fit: all samples, fine grids, and the adaptive solution as their judge."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.errors import InputError
 from granular.record import PistonRecord
+from reduced_models.inputs import column, drive_on_grid
+from reduced_models.layout import Layout, Normal, joint_normal
 from reduced_models.problem import Problem, compiled_physical
 from reduced_models.rollout import Motion, finer_grid, motion
 from reduced_models.search import (
     BLOWN_UP,
+    Bounds,
     Equations,
     Prior,
     Samples,
@@ -51,30 +56,74 @@ class Grid:
         found = self.equations.residual(theta, self.samples, self.problem.scales)
         return np.asarray(found)[: len(self.record)]
 
-    def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
-        """J'J (p, p) of all samples."""
-        found = self.equations.normal(theta[None], self.samples, self.problem.scales)
-        return np.asarray(found[2])[0]
-
-    def sharpened(self, theta: np.ndarray, count: int) -> np.ndarray:
-        """The search vector that fits the first ``count`` samples best, from one near it."""
+    def normal(self, count: int | None = None) -> Normal:
+        """The normal equations of the first ``count`` samples, or of all."""
         weight = np.zeros_like(self.samples.weight)
-        weight[:count] = 1.0
-        normal = self.equations.of(self.samples._replace(weight=weight), self.problem.scales)
-        prior = Prior(self.problem.prior, float(count))
-        return np.asarray(search(normal, theta[None], prior, tolerance=1e-11)[0][0])
+        weight[: len(self.record) if count is None else count] = 1.0
+        return self.equations.of(self.samples._replace(weight=weight), self.problem.scales)
+
+    def with_heights(self, height: np.ndarray) -> Grid:
+        """The same with other heights (n,)."""
+        padded = self.samples.height.copy()
+        padded[: len(height)] = height
+        record = dataclasses.replace(self.record, height=height)
+        samples = self.samples._replace(height=padded)
+        return dataclasses.replace(self, record=record, samples=samples)
 
 
-def problem_equations(problem: Problem, steps: int) -> Equations:
-    """The compiled equations of a problem on a grid of that many steps."""
+def problem_equations(problem: Problem) -> Equations:
+    """The compiled equations of a problem."""
     reads = compiled_physical(problem.logarithmic, problem.map is None)
-    return equations(problem.law.equation, reads, steps)
+    return equations(problem.law.equation, problem.law.inputs, reads)
 
 
 def grid_of(problem: Problem, record: PistonRecord, steps: int) -> Grid:
     """All of a record that starts at time 0, on a grid."""
-    samples = samples_on_grid(record.time, record.height, steps)
-    return Grid(problem, record, steps, problem_equations(problem, steps), samples)
+    drive = drive_on_grid(record, problem.law.inputs, steps)
+    samples = samples_on_grid(record.time, record.height, steps, drive)
+    return Grid(problem, record, steps, problem_equations(problem), samples)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Joint:
+    """Some records, each on its grid, that one search vector describes.
+
+    Attributes
+    ----------
+    grids : tuple of Grid
+        All of the same problem.
+    layout : Layout
+    bounds : Bounds
+        Of the joint search vector.
+    """
+
+    grids: tuple[Grid, ...]
+    layout: Layout
+    bounds: Bounds
+
+    @property
+    def problem(self) -> Problem:
+        """Law and scales."""
+        return self.grids[0].problem
+
+    def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Residuals (n,) of each record, in amplitudes."""
+        places = self.layout.places
+        return [grid.residuals(theta[here]) for grid, here in zip(self.grids, places, strict=True)]
+
+    def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
+        """J'J (p, p) of all samples."""
+        normal = joint_normal([grid.normal() for grid in self.grids], self.layout)
+        return np.asarray(normal(theta[None])[2][0])
+
+    def sharpened(
+        self, theta: np.ndarray, counts: Sequence[int], tolerance: float = 1e-11
+    ) -> np.ndarray:
+        """The search vector that fits the first samples of each record best, from one near it."""
+        normals = [grid.normal(count) for grid, count in zip(self.grids, counts, strict=True)]
+        prior = Prior(self.layout.joined(self.problem.prior), float(sum(counts)))
+        normal = joint_normal(normals, self.layout)
+        return np.asarray(search(normal, theta[None], prior, tolerance, self.bounds)[0][0])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,61 +132,90 @@ class Solution:
 
     Attributes
     ----------
-    grid : Grid
+    joint : Joint
     trained, theta : float64 (p,)
-        Search vectors that fit the training stretch, and all of the record.
-    solver_error : float
-        Greatest difference to the adaptive solution, in amplitudes.
+        Search vectors that fit the training stretches, and all of the records.
+    solver_errors : tuple of float
+        Greatest difference to the adaptive solution of each record, in amplitudes.
     """
 
-    grid: Grid
+    joint: Joint
     trained: np.ndarray
     theta: np.ndarray
-    solver_error: float
+    solver_errors: tuple[float, ...]
 
 
-def solution(grid: Grid, trained: np.ndarray, training: int) -> Solution:
-    """Fit all of a record, from a vector that fits its training stretch of so many samples.
+def solution(joint: Joint, trained: np.ndarray, training: Sequence[int]) -> Solution:
+    """Fit all of the records, from a vector that fits training stretches of so many samples.
 
-    The grid is refined until its solution agrees with the adaptive one.
+    Grids are refined until their solutions agree with the adaptive ones.
 
     Raises
     ------
     InputError
-        If the solution does not stay finite or cannot be followed, even on the finest grid.
+        If a solution does not stay finite or cannot be followed, even on the finest grid.
     """
-    name = grid.problem.law.name
+    name = joint.problem.law.name
+    lengths = [len(grid.record) for grid in joint.grids]
     while True:
-        whole = training == len(grid.record)
-        theta = trained if whole else grid.sharpened(trained, len(grid.record))
-        residuals = grid.residuals(theta)
-        if (np.abs(residuals) >= BLOWN_UP).any():
+        whole = lengths == list(training)
+        theta = trained if whole else joint.sharpened(trained, lengths)
+        residuals = joint.residuals(theta)
+        if any((np.abs(each) >= BLOWN_UP).any() for each in residuals):
             raise InputError(
                 f"no start led to a solution of {name!r} that stays finite over the record; try "
                 "another law, more starts or a shorter record"
             )
-        judge = _adaptive_motion(grid, theta)
-        error = _solver_error(grid, residuals, theta, judge)
-        if error <= max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std())):
-            return Solution(grid, trained, theta, error)
-        steps = finer_grid(grid.steps)
-        if steps is None or judge.ending != "complete":
-            cause = f"is off by {error:.2g} amplitudes on a grid of {grid.steps} steps"
-            if judge.ending != "complete":
+        judged = [
+            _judged(grid, residual, theta[here])
+            for grid, residual, here in zip(
+                joint.grids, residuals, joint.layout.places, strict=True
+            )
+        ]
+        if all(one.error <= one.limit for one in judged):
+            return Solution(joint, trained, theta, tuple(one.error for one in judged))
+        joint = _refined(joint, judged)
+        trained = joint.sharpened(trained, training)
+
+
+class _Judged(NamedTuple):
+    """What the adaptive solution says of one on a grid, in amplitudes."""
+
+    error: float
+    limit: float
+    complete: bool
+
+
+def _judged(grid: Grid, residuals: np.ndarray, theta: np.ndarray) -> _Judged:
+    judge = _adaptive_motion(grid, theta)
+    error = _solver_error(grid, residuals, theta, judge)
+    limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
+    return _Judged(error, limit, judge.ending == "complete")
+
+
+def _refined(joint: Joint, judged: Sequence[_Judged]) -> Joint:
+    """The same records on finer grids, where they are needed."""
+    grids = []
+    for grid, one in zip(joint.grids, judged, strict=True):
+        steps = grid.steps if one.error <= one.limit else finer_grid(grid.steps)
+        if steps is None or not one.complete:
+            cause = f"is off by {one.error:.2g} amplitudes on a grid of {grid.steps} steps"
+            if not one.complete:
                 cause = "cannot be followed by the adaptive solver"
             raise InputError(
-                f"the fitted solution of {name!r} {cause}; the limit is {SOLVER_LIMIT:g}: fit a "
-                "shorter record, or a law that is less stiff"
+                f"the fitted solution of {grid.problem.law.name!r} {cause}; the limit is "
+                f"{SOLVER_LIMIT:g}: fit a shorter record, or a law that is less stiff"
             )
-        grid = grid_of(grid.problem, grid.record, steps)
-        trained = grid.sharpened(trained, training)
+        grids.append(grid_of(grid.problem, grid.record, steps))
+    return dataclasses.replace(joint, grids=tuple(grids))
 
 
 def _adaptive_motion(grid: Grid, theta: np.ndarray) -> Motion:
-    problem = grid.problem
+    problem, record = grid.problem, grid.record
     values, _, scale, z0, v0 = problem.physical(theta)
     size = problem.amplitude / scale
-    return motion(problem.law, grid.record.time, z0, v0, values, size)
+    inputs = [column(record, name) for name in problem.law.inputs]
+    return motion(problem.law, record.time, z0, v0, values, size, inputs)
 
 
 def _solver_error(grid: Grid, residuals: np.ndarray, theta: np.ndarray, judge: Motion) -> float:

@@ -55,6 +55,8 @@ def _equations(page: Page, found: Identification) -> None:
         page.section(f"{model.law.name}{best}")
         page.equation(mathml(model.equation))
         page.equation(mathml(model.law.sympy_equation(rounded(model.parameters))))
+        for name, rate in model.law.parsed.hidden.items():
+            page.text(f"Hidden state: {name}' = {rate}".replace("z_first", "z'"))
         meaning = "z is the height in metres"
         if model.law.mapped:
             how = "fitted" if model.map.fitted else "given, not fitted"
@@ -149,7 +151,7 @@ def _record(page: Page, found: Identification) -> None:
     page.section("The record and the fits")
     record = found.record
     time = record.time - record.time[0]
-    motions = {model.law.name: model.simulate(record.time) for model in found.models}
+    motions = {model.law.name: model.follow(record) for model in found.models}
     with figure(2, 1, height=5.2, sharex=True, height_ratios=(2, 1)) as (drawing, (top, bottom)):
         t, height = _thin(time, 1e3 * record.height)
         top.plot(t, height, color=GREY, linewidth=3.0, label="record")

@@ -17,8 +17,9 @@ import diffrax
 import numpy as np
 
 from granular.errors import RecordError
+from reduced_models.inputs import STAGE_TIMES, drive_at
 from reduced_models.jax_setup import jax
-from reduced_models.law import Law, compiled_rate
+from reduced_models.law import Law, compiled_field
 
 jnp = jax.numpy
 
@@ -84,26 +85,33 @@ def finer_grid(steps: int) -> int | None:
 
 
 def on_grid(
-    rate: Callable[..., Any], z0: Any, v0: Any, values: Any, step: Any, steps: int
+    field: Callable[..., Any], start: tuple[Any, ...], values: Any, drive: Any, step: Any
 ) -> tuple[Any, Any, Any]:
-    """z, its velocity and its acceleration at the points of a uniform grid (for JAX)."""
+    """z, its velocity and its acceleration at the points of a uniform grid (for JAX).
 
-    def advance(state: Any, _: Any) -> Any:
-        z, v = state
-        slopes: list[tuple[Any, Any]] = []
-        for row in _STAGES:
-            zi, vi = z, v
-            for weight, (dz, dv) in zip(row, slopes, strict=True):
-                if weight:
-                    zi, vi = zi + weight * step * dz, vi + weight * step * dv
-            slopes.append((vi, rate(zi, vi, *values)))
-        for weight, (dz, dv) in zip(_WEIGHTS, slopes, strict=True):
-            if weight:
-                z, v = z + weight * step * dz, v + weight * step * dv
-        return (z, v), (*state, slopes[0][1])
+    ``start`` holds z, its velocity and the hidden states; ``drive`` (points, stages, inputs) the
+    inputs at the stages of each step.
+    """
 
-    _, (z, v, a) = jax.lax.scan(advance, (z0, v0), None, length=steps + 1)
+    def advance(state: Any, inputs: Any) -> Any:
+        slopes: list[tuple[Any, ...]] = []
+        for stage, row in enumerate(_STAGES):
+            z, v, *hidden = _moved(state, row, slopes, step)
+            given = [inputs[stage, k] for k in range(inputs.shape[1])]
+            slopes.append((v, *field(z, v, *hidden, *given, *values)))
+        return _moved(state, _WEIGHTS, slopes, step), (*state[:2], slopes[0][1])
+
+    _, (z, v, a) = jax.lax.scan(advance, start, drive)
     return z, v, a
+
+
+def _moved(state: Any, weights: Sequence[float], slopes: Any, step: Any) -> tuple[Any, ...]:
+    """A state moved along some slopes."""
+    found = list(state)
+    for weight, slope in zip(weights, slopes, strict=True):
+        if weight:
+            found = [each + weight * step * rate for each, rate in zip(found, slope, strict=True)]
+    return tuple(found)
 
 
 def between(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:
@@ -142,12 +150,15 @@ class Motion:
 
 
 @functools.cache
-def _adaptive(equation: str, budget: int) -> Callable[..., Any]:
-    rate = compiled_rate(equation)
+def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., Any]:
+    rates = compiled_field(equation)
 
     def field(t: Any, state: Any, parameters: Any) -> Any:
-        z, v = state
-        return v, rate(z, v, *parameters[0])
+        # Hidden states, whose own size is 1 or so, are carried in amplitudes, for one tolerance.
+        z, v, *memory = state
+        values, size = parameters
+        a, *changes = rates(z, v, *(each / size for each in memory), *values)
+        return v, a, *(size * change for change in changes)
 
     def far_away(t: Any, state: Any, parameters: Any, **_: Any) -> Any:
         return jnp.abs(state[0]) > FAR * parameters[1]
@@ -155,13 +166,14 @@ def _adaptive(equation: str, budget: int) -> Callable[..., Any]:
     def solve(times: Any, z0: Any, v0: Any, parameters: Any, size: Any) -> Any:
         # A dense solution: asking for times here would check them by a callback into Python, and
         # code with callbacks cannot be kept on disk.
+        start = (z0, v0, *(jnp.zeros_like(z0) for _ in range(hidden)))
         result = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
             diffrax.Dopri8(),
             times[0],
             times[-1],
             None,
-            (z0, v0),
+            start,
             (parameters, size),
             saveat=diffrax.SaveAt(dense=True, t1=True),
             stepsize_controller=diffrax.PIDController(rtol=TOLERANCE, atol=TOLERANCE * size),
@@ -169,7 +181,7 @@ def _adaptive(equation: str, budget: int) -> Callable[..., Any]:
             max_steps=budget,
             throw=False,
         )
-        z, v = jax.vmap(result.evaluate)(times)
+        z, v, *_ = jax.vmap(result.evaluate)(times)
         reached = times <= result.ts[-1]
         complete = result.result == diffrax.RESULTS.successful
         blown_up = result.result == diffrax.RESULTS.event_occurred
@@ -180,20 +192,94 @@ def _adaptive(equation: str, budget: int) -> Callable[..., Any]:
 
 
 def motion(
-    law: Law, times: np.ndarray, z0: float, v0: float, parameters: Sequence[float], size: float
+    law: Law,
+    times: np.ndarray,
+    z0: float,
+    v0: float,
+    parameters: Sequence[float],
+    size: float,
+    inputs: Sequence[np.ndarray] = (),
 ) -> Motion:
-    """The motion of a law at increasing times, by diffrax.
+    """The motion of a law at increasing times.
 
-    ``size`` is the amplitude of z, which the absolute tolerance refers to.
+    ``size`` is the amplitude of z, which the absolute tolerance refers to. ``inputs`` are those of
+    the law, each (n,) at the times. A law without inputs is solved by diffrax; one with inputs,
+    which are smooth between samples only, on grids that are refined until two agree.
     """
+    values = tuple(map(float, parameters))
+    if law.inputs:
+        return _driven_motion(law, times, (z0, v0), values, size, list(inputs))
     count = len(times)
     padded = np.full(-(-count // 1024) * 1024, times[-1])
     padded[:count] = times
-    values = tuple(map(float, parameters))
     for budget in STEP_BUDGETS:
-        solve = _adaptive(law.equation, budget)
+        solve = _adaptive(law.equation, len(law.hidden), budget)
         z, v, complete, blown_up = solve(padded, float(z0), float(v0), values, float(size))
         if complete or blown_up:
             break
     ending: Any = "complete" if complete else ("blow-up" if blown_up else "steps")
     return Motion(np.asarray(z)[:count], np.asarray(v)[:count], ending)
+
+
+_DRIVEN_TOLERANCE = 1e-7
+"""Agreement of two grids, in amplitudes, that a driven solution needs."""
+
+
+@functools.cache
+def _gridded(equation: str, inputs: tuple[str, ...], hidden: int) -> Callable[..., Any]:
+    field = compiled_field(equation, inputs)
+
+    def solve(start: Any, values: Any, drive: Any, step: Any) -> Any:
+        state = (*start, *(jnp.zeros_like(start[0]) for _ in range(hidden)))
+        return on_grid(field, state, values, drive, step)
+
+    return jax.jit(solve)
+
+
+def _driven_motion(
+    law: Law,
+    times: np.ndarray,
+    start: tuple[float, float],
+    values: tuple[float, ...],
+    size: float,
+    inputs: list[np.ndarray],
+) -> Motion:
+    duration = float(times[-1] - times[0])
+    solve = _gridded(law.equation, law.inputs, len(law.hidden))
+    before = np.full((2, len(times)), np.inf)
+    for steps in GRIDS[GRIDS.index(1024) :: 2]:
+        step = duration / steps
+        nodes = times[0] + step * (np.arange(steps + 1)[:, None] + np.array(STAGE_TIMES))
+        drive = drive_at(times, inputs, nodes)
+        z, v, a = map(np.asarray, solve(tuple(map(float, start)), values, drive, step))
+        if not (np.abs(z) < FAR * size).all():
+            reached = int(np.argmin(np.abs(z) < FAR * size)) * step + times[0]
+            found = np.full((2, len(times)), np.nan)
+            if np.isfinite(before).all():
+                found[:, times < reached] = before[:, times < reached]
+            return Motion(found[0], found[1], "blow-up")
+        place = np.minimum(((times - times[0]) / step).astype(np.int64), steps - 1)
+        share = (times - times[0]) / step - place
+        found = np.stack(
+            [between(z, v, a, step, place, share), _slope(z, v, a, step, place, share)]
+        )
+        if np.abs(found[0] - before[0]).max() <= _DRIVEN_TOLERANCE * size:
+            return Motion(found[0], found[1], "complete")
+        before = found
+    return Motion(before[0], before[1], "steps")
+
+
+def _slope(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:
+    """Derivative of `between` by time."""
+    s = share
+    rise = 30.0 * s * s * (1.0 - s) ** 2
+    v0 = 1.0 - s * s * (18.0 - s * (32.0 - 15.0 * s))
+    v1 = -s * s * (12.0 - s * (28.0 - 15.0 * s))
+    a0 = s * (1.0 - s * (4.5 - s * (6.0 - 2.5 * s)))
+    a1 = 0.5 * s * s * (3.0 - s * (8.0 - 5.0 * s))
+    return (
+        rise * (z[place + 1] - z[place]) / step
+        + v0 * v[place]
+        + v1 * v[place + 1]
+        + step * (a0 * a[place] + a1 * a[place + 1])
+    )

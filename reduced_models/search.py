@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from reduced_models.inputs import STAGE_TIMES
 from reduced_models.jax_setup import jax
-from reduced_models.law import compiled_rate
+from reduced_models.law import compiled_field, parse
 from reduced_models.rollout import between, on_grid
 
 jnp = jax.numpy
@@ -35,6 +36,8 @@ class Samples(NamedTuple):
         Grid point before each sample, and how far behind it, in steps.
     height, weight : float (n,)
         [m]; weights multiply the residuals.
+    drive : float (steps + 1, stages, inputs)
+        Inputs of the law at the stages of the grid's steps.
     """
 
     step: float
@@ -42,21 +45,32 @@ class Samples(NamedTuple):
     share: np.ndarray
     height: np.ndarray
     weight: np.ndarray
+    drive: np.ndarray
 
 
-def samples_on_grid(time: np.ndarray, height: np.ndarray, steps: int) -> Samples:
+def _undriven(steps: int) -> np.ndarray:
+    return np.zeros((steps + 1, len(STAGE_TIMES), 0))
+
+
+def samples_on_grid(
+    time: np.ndarray, height: np.ndarray, steps: int, drive: np.ndarray | None = None
+) -> Samples:
     """Every sample of a record that starts at time 0, on a grid over all of it."""
     step = float(time[-1]) / steps
     place = np.minimum((time / step).astype(np.int64), steps - 1)
     count = len(time)
     size = padded_size(count)
-    out = Samples(step, *(np.zeros(size, dtype=kind) for kind in (np.int64, float, float, float)))
+    whole, share, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
+    drive = _undriven(steps) if drive is None else drive
+    out = Samples(step, whole, share, heights, weight, drive)
     out.place[:count], out.share[:count] = place, time / step - place
     out.height[:count], out.weight[:count] = height, 1.0
     return out
 
 
-def means_on_grid(time: np.ndarray, height: np.ndarray, steps: int) -> Samples:
+def means_on_grid(
+    time: np.ndarray, height: np.ndarray, steps: int, drive: np.ndarray | None = None
+) -> Samples:
     """Means of the samples around each grid point, weighted by how many there are."""
     step = float(time[-1]) / steps
     near = np.rint(time / step).astype(np.int64)
@@ -67,7 +81,8 @@ def means_on_grid(time: np.ndarray, height: np.ndarray, steps: int) -> Samples:
     means = np.divide(total, count, out=np.zeros(steps + 1), where=count > 0)
     place = np.minimum(np.arange(steps + 1), steps - 1)
     share = np.arange(steps + 1.0) - place
-    return Samples(step, place, share, means, np.sqrt(count))
+    drive = _undriven(steps) if drive is None else drive
+    return Samples(step, place, share, means, np.sqrt(count), drive)
 
 
 def padded_size(count: int) -> int:
@@ -98,14 +113,16 @@ class Equations(NamedTuple):
 
 
 @functools.cache
-def equations(equation: str, physical: Callable[..., Any], steps: int) -> Equations:
-    """The compiled equations of a law on a grid of that many steps."""
-    rate = compiled_rate(equation)
+def equations(equation: str, inputs: tuple[str, ...], physical: Callable[..., Any]) -> Equations:
+    """The compiled equations of a law."""
+    field = compiled_field(equation, inputs)
+    hidden = len(parse(equation, inputs).hidden)
 
     def residual(theta: Any, samples: Any, scales: Any) -> Any:
-        step, place, share, height, weight = samples
+        step, place, share, height, weight, drive = samples
         values, shift, scale, z0, v0 = physical(theta, scales)
-        grid = on_grid(rate, z0, v0, values, step, steps)
+        start = (z0, v0, *(jnp.zeros_like(z0) for _ in range(hidden)))
+        grid = on_grid(field, start, values, drive, step)
         residuals = (shift + scale * between(*grid, step, place, share) - height) / scales[1]
         return weight * jnp.where(jnp.abs(residuals) < BLOWN_UP, residuals, BLOWN_UP)
 
@@ -136,6 +153,13 @@ class Prior(NamedTuple):
     samples: float
 
 
+class Bounds(NamedTuple):
+    """Least and greatest values (p,) of the entries of a search vector."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+
 class Point(NamedTuple):
     """A batch of search vectors with what the normal equations say there."""
 
@@ -146,7 +170,11 @@ class Point(NamedTuple):
 
 
 def search(
-    normal: Callable[[np.ndarray], Any], start: np.ndarray, prior: Prior, tolerance: float = 1e-6
+    normal: Callable[[np.ndarray], Any],
+    start: np.ndarray,
+    prior: Prior,
+    tolerance: float = 1e-6,
+    bounds: Bounds | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg-Marquardt on a batch.
 
@@ -160,17 +188,23 @@ def search(
         About the start vectors.
     tolerance : float
         Stop when no trial changes a cost by this fraction any more.
+    bounds : Bounds, optional
+        An entry that lies at its bound and would leave it rests there for the step (projected
+        Levenberg-Marquardt; Kanzow, Yamashita, Fukushima 2004, doi:10.1016/j.cam.2004.02.013).
 
     Returns
     -------
     theta, cost : float64 (s, p), (s,)
     """
-    best = _point(normal, start)
+    if bounds is None:
+        bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
+    best = _point(normal, np.clip(start, *bounds))
     damping = np.full(len(start), 1e-2)
     idle = np.zeros(len(start), dtype=int)
     for _ in range(_MOST_TRIALS):
         precision = best.cost[:, None] / prior.samples * prior.precision
-        trial = _point(normal, best.theta - _step(best, start, precision, damping))
+        moved = best.theta - _step(best, start, precision, damping, bounds)
+        trial = _point(normal, np.clip(moved, *bounds))
         total = best.cost + (precision * (best.theta - start) ** 2).sum(axis=1)
         trial_total = trial.cost + (precision * (trial.theta - start) ** 2).sum(axis=1)
         better = trial_total < total
@@ -188,7 +222,7 @@ def _point(normal: Callable[[np.ndarray], Any], theta: np.ndarray) -> Point:
 
 
 def _step(
-    point: Point, start: np.ndarray, precision: np.ndarray, damping: np.ndarray
+    point: Point, start: np.ndarray, precision: np.ndarray, damping: np.ndarray, bounds: Bounds
 ) -> np.ndarray:
     """The damped Gauss-Newton steps of a batch, subtracted from its vectors."""
     identity = np.eye(start.shape[1])
@@ -196,6 +230,11 @@ def _step(
     diagonal = np.maximum(np.einsum("sii->si", full), 1e-300)
     damped = full + (damping[:, None] * diagonal)[:, :, None] * identity
     slope = point.gradient + precision * (point.theta - start)
+    resting = ((point.theta <= bounds.low) & (slope > 0.0)) | (
+        (point.theta >= bounds.high) & (slope < 0.0)
+    )
+    damped = np.where(resting[:, :, None] | resting[:, None, :], identity, damped)
+    slope = np.where(resting, 0.0, slope)
     return np.asarray(np.linalg.solve(damped, slope[:, :, None])[:, :, 0])
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from granular.errors import InputError
 from granular.record import PistonRecord
 from reduced_models.estimates import Estimates
+from reduced_models.matching import drawn
 from reduced_models.problem import Problem
 
 
@@ -19,7 +21,9 @@ def start_vectors(
     """Start vectors (count, p) of a search, from a record and its first guesses."""
     law = problem.law
     if problem.map is not None:
-        draws = law.starts(guess.seen_as(problem.map.shift, problem.map.scale), random, count)
+        shift, scale = problem.map.shift, problem.map.scale
+        seen = guess.seen_as(shift, scale)
+        draws = drawn(law, seen, record.mapped(shift, scale), random, count)
         mapping: list[np.ndarray] = []
     else:
         draws = _mapped_draws(problem, guess, record, count, random)
@@ -47,9 +51,15 @@ def _mapped_draws(
         found = problem.law.mapped_start(record.time, swing, seen, random, count)
         if found is not None:
             return found
+    start = problem.law.start
+    if start is None:
+        raise InputError(
+            f"the law {problem.law.name!r} has a map and does not say where to start a fit; give "
+            "it a start function, or the map"
+        )
     scale = np.exp(random.uniform(-1.5, 1.5, count))
     shift = -scale * random.uniform(-2.0, 4.0, count)
-    each = [problem.law.starts(seen.seen_as(shift[k], scale[k]), random, 1) for k in range(count)]
+    each = [start(seen.seen_as(shift[k], scale[k]), random, 1) for k in range(count)]
     draws = {
         name: np.array([float(draw[name][0]) for draw in each]) for name in problem.law.parameters
     }

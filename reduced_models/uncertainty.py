@@ -10,11 +10,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.law import compiled_rate, compiled_slopes
+from reduced_models.law import compiled_field, compiled_slopes
 from reduced_models.model import AtRest, Direction
 
 if TYPE_CHECKING:
@@ -52,31 +52,80 @@ def autocorrelation_time(values: np.ndarray) -> float:
     return max(1.0, float(sums[window]))
 
 
+class Information(NamedTuple):
+    """What the data say at the minimum of a fit.
+
+    Attributes
+    ----------
+    normal : float64 (p, p)
+        J'J of a record's search vector, other records' vectors taken out.
+    residuals : tuple of float64 (n,)
+        Of all records, in amplitudes.
+    fitted : int
+        Entries of the joint search vector.
+    """
+
+    normal: np.ndarray
+    residuals: tuple[np.ndarray, ...]
+    fitted: int
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom that the residuals have left."""
+        return max(1, sum(map(len, self.residuals)) - self.fitted)
+
+    @property
+    def variance(self) -> float:
+        """Of a residual, enlarged by how the residuals follow each other."""
+        total = sum(float((each**2).sum()) * autocorrelation_time(each) for each in self.residuals)
+        return total / self.freedom
+
+
+def marginal(normal: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Information (p, p) on some entries of a search vector, the others left free."""
+    others = np.setdiff1d(np.arange(len(normal)), places)
+    if not len(others):
+        return normal[np.ix_(places, places)]
+    cross = normal[np.ix_(places, others)]
+    inner = np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
+    return np.asarray(normal[np.ix_(places, places)] - cross @ inner @ cross.T)
+
+
 def interval_analysis(
-    problem: Problem,
-    theta: np.ndarray,
-    normal: np.ndarray,
-    residuals: np.ndarray,
-    confidence: float,
+    problem: Problem, theta: np.ndarray, known: Information, confidence: float
 ) -> Analysis:
-    """Intervals of a fit, from the matrix J'J (p, p) and the residuals (n,) at its minimum."""
+    """Intervals of a fit, linearised at its minimum."""
     from scipy.stats import t as student
 
-    freedom = max(1, len(residuals) - len(theta))
-    variance = float((residuals**2).sum()) / freedom * autocorrelation_time(residuals)
-    covariance = _covariance(normal, variance)
-    quantile = float(student.ppf(0.5 + 0.5 * confidence, freedom))
+    covariance = _covariance(known.normal, known.variance)
+    quantile = float(student.ppf(0.5 + 0.5 * confidence, known.freedom))
     names, values, logs = _named(problem, theta)
     intervals = {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(covariance[k, k], 0.0))
         intervals[name] = _interval(values[k], spread, problem, k, logarithmic=logs[k])
-    information = _information(problem, theta, normal, variance)
+    information = _information(problem, theta, known.normal, known.variance)
     return Analysis(
         intervals=intervals,
         at_rest=_at_rest(problem, theta, covariance, quantile),
         undetermined=_open_directions(names, information),
     )
+
+
+def bootstrap_intervals(
+    problem: Problem, replicates: np.ndarray, confidence: float
+) -> dict[str, tuple[float, float]]:
+    """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
+    shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
+    low, high = np.quantile(replicates, shares, axis=0)
+    names, _, logs = _named(problem, low)
+    return {
+        name: (
+            _interval(low[k], 0.0, problem, k, logarithmic=logs[k])[0],
+            _interval(high[k], 0.0, problem, k, logarithmic=logs[k])[1],
+        )
+        for k, name in enumerate(names)
+    }
 
 
 def _covariance(normal: np.ndarray, variance: float) -> np.ndarray:
@@ -109,13 +158,14 @@ def _unit(problem: Problem, k: int) -> float:
 def _interval(
     value: float, spread: float, problem: Problem, k: int, *, logarithmic: bool
 ) -> tuple[float, float]:
+    value = float(value)
     if logarithmic:
         unit = problem.amplitude if k >= len(problem.units) else 1.0
         if spread > _UNKNOWN:
             return 0.0, math.inf
         return unit * math.exp(value - spread), unit * math.exp(value + spread)
     offset = problem.rest if k >= len(problem.units) else 0.0
-    unit = _unit(problem, k)
+    unit = float(_unit(problem, k))
     return offset + unit * (value - spread), offset + unit * (value + spread)
 
 
@@ -186,18 +236,23 @@ def _at_rest(
 
 
 def _small_motion(problem: Problem, theta: np.ndarray) -> np.ndarray | None:
-    """Rest height, period and damping ratio; None where there is no stable level of rest."""
+    """Rest height, period and damping ratio; None where there is no stable level of rest.
+
+    Hidden states and inputs are at zero.
+    """
     values, shift, scale, _, _ = problem.physical(theta)
-    force = compiled_rate(problem.law.equation, "numpy")
-    slopes = compiled_slopes(problem.law.equation)
+    law = problem.law
+    force = compiled_field(law.equation, law.inputs, "numpy")
+    slopes = compiled_slopes(law.equation, law.inputs)
+    still = (0.0,) * (1 + len(law.hidden) + len(law.inputs))
     z = (problem.rest - shift) / scale
     with np.errstate(all="ignore"):
         for _ in range(50):
-            change = force(z, 0.0, *values) / slopes(z, 0.0, *values)[0]
+            change = force(z, *still, *values)[0] / slopes(z, *still, *values)[0]
             z -= change
             if not math.isfinite(z) or abs(change) <= 1e-15 * max(1.0, abs(z)):
                 break
-        stiffness, damping = (-slope for slope in slopes(z, 0.0, *values))
+        stiffness, damping = (-slope for slope in slopes(z, *still, *values))
     if not math.isfinite(z) or not stiffness > 0.0:
         return None
     omega = math.sqrt(stiffness)

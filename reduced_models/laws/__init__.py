@@ -5,6 +5,8 @@ from __future__ import annotations
 from granular.errors import InputError
 from granular.schema import unknown
 from reduced_models.law import Law
+from reduced_models.laws.bouc_wen import BOUC_WEN
+from reduced_models.laws.coulomb import COULOMB
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.linear import LINEAR
 from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
@@ -23,6 +25,8 @@ LAWS = {
         POLYNOMIAL_SPRING,
         POWER_LAW_SPRING,
         QUADRATIC_DRAG,
+        COULOMB,
+        BOUC_WEN,
     )
 }
 

@@ -206,6 +206,7 @@ print(seen["compile_requests_use_cache"], seen["cache_hits"])
 """
 
 
+@pytest.mark.long
 def test_second_start_compiles_nothing(lab: Path, tmp_path: Path) -> None:
     """Every request for compiled code is then served from the disk."""
     counts = []

@@ -1,0 +1,40 @@
+"""Bouc-Wen hysteresis, normalised, with a linear spring and viscous drag.
+
+The hysteretic force is ``friction`` times a hidden state w, which starts at zero and tends to +-1:
+w' = rho (z' - sigma |z'| |w|^(n-1) w + (sigma - 1) z' |w|^n), with n = 2, so that the transition to
+full force is smooth. 1/rho is the travel over which the force builds up; sigma above 1/2 makes the
+law dissipate in every cycle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.estimates import Estimates
+from reduced_models.law import Law
+
+
+def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = estimates.frequencies(random, count)
+    size = 0.5 * np.pi * estimates.frequency * estimates.amplitude
+    return {
+        "omega": omega * np.exp(random.uniform(-0.2, 0.0, count)),
+        "friction": estimates.decays(random, count) * size,
+        "rho": np.exp(random.uniform(-1.0, 2.0, count)) / estimates.amplitude,
+        "sigma": np.exp(random.uniform(-0.7, 1.0, count)),
+        "g0": omega**2 * estimates.levels(random, count),
+    }
+
+
+BOUC_WEN = Law(
+    name="bouc-wen",
+    equation=(
+        "z'' + omega**2*z + friction*w = g0; "
+        "w' = rho*(z' - sigma*Abs(z')*Abs(w)*w + (sigma - 1)*z'*w**2)"
+    ),
+    start=_start,
+    positive=("omega", "friction", "rho", "sigma"),
+    units={"omega": "rad/s", "friction": "m/s^2", "rho": "1/m", "sigma": "1", "g0": "m/s^2"},
+    source="F. Ikhouane, J. Rodellar 2005, doi:10.1007/s11071-005-0069-3",
+    resolution=2,
+)

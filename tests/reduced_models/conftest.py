@@ -1,0 +1,54 @@
+"""Motions of the built-in laws with known parameters, at 1 % noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from reduced_models.laws import LAWS
+from reduced_models.rollout import motion
+
+TIME = np.linspace(0.0, 40.0, 2000)
+TRUE = {
+    "linear": ({"lam": 0.05, "omega": 1.05, "g0": -1.0}, 1.0),
+    "van-der-pol-like": ({"alpha": 0.17, "omega": 1.05, "g0": -1.0}, 1.0),
+    "van-der-pol": ({"mu": 0.5, "rest": 0.3, "width": 1.0, "omega": 1.05}, 0.5),
+    "duffing": ({"lam": 0.05, "omega": 1.05, "rest": 0.5, "beta": 0.8}, 2.0),
+    "polynomial-spring": ({"lam": 0.05, "k1": 1.1, "rest": 0.5, "k2": -0.3, "k3": 0.3}, 2.5),
+    "power-law-spring": ({"lam": 0.05, "weight": 1.0, "rest": 3.0, "power": 2.8}, 5.0),
+    "quadratic-drag": ({"c": 0.1, "omega": 1.05, "g0": -1.0}, 1.5),
+    "coulomb": ({"friction": 0.06, "omega": 1.05, "g0": -1.0}, 1.5),
+    "bouc-wen": ({"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}, 3.0),
+}
+
+
+class Made:
+    """Makes records of a law; the motion without noise is solved once."""
+
+    def __init__(self) -> None:
+        self.true = {name: values for name, (values, _) in TRUE.items()}
+        self.clean: dict[tuple[str, float], np.ndarray] = {}
+
+    def __call__(
+        self, name: str, seed: int = 0, level: float = 0.01, start: float | None = None
+    ) -> PistonRecord:
+        """A record of 2000 samples over 40 time units."""
+        values, usual = TRUE[name]
+        first = usual if start is None else start
+        if (name, first) not in self.clean:
+            law = LAWS[name]
+            parameters = [values[key] for key in law.parameters]
+            found = motion(law, TIME, first, 0.0, parameters, 1.0)
+            assert found.ending == "complete"
+            self.clean[name, first] = found.z
+        clean = self.clean[name, first]
+        noise = np.random.default_rng(seed).normal(0.0, level * clean.std(), len(clean))
+        return PistonRecord(TIME, clean + noise)
+
+
+@pytest.fixture(scope="session")
+def made() -> Callable[..., PistonRecord]:
+    return Made()
