@@ -21,6 +21,7 @@ from granular.effects.gravity import Gravity
 from granular.effects.shaking import Shaking
 from granular.effects.walls import Walls
 from granular.errors import SceneError
+from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.schema import (
     FieldError,
@@ -240,12 +241,14 @@ class Scene(Section):
     cell: Cell = one(Cell)
     piston: Piston | None = one(Piston, default=None, optional=True)
     effects: Effects = one(Effects, default=Effects())
+    pairs: Pairs = one(Pairs, default=Pairs())
     arrangement: Arrangement = one(Arrangement, default=Arrangement())
     protocol: tuple[Stage, ...] = declare(Many(kinds=KINDS), default=())
     output: Output = one(Output, default=Output())
 
     def validate(self) -> None:
         self._check_piston()
+        self._check_walls()
         if self.effects.friction is not None:
             self.effects.friction.factors(self.grains, self.cell)
         if self.output.record is not None:
@@ -260,6 +263,22 @@ class Scene(Section):
                 "positions",
             )
         initial_motion(self)
+
+    def _check_walls(self) -> None:
+        walls, piston = self.effects.walls, self.piston
+        if walls is not None:
+            try:
+                walls.check_size(self.cell.width, None if piston is None else piston.height)
+            except FieldError as error:
+                raise error.within("effects", "walls") from None
+        top = walls is not None and walls.top is not None
+        for place, stage in enumerate(self.protocol):
+            if not top and self.grains.count and (stage.needs_mass or stage.limits_force):
+                raise FieldError(
+                    "the piston must be a wall that grains push (effects.walls.top)",
+                    "protocol",
+                    stage.name or str(place),
+                )
 
     def _check_piston(self) -> None:
         walls = self.effects.walls
@@ -336,7 +355,7 @@ def _put(plain: Any, path: list[str], value: Any) -> None:
         last = depth == len(path) - 1
         if isinstance(plain, list):
             names = [str(item.get("name")) for item in plain]
-            if key not in names and not (key.isdigit() and int(key) < len(plain)):
+            if key not in names and not (key.isdecimal() and int(key) < len(plain)):
                 raise FieldError(unknown(key, tuple(names), "item"), *path[:depth], key)
             place: Any = names.index(key) if key in names else int(key)
         else:
@@ -380,7 +399,9 @@ def load_scene(source: str | Path) -> Scene:
         raise SceneError(unknown(str(source), scene_names(), "scene"))
     try:
         plain = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise SceneError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
         raise SceneError(f"{path}: not a TOML file: {error}") from None
     try:
         return Scene.from_plain(plain)

@@ -24,7 +24,7 @@ from granular.engine.run import Run
 from granular.engine.step_size import LONGEST, Step
 from granular.engine.system import System, natural_system
 from granular.errors import InputError, Interrupted, RunError, StoreError
-from granular.methods import Method, method_named
+from granular.methods import COMPENSATED, Method, method_named
 from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.progress import ProgressBar
 from granular.recorder import Recorder
@@ -36,6 +36,12 @@ if TYPE_CHECKING:
     import xarray
 
 _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
+
+MOST_STEPS = 1e12
+"""Most steps from record to record: more would take weeks."""
+
+CADENCE = 0.01
+"""Relative change of the records' distance, by a given step, that a user is told of."""
 
 COMMIT_SECONDS = 5.0
 """From checkpoint to checkpoint, in seconds of the wall clock."""
@@ -93,6 +99,7 @@ def simulate(
     plan = method_named(method)
     step = checked_step(dt, scene.grains.count)
     _check_method(plan, step, scene)
+    _check_cadence(step, scene)
     _check_end(scene, t_end)
     count = _thread_count(scene, threads)
     system = natural_system(scene, threads=count)
@@ -151,9 +158,15 @@ class _Job:
         if self.store is None:
             return
         outcome = self._outcome(complete, self.run.time if until is None else until)
-        self.store.write(self.run.recorder)
-        readable = _readable(self.store.rows, self.store.frames)
-        self.store.commit(self.kept | readable | {"outcome": np.array(json.dumps(outcome))})
+        try:
+            self.store.write(self.run.recorder)
+            readable = _readable(self.store.rows, self.store.frames)
+            self.store.commit(self.kept | readable | {"outcome": np.array(json.dumps(outcome))})
+        except OSError as error:
+            raise StoreError(
+                f"{self.store.path} cannot be written: {error.strerror}; what was committed "
+                "stands, resume it when there is room"
+            ) from error
         self.last_commit = time.perf_counter()
 
     def _result(self, complete: bool, until: float) -> Trajectory:
@@ -212,6 +225,11 @@ def _check_method(method: Method, step: Step, scene: Scene) -> None:
     dry = [name for name in ("friction", "contact") if getattr(effects, name) is not None]
     if piston is not None and piston.mass is not None and piston.friction:
         dry.append("piston.friction")
+    if dry and method.compensated:
+        raise InputError(
+            f"method = {method.name!r} cannot run a scene with {dry[0]}, whose velocities are no "
+            f"plain sums; take {method.name.removesuffix(COMPENSATED)!r}"
+        )
     if dry and not method.takes_dry_friction:
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {dry[0]}, which cannot go backward "
@@ -232,6 +250,25 @@ def _check_method(method: Method, step: Step, scene: Scene) -> None:
         )
 
 
+def _check_cadence(step: Step, scene: Scene) -> None:
+    if step.seconds is None:
+        return
+    wanted = scene.output.scalars
+    steps = wanted / step.seconds
+    if steps > MOST_STEPS:
+        raise InputError(
+            f"dt = {step.seconds:g} s makes {steps:.3g} steps from record to record, "
+            f"{MOST_STEPS:g} is the limit; lengthen dt or shorten output.scalars"
+        )
+    made = max(1, round(steps)) * step.seconds
+    if abs(made - wanted) > CADENCE * wanted:
+        warnings.warn(
+            f"records come every {made:.4g} s, not {wanted:.4g} s, which is no multiple of dt = "
+            f"{step.seconds:g} s",
+            stacklevel=3,
+        )
+
+
 def _check_end(scene: Scene, t_end: float | None) -> None:
     if t_end is not None and not (isinstance(t_end, int | float) and 0.0 < t_end < math.inf):
         raise InputError(f"t_end = {t_end!r}; give a time above 0 s")
@@ -249,7 +286,8 @@ def _check_end(scene: Scene, t_end: float | None) -> None:
 def _thread_count(scene: Scene, threads: int | None) -> int:
     available = int(numba.config.NUMBA_NUM_THREADS)
     if threads is None:
-        return min(available, PARTS) if scene.grains.count > PARTED_FROM else 1
+        parted = scene.pairs.chosen == "direct" and scene.grains.count > PARTED_FROM
+        return min(available, PARTS) if parted else 1
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
     return threads
@@ -269,6 +307,7 @@ def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
         "scene_digest": scene.digest(),
         "dt": dt,
         "method": method,
+        "pairs": scene.pairs.chosen,
         "versions": versions(),
     }
 
@@ -289,6 +328,12 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
                 f"the run in {path} has another {what}: {former[name]}, not {settings[name]}; "
                 "resume with the same, or give a new directory"
             )
+    if former.get("versions") != settings["versions"]:
+        warnings.warn(
+            f"the run in {path} was made with other versions ({former.get('versions')}); what "
+            "follows need not have the bits that it would have had",
+            stacklevel=3,
+        )
     store = Store(path, run.scene, run.system)
     run.restore(store.resume())
     return store

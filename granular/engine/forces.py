@@ -16,19 +16,32 @@ from granular.engine.state import Measurement, State
 from granular.engine.system import Constants
 from granular.pairs.cells import ClosePairs, find_close_pairs
 from granular.pairs.direct import direct_sum
+from granular.pairs.stripes import CutOff, Stripes, cut_sum
 from granular.pairs.vector import lane_sum
 
 
 @compiled(inline=True)
+def _magnetic_forces(
+    cut: CutOff | None, near: Stripes | None, state: State, constants: Constants,
+    stiffness: Array | None, extremes: Array | None, load: Array | None, weight: Array | None,
+) -> None:  # fmt: skip
+    if cut is None:
+        direct_sum(
+            state.x, state.y, state.fx, state.fy, constants.charge,
+            stiffness, extremes, load, weight, state.buffers, constants.threaded,
+        )  # fmt: skip
+    else:
+        cut_sum(
+            near, cut.radius, constants.grains, state.x, state.y, state.fx, state.fy,
+            constants.charge, stiffness, extremes, load, weight,
+        )  # fmt: skip
+
+
+@compiled(inline=True)
 def _pair_forces(
-    dipole: bool | None,
-    friction: FrictionLaw | None,
-    state: State,
-    charge: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    threaded: bool | None,
-) -> None:
+    dipole: bool | None, friction: FrictionLaw | None, state: State, constants: Constants,
+    stiffness: Array | None, extremes: Array | None,
+) -> None:  # fmt: skip
     if dipole is None:
         state.fx[:] = 0.0
         state.fy[:] = 0.0
@@ -37,14 +50,13 @@ def _pair_forces(
         if extremes is not None:
             extremes[:] = 0.0
     elif friction is None:
-        direct_sum(
-            state.x, state.y, state.fx, state.fy,
-            charge, stiffness, extremes, None, None, state.buffers, threaded,
-        )  # fmt: skip
+        _magnetic_forces(
+            constants.acting.cut, state.near, state, constants, stiffness, extremes, None, None
+        )
     else:
-        direct_sum(
-            state.x, state.y, state.fx, state.fy,
-            charge, stiffness, extremes, state.load, friction.weight, state.buffers, threaded,
+        _magnetic_forces(
+            constants.acting.cut, state.near, state, constants, stiffness, extremes,
+            state.load, friction.weight,
         )  # fmt: skip
 
 
@@ -93,8 +105,7 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
         Zero while every grain is where it can be (see `add_wall_forces`).
     """
     _pair_forces(
-        constants.acting.dipole, constants.acting.friction, state, constants.charge,
-        None, None, constants.threaded,
+        constants.acting.dipole, constants.acting.friction, state, constants, None, None
     )  # fmt: skip
     return _other_forces(state, constants, time)
 
@@ -105,8 +116,8 @@ def measure_forces(
 ) -> int:
     """`compute_forces`, with the sums that `potential_energies` needs, in the same pass."""
     _pair_forces(
-        constants.acting.dipole, constants.acting.friction, state, constants.charge,
-        measurement.stiffness, measurement.extremes, constants.threaded,
+        constants.acting.dipole, constants.acting.friction, state, constants,
+        measurement.stiffness, measurement.extremes,
     )  # fmt: skip
     return _other_forces(state, constants, time)
 

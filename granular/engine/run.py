@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.arrangement import initial_motion
 from granular.engine.departure import grain_constants, take_out
-from granular.engine.failures import SHORTEN, misplaced, restless, unbalanced
+from granular.engine.failures import misplaced, restless, unbalanced
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.ledger import Ledger, is_dry
 from granular.engine.loop import (
@@ -25,19 +25,22 @@ from granular.engine.loop import (
     RESTING,
     STIFF,
     STIFFEST,
+    TURNED,
     Watch,
     Window,
     advance,
     measure,
 )
-from granular.engine.motion import Motion, greatest_speed, path
+from granular.engine.motion import Motion, drive_frequency, greatest_speed, path
 from granular.engine.state import (
     KEPT,
     WORK,
     Measurement,
     State,
+    kept_lists,
     new_measurement,
     new_state,
+    put_lists,
 )
 from granular.engine.step import Plan
 from granular.engine.step_size import REVIEW, Pace, Step, whole_ticks
@@ -148,6 +151,7 @@ class Run:
         kept = {name: getattr(self.state, name).copy() for name in KEPT}
         if self.state.low is not None:
             kept["low"] = self.state.low.copy()
+        kept |= kept_lists(self.state.near)
         kept |= {"band": self.band.copy(), "seen": self.seen.copy()}
         memory = {
             "progress": dataclasses.asdict(self.progress),
@@ -185,6 +189,7 @@ class Run:
             getattr(self.state, name)[:] = kept[name]
         if self.state.low is not None:
             self.state.low[:] = kept["low"]
+        put_lists(self.state.near, kept)
         self.band[:], self.seen[:] = kept["band"], kept["seen"]
 
     def _check_end(self) -> None:
@@ -196,7 +201,9 @@ class Run:
                 f"the run has reached {self.time * seconds:g} s already, t_end = "
                 f"{self.t_end * seconds:g} s lies before; give a later one"
             )
-        if self.finished and math.isfinite(self.t_end) and self.time < self.t_end * (1.0 - 1e-9):
+        last = self.scene.protocol[-1]
+        longer = isinstance(last, Timed) and last.until is None and math.isfinite(self.t_end)
+        if self.finished and longer and self.time < self.t_end * (1.0 - 1e-9):
             raise StoreError(
                 f"the protocol of this run has ended, at {self.time * seconds:g} s; "
                 f"t_end = {self.t_end * seconds:g} s needs a new run"
@@ -257,6 +264,7 @@ class Run:
         """Forces and a record of the present moment."""
         outside = measure_forces(self.state, self.constants, self.time, self.measurement)
         measure(self.time, self.state, self.constants, self.motion, self.measurement, self._row)
+        self._row[TURNED] = self.seen[2]
         if outside:
             raise self._misplaced(remedy)
         return self._row
@@ -320,20 +328,22 @@ class Run:
         frequency = max(float(row[STIFFEST]), collision_frequency(self.constants, speed))
         pace = self.step.pace(
             output.scalars / scales.time,
-            output.frames_every,
-            self._with_drag(frequency),
+            output.frames / scales.time,
+            self._resolved(frequency),
             scales.time,
         )
         self._use(pace)
         if self.plan.fraction is not None:
             open_density(speed, 0.5 * pace.length, self.plan.fraction, self.state, self.constants)
 
-    def _with_drag(self, frequency: float) -> float:
-        """The frequency that an automatic step is to resolve, with the decay by drag."""
+    def _resolved(self, frequency: float) -> float:
+        """The frequency that an automatic step is to resolve, with the drive and the drag."""
         rate = self.constants.acting.drag or 0.0
         record = self.scene.output.scalars / self.system.scales.time
         slowest = max(frequency, self.step.fraction / record)
-        return max(frequency, min(rate, DECAY_LIMIT * slowest))
+        swing = self.constants.acting.shaking
+        drive = max(drive_frequency(self.motion), 0.0 if swing is None else swing.omega)
+        return max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
 
     def _use(self, pace: Pace) -> None:
         self.progress.pace = list(pace)
@@ -358,7 +368,8 @@ class Run:
         stiff = self.step.stiff if self.plan.fraction is None else math.inf
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston
-        return Watch(stiff, rest, window, self.band, self.seen, potential, piston)
+        floor = -math.inf if self.scene.piston is None else 0.0
+        return Watch(stiff, rest, window, self.band, self.seen, potential, piston, floor)
 
     # Advancing ---------------------------------------------------------------------------------
 
@@ -394,11 +405,20 @@ class Run:
         if not progress.begun:
             return progress.start >= self.t_end * (1.0 - 1e-12) and bool(progress.results)
         before_end = self._ticks_to(self.total) > 0 or self._rest_of_stage() > 0.0
-        return before_end and self._ticks_to(self.t_end - progress.start) <= 0
+        return before_end and self._ticks_to_end() <= 0
 
     def _ticks_to(self, time: float) -> float:
         """Whole ticks that are left to a time in the stage."""
         return whole_ticks(self.pace, time) - self.progress.ticks
+
+    def _ticks_to_end(self) -> float:
+        """Whole ticks that are left to ``t_end``.
+
+        A variable step may end behind its tick, and one that is cut at ``t_end`` is no state to go
+        on from: the last two ticks are left to the tail.
+        """
+        spared = 0.0 if self.plan.fraction is None else 2.0
+        return self._ticks_to(self.t_end - self.progress.start) - spared
 
     def _rest_of_stage(self, least: float = 1e-6) -> float:
         """What is left of the stage behind its last whole tick [tau], if at least so many steps."""
@@ -414,7 +434,7 @@ class Run:
         to_review = REVIEW - ticks % REVIEW
         left = min(
             self._ticks_to(self.total),
-            self._ticks_to(self.t_end - self.progress.start),
+            self._ticks_to_end(),
             to_frame,
             to_review,
         )
@@ -430,13 +450,12 @@ class Run:
         self.progress.ticks += done
         if status == OUTSIDE:
             self._keep(rows[:kept])
-            raise self._misplaced(SHORTEN)
+            raise self._misplaced(self._shorter)
         return status, done, rows[: kept + 1]
 
     def _call(self, ticks: int) -> None:
         progress, pace = self.progress, self.pace
-        limit = min(self.total, self.t_end - progress.start)
-        window = Window(progress.start, 0.0, limit, progress.ticks, ticks)
+        window = Window(progress.start, 0.0, self.total, progress.ticks, ticks)
         begun = time.perf_counter()
         status, done, rows = self._run(window, pace, self._watch())
         seconds = time.perf_counter() - begun
@@ -469,15 +488,15 @@ class Run:
 
     def _let_go(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self._energy(self._look(SHORTEN))
+        before = self._energy(self._look(self._shorter))
         self.constants = take_out(self.state, self.constants)
-        self.state.ledger[WORK] += self._energy(self._look(SHORTEN)) - before
+        self.state.ledger[WORK] += self._energy(self._look(self._shorter)) - before
 
     def _set_steps(self, frequency: float) -> None:
         if self.plan.fraction is None:
             self._use(
                 self.pace.with_steps(
-                    self.step.steps_of(self.pace.length, self._with_drag(frequency))
+                    self.step.steps_of(self.pace.length, self._resolved(frequency))
                 )
             )
 
@@ -490,11 +509,14 @@ class Run:
             window = Window(self.progress.start, reached, math.inf, 0, 1)
             _, _, rows = self._run(window, Pace(left, left / steps, 1, 1, steps, 0), watch)
             self.state.clock[TIME] = reached + left
+            made = 1
         else:
-            window = Window(self.progress.start, 0.0, reached + left, self.progress.ticks, 1)
-            _, _, rows = self._run(window, pace._replace(every=1), watch)
-        self.progress.ticks -= 1
-        self._keep(rows[:1])
+            limit, first = reached + left, self.progress.ticks
+            made = max(1, math.ceil(limit / pace.length - 1e-9) - first)
+            window = Window(self.progress.start, 0.0, limit, first, made)
+            _, _, rows = self._run(window, pace, watch)
+        self.progress.ticks -= made
+        self._keep(rows)
 
     def run_tail(self) -> float:
         """Run the part of a tick before ``t_end`` and take a last frame; the time reached [tau].
@@ -562,7 +584,7 @@ class Run:
         if not len(rows):
             return
         assert self.ledger is not None
-        wrong = self.ledger.check(rows, float(self.seen[2]))
+        wrong = self.ledger.check(rows)
         self.progress.closest = min(self.progress.closest, float(rows[:, CLOSEST].min()))
         self.progress.last = float(rows[-1, 0])
         good = len(rows) if wrong is None else wrong[0] + 1
@@ -570,11 +592,18 @@ class Run:
         if wrong is not None:
             seconds = self.system.scales.time
             moment = float(rows[wrong[0], 0]) * seconds
-            raise unbalanced(wrong[1], self.ledger.wrong, self.steps, moment)
+            raise unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self._shorter)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at
         self.recorder.add_frame(moment, self.state, self.constants)
+
+    @property
+    def _shorter(self) -> str:
+        """What to do about steps that are too long."""
+        if self.step.automatic:
+            return f"shorten dt (for instance 'auto/{4.0 / self.step.factor:g}')"
+        return "shorten dt (or leave it 'auto')"
 
     def _misplaced(self, remedy: str) -> RunError:
         scales = self.system.scales

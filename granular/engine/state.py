@@ -9,6 +9,7 @@ import numpy as np
 from granular.methods import Method
 from granular.pairs.cells import ClosePairs, close_pairs_room
 from granular.pairs.direct import padded_coordinates, part_buffers
+from granular.pairs.stripes import LISTED, Stripes, stripes_room
 
 if TYPE_CHECKING:
     from granular.engine.system import Acting
@@ -50,6 +51,8 @@ class State(NamedTuple):
         Which grain of the scene stands in each place.
     load : float64 (m,) or None
         Sums behind the normal force of friction.
+    near : Stripes or None
+        Grains in stripes, where pairs end at a distance.
     close : ClosePairs or None
         Grains in contact.
     push, shove : float64 (m,), the second None without slabs
@@ -74,6 +77,7 @@ class State(NamedTuple):
     totals: np.ndarray
     label: np.ndarray
     load: np.ndarray | None
+    near: Stripes | None
     close: ClosePairs | None
     push: np.ndarray
     shove: np.ndarray | None
@@ -129,13 +133,34 @@ def new_state(
         totals=np.zeros(4),
         label=np.arange(x.size),
         load=None if acting.friction is None else np.zeros_like(x),
+        near=_stripes(x.size, acting),
         close=None if acting.contact is None else close_pairs_room(count),
         push=np.zeros_like(x),
         shove=np.zeros_like(x) if slabs else None,
-        buffers=part_buffers(x.size),
+        buffers=None if acting.cut is not None else part_buffers(x.size),
         low=np.zeros((4, x.size)) if method.compensated else None,
         rungs=None if method.tableau is None else _rungs(len(method.tableau), x.size),
     )
+
+
+def _stripes(size: int, acting: Acting) -> Stripes | None:
+    if acting.cut is None:
+        return None
+    return stripes_room(size, charged=acting.cut.charged, loaded=acting.friction is not None)
+
+
+def kept_lists(near: Stripes | None) -> dict[str, np.ndarray]:
+    """What a checkpoint holds of the lists of partners: where they were made, not what they say."""
+    if near is None:
+        return {}
+    return {"near_built": near.built.copy(), "near_memory": near.memory.copy()}
+
+
+def put_lists(near: Stripes | None, kept: dict[str, np.ndarray]) -> None:
+    """Let the lists be made again, as they were."""
+    if near is not None:
+        near.built[:], near.memory[:] = kept["near_built"], kept["near_memory"]
+        near.memory[LISTED] = 0.0
 
 
 def _rungs(rows: int, size: int) -> Rungs:

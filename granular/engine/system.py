@@ -12,6 +12,7 @@ from granular.effects.friction import FrictionLaw
 from granular.effects.shaking import Swing
 from granular.effects.walls import OPEN, WallLaws
 from granular.pairs.direct import padded_values
+from granular.pairs.stripes import CutOff
 from granular.scales import Scales
 from granular.scene import Piston, Scene
 
@@ -30,6 +31,8 @@ class Acting(NamedTuple):
     friction : FrictionLaw or None
     contact : ContactLaw or None
     shaking : Swing or None
+    cut : CutOff or None
+        None for the sum of all pairs.
     """
 
     dipole: bool | None
@@ -39,6 +42,7 @@ class Acting(NamedTuple):
     friction: FrictionLaw | None
     contact: ContactLaw | None
     shaking: Swing | None
+    cut: CutOff | None
 
 
 class Resistance(NamedTuple):
@@ -132,6 +136,7 @@ def natural_system(scene: Scene, *, threads: int = 1) -> System:
 def _acting(scene: Scene, scales: Scales, species: np.ndarray) -> Acting:
     effects, grains = scene.effects, scene.grains
     walls, friction, contact = effects.walls, effects.friction, effects.contact
+    radius = None if effects.dipole is None else scene.pairs.radius(scales.length)
     return Acting(
         dipole=None if effects.dipole is None else True,
         walls=OPEN if walls is None else walls.kernel(scene.cell.width, scales.length),
@@ -140,6 +145,7 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray) -> Acting:
         friction=None if friction is None else friction.kernel(grains, scene.cell, scales, species),
         contact=None if contact is None else contact.kernel(grains, scales, species),
         shaking=None if effects.shaking is None else effects.shaking.kernel(scales),
+        cut=None if radius is None else CutOff(radius, len(grains.species) > 1),
     )
 
 

@@ -52,3 +52,45 @@ def plain_direct_sum(
                 load[i] += weight[j] * cube
                 load[j] += weight[i] * cube
     np.seterr(**old)
+
+
+def plain_cut_sum(
+    near: object,
+    radius: float,
+    grains: int,
+    x: Array,
+    y: Array,
+    fx: Array,
+    fy: Array,
+    charge: Array | None,
+    stiffness: Array | None,
+    extremes: Array | None,
+    load: Array | None,
+    weight: Array | None,
+) -> None:
+    """The same within a radius, where the energy of a pair is zero: every pair is looked at."""
+    for out in (fx, fy, stiffness, extremes, load):
+        if out is not None:
+            out[:] = 0.0
+    q = np.ones(x.size) if charge is None else charge
+    for i in range(grains):
+        for j in range(i + 1, grains):
+            dx, dy = x[i] - x[j], y[i] - y[j]
+            r = np.sqrt(dx * dx + dy * dy)
+            if r < radius:
+                pairs = np.array([q[i] * q[j], q[j], q[i]])
+                ratio = pairs[0] * pair_force(r) / r
+                for place, sign in ((i, 1.0), (j, -1.0)):
+                    fx[place] += sign * ratio * dx
+                    fy[place] += sign * ratio * dy
+                fifth = pair_force(r) / (STRENGTH * r)
+                cube = pair_energy(r) / ENERGY
+                if stiffness is not None:
+                    stiffness[i] += pairs[1] * fifth
+                    stiffness[j] += pairs[2] * fifth
+                if extremes is not None:
+                    extremes[0] += pairs[0] * (cube - pair_energy(radius) / ENERGY)
+                    extremes[1] = max(extremes[1], fifth)
+                if load is not None and weight is not None:
+                    load[i] += weight[j] * cube
+                    load[j] += weight[i] * cube

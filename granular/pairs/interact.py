@@ -1,0 +1,134 @@
+"""Pairs of grains, eight at a time: what each adds to the sums of both grains.
+
+The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
+r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the factor
+`granular.pairs.inverse.SCALE`, and the forces also 3/4.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from llvmlite import ir
+
+from granular.pairs.inverse import inverse_fifth
+from granular.pairs.lanes import INDEX, Code, constant, flags
+
+
+class Sums(NamedTuple):
+    """What pairs add to a grain; None where it is not asked for."""
+
+    fx: Any
+    fy: Any
+    stiffness: Any
+    load: Any
+
+
+class Arrays:
+    """Pointers of one call. An absent array is None, and no code is made for it."""
+
+    def __init__(self, code: Code, kinds: Any, arrays: Any) -> None:
+        pointers = [code.data(kind, array) for kind, array in zip(kinds, arrays, strict=True)]
+        self.x, self.y = pointers[:2]
+        self.sums = Sums(pointers[2], pointers[3], pointers[5], pointers[7])
+        self.charge, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
+
+
+class Grains(NamedTuple):
+    """A vector of grains: eight of them, or one in every lane."""
+
+    x: Any
+    y: Any
+    charge: Any
+    weight: Any
+
+
+def present(values: Sums) -> list[Any]:
+    return [value for value in values if value is not None]
+
+
+def eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
+    pointers = (arrays.x, arrays.y, arrays.charge, arrays.weight)
+    return Grains(*(None if one is None else code.load(one, j) for one in pointers))
+
+
+def one_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
+    pointers = (arrays.x, arrays.y, arrays.charge, arrays.weight)
+    return Grains(*(None if one is None else code.splat(code.scalar(one, i)) for one in pointers))
+
+
+class Cut(NamedTuple):
+    """Where pairs end, in every lane: the square of that distance, and r^-3 there over `SCALE`."""
+
+    square: Any
+    cube: Any
+
+
+class Extremes:
+    """The energy and the closest pair of a sweep."""
+
+    def __init__(self, code: Code, pointer: ir.Value) -> None:
+        self.code, self.pointer = code, pointer
+        self.energy = pointer and code.variable(constant(0.0))
+        self.closest = pointer and code.variable(constant(0.0))
+
+    def meet(
+        self, r2: ir.Value, s: ir.Value, strength: ir.Value, pair: ir.Value | None, cut: Cut | None
+    ) -> None:
+        """Enter pairs; where they end at a distance, their energy is zero there."""
+        if self.pointer is not None:
+            code, b = self.code, self.code.builder
+            energy = b.fmul(r2, strength)
+            if cut is not None:
+                rest = cut.cube if pair is None else b.fmul(cut.cube, pair)
+                inside = b.fcmp_ordered(">", s, constant(0.0))
+                energy = b.select(inside, b.fsub(energy, rest), constant(0.0))
+            code.raise_by(self.energy, energy)
+            b.store(code.greater(s, b.load(self.closest)), self.closest)
+
+    def finish(self) -> None:
+        if self.pointer is not None:
+            code, b = self.code, self.code.builder
+            first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
+            code.add_scalar(code.total(b.load(self.energy)), self.pointer, first)
+            closest = code.largest(b.load(self.closest))
+            held = code.scalar(self.pointer, second)
+            closest = b.select(b.fcmp_ordered(">", closest, held), closest, held)
+            code.put_scalar(closest, self.pointer, second)
+
+
+def interact(
+    code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
+    lanes: list[bool] | None = None, cut: Cut | None = None,
+) -> tuple[Sums, Sums]:  # fmt: skip
+    """What the pairs add to the first, and to the second ones, in the lanes that count."""
+    b = code.builder
+    dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
+    r2 = code.fused(dx, dx, b.fmul(dy, dy))
+    s = inverse_fifth(code, r2)
+    if lanes is not None:
+        s = b.select(flags(lanes), s, constant(0.0))
+    if cut is not None:
+        s = b.select(b.fcmp_ordered("<", r2, cut.square), s, constant(0.0))
+    pair, strength = None, s
+    if first.charge is not None:
+        pair = b.fmul(first.charge, second.charge)
+        strength = b.fmul(s, pair)
+    extremes.meet(r2, s, strength, pair, cut)
+    # Products and sums apart: action and reaction are equal to the last bit, and processors with
+    # units for sums of their own are faster.
+    fx, fy = b.fmul(strength, dx), b.fmul(strength, dy)
+    own: list[Any] = [fx, fy, None, None]
+    other: list[Any] = [b.fneg(fx), b.fneg(fy), None, None]
+    if wanted.stiffness is not None:
+        charged = first.charge is not None
+        own[2] = b.fmul(s, second.charge) if charged else s
+        other[2] = b.fmul(s, first.charge) if charged else s
+    if wanted.load is not None:
+        cube = b.fmul(r2, s)
+        own[3], other[3] = b.fmul(cube, second.weight), b.fmul(cube, first.weight)
+    return Sums(*own), Sums(*other)
+
+
+def added(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:
+    return [code.builder.fadd(one, more) for one, more in zip(totals, values, strict=True)]

@@ -1,0 +1,129 @@
+"""The sweep of the cut-off path: two rows of grains against the runs of their partners."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from granular.pairs.interact import (
+    Arrays,
+    Cut,
+    Extremes,
+    Grains,
+    added,
+    eight_grains,
+    interact,
+    one_grain,
+    present,
+)
+from granular.pairs.inverse import SCALE
+from granular.pairs.lanes import INDEX, WIDTH, Code, constant
+
+ROWS = 2
+"""Rows swept together, neighbours in a stripe."""
+
+RUNS = 4
+"""Runs of partners for two rows: the rest of their stripe, and the three stripes above it."""
+
+
+class _Sweep(NamedTuple):
+    """Two rows, and their sums so far."""
+
+    arrays: Arrays
+    grains: list[Grains]
+    totals: list[list[Any]]
+    extremes: Extremes
+    cut: Cut
+
+
+def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
+    """The rows against the partners from j on.
+
+    ``own``: j is the second row itself. It is a partner of the first one alone.
+    """
+    pointers = present(sweep.arrays.sums)
+    partners = eight_grains(code, sweep.arrays, j)
+    reactions = [code.load(pointer, j) for pointer in pointers]
+    for row, (grain, sums) in enumerate(zip(sweep.grains, sweep.totals, strict=True)):
+        lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
+        pairs = interact(code, grain, partners, sweep.arrays.sums, sweep.extremes, lanes, sweep.cut)
+        for total, value in zip(sums, present(pairs[0]), strict=True):
+            code.raise_by(total, value)
+        reactions = added(code, reactions, present(pairs[1]))
+    for pointer, reaction in zip(pointers, reactions, strict=True):
+        code.store(reaction, pointer, j)
+
+
+def _sweep_group(code: Code, sweep: _Sweep, first: ir.Value, runs: ir.Value) -> None:
+    b = code.builder
+    second = b.add(first, ir.Constant(INDEX, 1))
+    _meet_eight(code, sweep, second, own=True)
+    four, one = ir.Constant(INDEX, RUNS), ir.Constant(INDEX, 1)
+    begin = b.mul(first, ir.Constant(INDEX, RUNS))  # two places for each run, two rows
+    zero = ir.Constant(INDEX, 0)
+    with cgutils.for_range_slice(b, zero, four, one, INDEX) as (run, _):
+        place = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
+        start, stop = code.scalar(runs, place), code.scalar(runs, b.add(place, one))
+        with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
+            _meet_eight(code, sweep, j, own=False)
+    for which, pointer in enumerate(present(sweep.arrays.sums)):
+        vectors = [b.load(sums[which]) for sums in sweep.totals]
+        code.add_vector(code.totals(vectors), pointer, first)
+    sweep.extremes.finish()
+
+
+@intrinsic
+def sweep_runs(
+    typing: Any,
+    x: Any,
+    y: Any,
+    fx: Any,
+    fy: Any,
+    charge: Any,
+    stiffness: Any,
+    extremes: Any,
+    load: Any,
+    weight: Any,
+    runs: Any,
+    first: Any,
+    stop: Any,
+    radius: Any,
+) -> Any:
+    """The rows first .. stop - 1, two at a time, each with the partners within ``radius``.
+
+    The first row's partners begin with the second row; seven more grains behind that one are met
+    without being listed. ``runs`` is int64 (rows / 2, `RUNS`, 2): where each run starts and stops.
+    Up to seven places behind a run are met, too.
+    """
+    signature = types.void(
+        x, y, fx, fy, charge, stiffness, extremes, load, weight, runs,
+        types.intp, types.intp, types.float64,
+    )  # fmt: skip
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        code = Code(context, builder)
+        arrays = Arrays(code, signature.args[:9], values[:9])
+        listed = code.data(signature.args[9], values[9])
+        first, stop, radius = values[10:]
+        square = builder.fmul(radius, radius)
+        cube = builder.fdiv(ir.Constant(radius.type, 1.0 / SCALE), builder.fmul(square, radius))
+        cut = Cut(code.splat(square), code.splat(cube))
+        step = ir.Constant(INDEX, ROWS)
+        with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
+            places = [builder.add(row, ir.Constant(INDEX, one)) for one in range(ROWS)]
+            count = len(present(arrays.sums))
+            sweep = _Sweep(
+                arrays,
+                [one_grain(code, arrays, place) for place in places],
+                [[code.variable(constant(0.0)) for _ in range(count)] for _ in places],
+                Extremes(code, arrays.extremes),
+                cut,
+            )
+            _sweep_group(code, sweep, row, listed)
+        return context.get_dummy_value()
+
+    return signature, generate

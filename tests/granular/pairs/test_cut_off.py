@@ -1,0 +1,147 @@
+"""Pairs within a radius: no pair missed while grains move, and the same bits after a resumption."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granular import Scene, simulate
+from granular.engine.state import kept_lists, put_lists
+from granular.errors import SceneError
+from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
+from granular.pairs.plain import plain_cut_sum
+from granular.pairs.stripes import BUILDS, Stripes, cut_sum, stripes_room
+
+
+def scattered(count: int, seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    side = int(np.ceil(np.sqrt(count)))
+    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
+    return 1.8 * place + random.uniform(-0.5, 0.5, (count, 2))
+
+
+class Bed:
+    """Grains, and room for their sums."""
+
+    def __init__(self, positions: np.ndarray, radius: float, *, charged: bool) -> None:
+        self.count, self.radius = len(positions), radius
+        self.x, self.y = padded_coordinates(positions)
+        self.charge = padded_values(np.linspace(0.3, 1.0, self.count)) if charged else None
+        self.weight = padded_values(np.linspace(0.2, 1.0, self.count))
+        self.near = self.room()
+
+    def room(self) -> Stripes:
+        return stripes_room(self.x.size, charged=self.charge is not None, loaded=True)
+
+    def sums(self, function=cut_sum) -> np.ndarray:
+        out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
+        function(
+            self.near, self.radius, self.count, self.x, self.y, out[0], out[1], self.charge,
+            out[2], extremes, out[3], self.weight,
+        )  # fmt: skip
+        return np.concatenate([out[:, : self.count].ravel(), extremes])
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    count=st.integers(1, 150), seed=st.integers(0, 10**6), charged=st.booleans(),
+    radius=st.floats(0.5, 12.0), stretch=st.sampled_from([(1.0, 1.0), (30.0, 0.1), (0.05, 20.0)]),
+)  # fmt: skip
+def test_sum_is_its_slow_twin_while_grains_move(
+    count: int, seed: int, charged: bool, radius: float, stretch: tuple[float, float]
+) -> None:
+    """Slow grains, one fast grain that crosses many skins in a step, and a bed that jumps."""
+    bed = Bed(scattered(count, seed) * stretch, radius, charged=charged)
+    random = np.random.default_rng(seed)
+    for move in (0.0, 0.01, 0.1, 0.0, 3.0):
+        bed.x[:count] += random.uniform(-move, move, count)
+        bed.y[:count] += random.uniform(-move, move, count)
+        bed.x[random.integers(count)] += 20.0 * move
+        fast, slow = bed.sums(), bed.sums(plain_cut_sum)
+        scale = np.abs(slow).max()
+        np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-12 * scale + 1e-150)
+
+
+def test_wide_radius_is_the_direct_sum() -> None:
+    bed = Bed(scattered(200, 2), 1e3, charged=False)
+    found = bed.sums()[:400].reshape(2, 200)
+    fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
+    direct_sum(bed.x, bed.y, fx, fy, None, None, None, None, None, None, None)
+    np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
+
+
+def test_lists_last_while_grains_stay() -> None:
+    """They are made again only where a grain has moved by half the skin."""
+    bed = Bed(scattered(150, 4), 6.0, charged=False)
+    for _ in range(20):
+        bed.sums()
+    assert bed.near.memory[BUILDS] == 1.0
+    bed.x[7] += 3.0
+    bed.sums()
+    assert bed.near.memory[BUILDS] == 2.0
+
+
+def test_lists_made_again_give_the_same_bits() -> None:
+    """What a checkpoint keeps of them fixes the order of the sums."""
+    bed = Bed(scattered(300, 9), 6.0, charged=True)
+    random = np.random.default_rng(1)
+    drift = random.normal(0.0, 2e-2, (2, 300))
+    kept, kept_place, at = {}, None, []
+    for step in range(40):
+        bed.x[:300] += drift[0]
+        bed.y[:300] += drift[1]
+        at.append(bed.sums())
+        if step == 20:
+            kept, kept_place = kept_lists(bed.near), (bed.x.copy(), bed.y.copy())
+    assert bed.near.memory[BUILDS] > 5.0
+    bed.near = bed.room()
+    put_lists(bed.near, kept)
+    assert kept_place is not None
+    bed.x, bed.y = kept_place
+    for wanted in at[21:]:
+        bed.x[:300] += drift[0]
+        bed.y[:300] += drift[1]
+        np.testing.assert_array_equal(bed.sums(), wanted)
+
+
+def test_memory_is_linear() -> None:
+    sizes = []
+    for count in (10_000, 100_000):
+        arrays = stripes_room(count, charged=True, loaded=True)
+        sizes.append(sum(one.nbytes for one in arrays if one is not None) / count)
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
+    assert sizes[1] < 1500.0
+
+
+def test_no_number_gives_no_number() -> None:
+    bed = Bed(scattered(30, 9), 6.0, charged=False)
+    bed.y[3] = np.nan
+    assert np.isnan(bed.sums()[:60]).all()
+
+
+def test_scene_chooses_the_method(bed: Scene) -> None:
+    assert bed.pairs.chosen == "direct"
+    assert bed.pairs.radius(0.006) is None
+    assert bed.replace(**{"pairs.method": "cut-off"}).pairs.radius(0.006) == 11.26
+    near = bed.replace(**{"pairs": {"method": "cut-off", "cut_off": "5 D"}})
+    assert near.pairs.radius(0.006) == pytest.approx(5.0)
+    with pytest.raises(SceneError, match=r"pairs\.cut_off: only the method 'cut-off'"):
+        bed.replace(**{"pairs.cut_off": "5 D"})
+
+
+@pytest.mark.long
+def test_run_with_a_cut_off(small_bed: Scene, tmp_path: pytest.TempPathFactory) -> None:
+    """The energy is kept as without, and a resumed run has the bits of one in a piece."""
+    scene = small_bed.replace(**{"pairs.method": "cut-off", "pairs.cut_off": "4 D"})
+    whole = simulate(scene, t_end=0.2, progress=False)
+    out = str(tmp_path)
+    simulate(scene, t_end=0.0711, out=out, progress=False)
+    parts = simulate(scene, t_end=0.2, out=out, resume=True, progress=False)
+    for name in ("position", "velocity"):
+        np.testing.assert_array_equal(
+            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+        )
+    assert whole.settings()["pairs"] == "cut-off"
+    assert whole.settings()["ledger_residual"] < 1e-3
