@@ -31,10 +31,14 @@ def quarter_period_pair(m: Any) -> Pair:
     zero = jnp.zeros_like(m)
     # XLA folds sums of constants, and with them the error of 1 - m; behind a barrier it does not.
     one = jax.lax.optimization_barrier(jnp.ones_like(m))
-    a, b = (one, zero), _root(_two_sum(one, -m))
-    for _ in range(_STEPS):
-        a, b = _halved(_sum(a, b)), _root(_product(a, b))
+    start = (one, zero), _root(_two_sum(one, -m))
+    a, _ = jax.lax.fori_loop(0, _STEPS, _mean_step, start)
     return _quotient((zero + _HALF_PI[0], zero + _HALF_PI[1]), a)
+
+
+def _mean_step(_: Any, state: tuple[Pair, Pair]) -> tuple[Pair, Pair]:
+    a, b = state
+    return _halved(_sum(a, b)), _root(_product(a, b))
 
 
 def less_product(total: Any, a: Any, b: Pair) -> Any:

@@ -27,6 +27,8 @@ jnp = jax.numpy
 _LANDEN_STEPS = 5  # 1/2 -> 0.03 -> 6e-5 -> 2e-10 -> 1e-20: the fifth leaves nothing
 _MEAN_STEPS = 15  # of the arithmetic-geometric mean, enough for 1 - m down to 1e-300
 _FAR = 300.0  # where sech is 1e-130; it must not vanish, since it divides
+_MOST_FITS = 60  # evaluations of a least-squares search
+_POOR = 0.5  # of the record's standard deviation: a residual that follows nothing
 _SLOW_STEPS = 256  # of the averaged equations of the damped ansatz
 
 
@@ -62,19 +64,22 @@ def quarter_period(m: Any) -> Any:
 def second_integral(m: Any) -> Any:
     """The complete integral E(m) of the second kind for m < 1 (Abramowitz & Stegun 17.6.4)."""
     m = jnp.asarray(m, dtype=jnp.float64)
-    a, b = jnp.ones_like(m), jnp.sqrt(1.0 - m)
-    total, power = 0.5 * m, 0.5
-    for _ in range(_MEAN_STEPS):
-        power *= 2.0
-        total = total + power * (0.5 * (a - b)) ** 2
-        a, b = 0.5 * (a + b), jnp.sqrt(a * b)
+
+    def step(k: Any, state: Any) -> Any:
+        a, b, total = state
+        return 0.5 * (a + b), jnp.sqrt(a * b), total + 2.0**k * (0.5 * (a - b)) ** 2
+
+    start = jnp.ones_like(m), jnp.sqrt(1.0 - m), 0.5 * m
+    a, _, total = jax.lax.fori_loop(0, _MEAN_STEPS, step, start)
     return jnp.pi / (2.0 * a) * (1.0 - total)
 
 
 def _complete(m1: Any) -> Any:
-    a, b = jnp.ones_like(m1), jnp.sqrt(m1)
-    for _ in range(_MEAN_STEPS):
-        a, b = 0.5 * (a + b), jnp.sqrt(a * b)
+    def step(_: Any, state: Any) -> Any:
+        a, b = state
+        return 0.5 * (a + b), jnp.sqrt(a * b)
+
+    a, _ = jax.lax.fori_loop(0, _MEAN_STEPS, step, (jnp.ones_like(m1), jnp.sqrt(m1)))
     return jnp.pi / (2.0 * a)
 
 
@@ -339,9 +344,10 @@ def fit_damped_elliptic(record: PistonRecord) -> EllipticFit:
         start = np.array(
             [guess.rest / swing, 1.0, phase, guess.decay / guess.frequency, 1.0 - 0.3 * bend, bend]
         )
-        found = least_squares(residual, start, jacobian, x_scale="jac")
+        found = least_squares(residual, start, jacobian, x_scale="jac", max_nfev=_MOST_FITS)
         best = found if best is None or found.cost < best.cost else best
-    if best is None or not best.cost < 0.5 * len(time):
+    limit = 0.5 * len(time) * (_POOR * float(record.height.std()) / swing) ** 2
+    if best is None or not best.cost < limit:
         raise RecordError(
             "no start led to a damped elliptic motion that follows the record; it must swing "
             "about one level of rest: give a later part of it, record.between(start, stop)"

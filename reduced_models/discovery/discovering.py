@@ -1,0 +1,355 @@
+"""`discover`: the equation of a record, by sparse or by symbolic regression."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.record import PistonRecord
+from reduced_models.derivatives import Estimator, derivatives
+from reduced_models.discovery.polishing import polished
+from reduced_models.discovery.result import Candidate, Discovery, least, pareto_front
+from reduced_models.discovery.selection import Judge, Scored, all_subsets, by_size, pruned, scored
+from reduced_models.discovery.terms import (
+    Term,
+    complexity,
+    library,
+    sum_of,
+    symbols,
+    terms_of,
+)
+from reduced_models.discovery.weak import Motion, WeakForm, weak_form
+from reduced_models.estimates import estimates
+from reduced_models.inputs import column
+from reduced_models.model import HeightMap
+
+if TYPE_CHECKING:
+    import sympy
+
+Method = Literal["sindy", "operon", "pysr"]
+METHODS: tuple[Method, ...] = ("sindy", "operon", "pysr")
+
+_FLOOR = 1e-6  # least noise, in standard deviations of the record: rounding and quadrature
+_MOST_POINTS = 500  # of a symbolic regression
+_EDGE = 0.02
+_MOST_UNION = 120
+_ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
+_POOR = 2.0
+_HOPELESS = 15.0  # a criterion that is so much worse is not made good by fitting
+
+
+def discover(
+    record: PistonRecord,
+    method: Method = "sindy",
+    *,
+    form: Literal["weak", "strong"] = "weak",
+    ensemble: bool = False,
+    derivative: Estimator = "savitzky-golay",
+    degree: int = 3,
+    input: str | None = None,  # noqa: A002
+    target: Literal["acceleration", "height"] = "acceleration",
+    map: HeightMap | Literal["auto"] = "auto",  # noqa: A002
+    polish: int = 3,
+    seed: int = 0,
+) -> Discovery:
+    """Discover the equation of motion z'' = f(z, z', input) of a record.
+
+    Every method proposes structures. All are weighed by the same white residuals of the weak form;
+    those that no simpler one beats make the Pareto front; the best of them are fitted through their
+    differential equation, and the one with the least information criterion is chosen.
+
+    Parameters
+    ----------
+    record : PistonRecord
+    method : str
+        ``"sindy"``: a sparse sum of the terms of a physical library, powers of z times 1, z',
+        |z'| z' and sign(z'). ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by
+        pyoperon. ``"pysr"``: the same by PySR, which needs Julia.
+    form : "weak" or "strong"
+        For ``"sindy"``: all subsets of the library, on integrals that need no derivative of the
+        record (but for drag and friction); or thresholded least squares on an estimate of z''.
+    ensemble : bool
+        For ``"sindy"``: thresholded least squares on resampled rows; the result says how often each
+        term was needed.
+    derivative : str
+        Estimator of z' and z'', see `derivatives`.
+    degree : int
+        Of the powers of z in the library, from 1 to 5.
+    input : str, optional
+        Column of the record that drives the motion ("force", or an extra one).
+    target : "acceleration" or "height"
+        z'' or, for symbolic regression, z(t) itself. The latter is not polished.
+    map : HeightMap or "auto"
+        z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
+        farther from zero than the swing is wide, the swing about rest in amplitudes.
+    polish : int
+        Greatest number of candidates, best first, that are fitted through their differential
+        equation; those whose criterion is hopeless beside the best one's are not.
+    seed : int
+        Of random searches.
+
+    Returns
+    -------
+    Discovery
+
+    Raises
+    ------
+    RecordError
+        If the record is too short or does not move, or has no such column.
+    InputError
+        If an option is out of its range, or a program that the method needs is not installed.
+    """
+    _check(method, form, target, degree, polish, ensemble)
+    if method == "pysr":
+        from reduced_models.discovery.julia import require_julia
+
+        require_julia()
+    height_map = _map(record, map)
+    if target == "height":
+        from reduced_models.discovery.height import height_equations
+
+        return height_equations(record, method, height_map, seed)
+    weak = weak_form(motion_of(record, height_map, derivative, input))
+    terms = library(degree, input is not None)
+    inclusion: dict[str, float] = {}
+    if method == "sindy":
+        supports, inclusion = _sindy_supports(weak, terms, form, ensemble, seed)
+        ranked, judge = scored(weak, terms, terms, supports)
+        candidates = [_candidate(one) for one in ranked]
+    else:
+        candidates, judge = _symbolic_candidates(weak, terms, method, seed)
+    front = pareto_front(candidates)
+    front, chosen = _polished(front, record, height_map, input, polish, judge, seed)
+    return Discovery(
+        _words(method, form, ensemble),
+        tuple(front),
+        chosen,
+        height_map,
+        inclusion,
+        _notes(front[chosen], judge),
+    )
+
+
+def motion_of(
+    record: PistonRecord, height_map: HeightMap, derivative: Estimator, drive: str | None = None
+) -> Motion:
+    """The motion of a record in z, with estimates of its derivatives and noise."""
+    guess = estimates(record)
+    smooth = derivatives(record, derivative)
+    size = abs(height_map.scale)
+    swing = float(record.height.std())
+    return Motion(
+        time=record.time - record.time[0],
+        z=np.asarray(height_map.to_law(record.height)),
+        smooth=np.asarray(height_map.to_law(smooth.height)),
+        velocity=smooth.velocity / height_map.scale,
+        acceleration=smooth.acceleration / height_map.scale,
+        drive=None if drive is None else column(record, drive),
+        noise=max(smooth.record_noise, _FLOOR * swing) / size,
+        acceleration_noise=max(smooth.noise.acceleration, _FLOOR * swing) / size,
+        period=guess.period,
+    )
+
+
+def _check(method: str, form: str, target: str, degree: int, polish: int, ensemble: bool) -> None:
+    for name, value, valid in (
+        ("method", method, METHODS),
+        ("form", form, ("weak", "strong")),
+        ("target", target, ("acceleration", "height")),
+    ):
+        if value not in valid:
+            raise InputError(f"{name} = {value!r}; give one of {', '.join(valid)}")
+    if not isinstance(degree, int) or not 1 <= degree <= 5:
+        raise InputError(f"degree = {degree!r}; give a whole number from 1 to 5")
+    if not isinstance(polish, int) or polish < 0:
+        raise InputError(f"polish = {polish!r}; give a whole number from 0 on")
+    if method == "sindy" and target == "height":
+        raise InputError(
+            "target = 'height' needs a symbolic method: give method 'operon' or 'pysr'"
+        )
+    if method != "sindy" and (ensemble or form != "weak"):
+        raise InputError(
+            f"form and ensemble belong to method 'sindy'; leave them out of {method!r}"
+        )
+
+
+def _map(record: PistonRecord, wanted: HeightMap | str) -> HeightMap:
+    if isinstance(wanted, HeightMap):
+        return wanted
+    if wanted != "auto":
+        raise InputError(f"map = {wanted!r}; give 'auto' or a HeightMap")
+    guess = estimates(record)
+    # Powers of a height that hardly changes could not be told apart.
+    if abs(guess.rest) <= guess.amplitude:
+        return HeightMap()
+    return HeightMap(guess.rest, guess.amplitude)
+
+
+def _words(method: str, form: str, ensemble: bool) -> str:
+    if method != "sindy":
+        return method
+    return f"sindy, {form} form" + (", ensemble" if ensemble else "")
+
+
+# Structures -------------------------------------------------------------------------------------
+
+
+def _sindy_supports(
+    weak: WeakForm, terms: Sequence[Term], form: str, ensemble: bool, seed: int
+) -> tuple[list[np.ndarray], dict[str, float]]:
+    if form == "weak" and not ensemble:
+        return all_subsets(len(terms)), {}
+    from reduced_models.discovery.sparse import (
+        ensemble_supports,
+        strong_regression,
+        weak_regression,
+    )
+
+    if form == "weak":
+        regression = weak_regression(weak, terms)
+    else:
+        regression = strong_regression(weak.motion, terms)
+    supports = regression.supports()
+    inclusion: dict[str, float] = {}
+    if ensemble:
+        found = [ensemble_supports(regression, threshold, seed) for threshold in _ENSEMBLES]
+        supports = [support for one, _ in found for support in one]
+        shares = found[len(found) // 2][1]
+        inclusion = {term.text: float(share) for term, share in zip(terms, shares, strict=True)}
+    return _eliminated(weak, terms, supports), inclusion
+
+
+def _eliminated(
+    weak: WeakForm, terms: Sequence[Term], supports: Sequence[Sequence[int]]
+) -> list[np.ndarray]:
+    """Supports, and all that backward elimination makes of them."""
+    whitening = weak.whitening((), np.zeros(0))
+    matrix, target = whitening @ weak.matrix(terms), whitening @ weak.target
+    paths = (path for support in supports if support for path in pruned(matrix, target, support))
+    return by_size(paths)
+
+
+def _symbolic_candidates(
+    weak: WeakForm, terms: Sequence[Term], method: str, seed: int
+) -> tuple[list[Candidate], Judge]:
+    """Expressions of a symbolic regression; of sums of terms also what can be left out of them."""
+    expressions = _expressions(weak.motion, method, seed)
+    sums = [(one, terms_of(one)) for one in expressions]
+    union = sorted({term for _, found in sums if found is not None for term in found})
+    if not union or len(union) > _MOST_UNION:
+        union = sorted(set(terms) | set(union))[:_MOST_UNION]
+    place = {term: k for k, term in enumerate(union)}
+    supports = [
+        [place[term] for term in found if term in place] for _, found in sums if found is not None
+    ]
+    groups = _eliminated(weak, union, supports) or all_subsets(1)
+    ranked, judge = scored(weak, terms, union, groups)
+    candidates = [_candidate(one) for one in ranked]
+    candidates += [_judged(one, judge) for one, found in sums if found is None]
+    return candidates, judge
+
+
+def _expressions(motion: Motion, method: str, seed: int) -> list[sympy.Expr]:
+    import sympy
+
+    _, v, _ = symbols()
+    edge = int(_EDGE * len(motion.time))
+    inner = len(motion.time) - 2 * edge
+    rows = slice(edge, edge + inner, max(1, math.ceil(inner / _MOST_POINTS)))
+    inputs = {"z": motion.smooth, "v": motion.velocity, "speed": np.abs(motion.velocity)}
+    inputs["direction"] = np.sign(motion.velocity)
+    if motion.drive is not None:
+        inputs["u"] = motion.drive
+    samples = {name: values[rows] for name, values in inputs.items()}
+    target = motion.acceleration[rows]
+    if method == "operon":
+        from reduced_models.discovery.symbolic import operon_expressions
+
+        found = operon_expressions(samples, target, motion.acceleration_noise, seed=seed)
+    else:
+        from reduced_models.discovery.julia import pysr_expressions
+
+        found = pysr_expressions(samples, target, motion.acceleration_noise, seed=seed)
+    motions = {
+        sympy.Symbol("speed", real=True): sympy.Abs(v),
+        sympy.Symbol("direction", real=True): sympy.sign(v),
+    }
+    return [one.xreplace(motions) for one in found]
+
+
+def _candidate(one: Scored) -> Candidate:
+    expression = sum_of(one.terms, list(one.coefficients))
+    return Candidate(expression, complexity(expression), one.misfit, one.criterion)
+
+
+def _judged(expression: sympy.Expr, judge: Judge) -> Candidate:
+    """A candidate that is no sum of terms, by its residuals as it stands."""
+    import sympy
+
+    weak = judge.weak
+    left = judge.whitening @ (weak.target - weak.integral(expression))
+    count = len(expression.atoms(sympy.Float))
+    squares = float(left @ left)
+    if not math.isfinite(squares):
+        squares = math.inf
+    misfit = math.sqrt(squares / max(1, judge.rows - count))
+    return Candidate(expression, complexity(expression), misfit, judge.criterion(squares, count))
+
+
+# The choice -------------------------------------------------------------------------------------
+
+
+def _polished(
+    front: list[Candidate],
+    record: PistonRecord,
+    height_map: HeightMap,
+    drive: str | None,
+    count: int,
+    judge: Judge,
+    seed: int,
+) -> tuple[list[Candidate], int]:
+    """The front with its best candidates polished, and the place of the chosen one."""
+    order = np.argsort([one.criterion for one in front], kind="stable")
+    front = list(front)
+    limit = front[order[0]].criterion + _HOPELESS
+    tried = [int(k) for k in order[:count] if front[k].criterion <= limit]
+    for place in tried:
+        front[place] = polished(front[place], record, height_map, drive, seed)
+    fitted = [k for k in tried if front[k].model is not None]
+    if not fitted:
+        return front, int(order[0])
+    ranks = _solution_criteria([front[k] for k in fitted], judge)
+    return front, fitted[least(ranks)]
+
+
+def _solution_criteria(fitted: list[Candidate], judge: Judge) -> list[float]:
+    """The criterion with the residuals of the solutions instead of the weak ones."""
+    models = [one.model for one in fitted if one.model is not None]
+    smallest = min(model.quality.residual for model in models)
+    noise = max(judge.weak.motion.noise * abs(models[0].map.scale), smallest, 1e-300)
+    samples = len(judge.weak.motion.time)
+    return [
+        dataclasses.replace(judge, excess=1.0).criterion(
+            samples * (model.quality.residual / noise) ** 2, len(model.parameters)
+        )
+        for model in models
+    ]
+
+
+def _notes(best: Candidate, judge: Judge) -> tuple[str, ...]:
+    notes = []
+    if best.error > _POOR:
+        notes.append(
+            f"the chosen equation leaves {best.error:.2g} times what the record's noise would: the "
+            "law is not among those searched, so read it as a summary of this record"
+        )
+    if best.model is None and best.note:
+        notes.append(f"the chosen equation was not polished: {best.note}")
+    if best.model is not None:
+        notes += best.model.notes
+    return tuple(notes)

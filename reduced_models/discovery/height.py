@@ -1,0 +1,96 @@
+"""Equations for the motion z(t) itself, by symbolic regression."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.record import PistonRecord
+from reduced_models.discovery.polishing import parametrised
+from reduced_models.discovery.result import Candidate, Discovery, least, pareto_front
+from reduced_models.discovery.terms import complexity
+from reduced_models.estimates import noise_level
+from reduced_models.model import HeightMap
+
+if TYPE_CHECKING:
+    import sympy
+
+_FUNCTIONS = ("sin", "cos", "exp")
+_MOST_POINTS = 500
+_EVALUATIONS = 400_000
+_FLOOR = 1e-6
+_MOST_NUMBERS = 16
+
+
+def height_equations(
+    record: PistonRecord, method: str, height_map: HeightMap, seed: int
+) -> Discovery:
+    """Expressions of z in t, from the record's start on; numbers fitted to all samples."""
+    import sympy
+
+    time = record.time - record.time[0]
+    z = np.asarray(height_map.to_law(record.height))
+    noise = max(
+        noise_level(record.height, record.time) / abs(height_map.scale), _FLOOR * float(z.std())
+    )
+    rows = slice(None, None, max(1, math.ceil(len(time) / _MOST_POINTS)))
+    inputs = {"t": time[rows]}
+    if method == "operon":
+        from reduced_models.discovery.symbolic import operon_expressions
+
+        found = operon_expressions(inputs, z[rows], noise, _FUNCTIONS, _EVALUATIONS, seed)
+    else:
+        from reduced_models.discovery.julia import pysr_expressions
+
+        found = pysr_expressions(inputs, z[rows], noise, _FUNCTIONS, elliptic=True, seed=seed)
+    fitted = [_fitted(sympy.expand_mul(one), time, z, noise) for one in found]
+    excess = max(1.0, min(error for _, error in fitted)) ** 2
+    candidates = [
+        Candidate(
+            one,
+            complexity(one),
+            error,
+            len(time) * error**2 / excess + len(one.atoms(sympy.Float)) * math.log(len(time)),
+        )
+        for one, error in fitted
+    ]
+    front = pareto_front(candidates)
+    chosen = least([one.criterion for one in front])
+    return Discovery(f"{method}, z(t)", tuple(front), chosen, height_map)
+
+
+def _fitted(
+    expression: sympy.Expr,
+    time: np.ndarray,
+    z: np.ndarray,
+    noise: float,
+) -> tuple[sympy.Expr, float]:
+    """An expression with its numbers fitted to all samples, and its error in noise levels."""
+    import sympy
+    from scipy.optimize import least_squares
+
+    template, values = parametrised(expression)
+    t = sympy.Symbol("t", real=True)
+    symbols = [sympy.Symbol(name) for name in values]
+    start = np.array(list(values.values()))
+    try:
+        function = sympy.lambdify([t, *symbols], template, "numpy")
+
+        def residual(numbers: np.ndarray) -> np.ndarray:
+            with np.errstate(all="ignore"):
+                found = (function(time, *numbers) - z) / noise
+            return np.where(np.isfinite(found), found, 1e6) * np.ones(len(time))
+
+        if 0 < len(values) <= _MOST_NUMBERS:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                start = least_squares(residual, start, x_scale="jac", max_nfev=50).x
+        error = float(np.sqrt((residual(start) ** 2).mean()))
+    except NameError:  # an elliptic function, which NumPy does not have
+        return expression, math.inf
+    numbers = dict(zip(symbols, map(sympy.Float, start), strict=True))
+    return template.xreplace(numbers), error

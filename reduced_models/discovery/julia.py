@@ -1,0 +1,143 @@
+"""Symbolic regression by PySR (Cranmer 2023, arXiv:2305.01582), where Julia is there.
+
+Nothing is imported or downloaded before a probe has found Julia and PySR's Julia packages in
+place: importing PySR without them would fetch both.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.errors import InputError
+from reduced_models.discovery.scaled import scaled
+
+if TYPE_CHECKING:
+    import sympy
+
+COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"')
+"""What installs PySR, and then Julia with PySR's Julia packages."""
+
+_ITERATIONS = 60
+_MOST_NODES = 30
+_MEAN = "foldl((p, _) -> ((p[1] + p[2])/2, sqrt(p[1]*p[2])), 1:9; init=(one({m}), sqrt({m})))[1]"
+_QUARTER = "(pi/(2*" + _MEAN.format(m="(1 - m)") + "))"
+_NOME = "exp(-pi*" + _MEAN.format(m="(1 - m)") + "/" + _MEAN.format(m="m") + ")"
+_PHASE = "(pi*u/(2*K))"
+_SERIES = {
+    "jacobi_sn": "2*pi/(K*sqrt(m))*sum(q^(n + 0.5)/(1 - q^(2*n + 1))*sin((2*n + 1)*x) for n in 0:24)",
+    "jacobi_cn": "2*pi/(K*sqrt(m))*sum(q^(n + 0.5)/(1 + q^(2*n + 1))*cos((2*n + 1)*x) for n in 0:24)",
+    "jacobi_dn": "pi/(2*K) + 2*pi/K*sum(q^n/(1 + q^(2*n))*cos(2*n*x) for n in 1:24)",
+}
+_RANGE = (1e-6, 0.9999)
+
+
+def elliptic_operators() -> list[str]:
+    """Jacobi's sn, cn, dn of u and m as Julia functions of one line each.
+
+    The series in the nome q (Abramowitz & Stegun 16.23), for 1e-6 < m < 0.9999; NaN elsewhere, as
+    PySR asks of operators outside their domain. K and q come from the arithmetic-geometric mean.
+    """
+    low, high = _RANGE
+    return [
+        f"{name}(u, m) = ({low} < m < {high}) ? "
+        f"((K, q) -> ((x) -> oftype(u, {series}))({_PHASE}))({_QUARTER}, {_NOME}) : oftype(u, NaN)"
+        for name, series in _SERIES.items()
+    ]
+
+
+def elliptic_mappings() -> dict[str, Callable[[Any, Any], Any]]:
+    """The same functions for SymPy, as symbols."""
+    import sympy
+
+    return {name: sympy.Function(name) for name in _SERIES}
+
+
+def missing() -> str | None:
+    """What PySR lacks here, in words; None where it can run. Never downloads anything."""
+    if importlib.util.find_spec("pysr") is None:
+        return "the package pysr is not installed"
+    julia = os.environ.get("PYTHON_JULIAPKG_EXE") or os.environ.get("PYTHON_JULIACALL_EXE")
+    project = os.environ.get("PYTHON_JULIACALL_PROJECT")
+    if julia and project:
+        if shutil.which(julia) is None:
+            return f"there is no Julia at {julia!r}"
+        return None if os.path.isdir(project) else f"there is no Julia project at {project!r}"
+    return None if _resolved() else "Julia, or PySR's Julia packages, are not there"
+
+
+def _resolved() -> bool:
+    """Whether juliapkg has all in place; a dry run looks without installing."""
+    logging.getLogger("juliapkg").setLevel(logging.ERROR)
+    try:
+        import juliapkg
+
+        return bool(juliapkg.resolve(dry_run=True))
+    except Exception:  # noqa: BLE001  whatever is wrong with it, PySR cannot run
+        return False
+
+
+def require_julia() -> None:
+    """Raise `InputError`, with the commands that cure it, unless PySR can run."""
+    lack = missing()
+    if lack is not None:
+        raise InputError(
+            f"method 'pysr' needs Julia 1.10 or newer, and {lack}; install it with: "
+            f"{COMMANDS[0]} && {COMMANDS[1]}"
+        )
+
+
+def settings(
+    functions: Sequence[str] = (), elliptic: bool = False, seed: int = 0
+) -> dict[str, Any]:
+    """Keywords of ``pysr.PySRRegressor`` for a repeatable search."""
+    binary = ["+", "-", "*"]
+    return {
+        "binary_operators": binary + (elliptic_operators() if elliptic else []),
+        "unary_operators": list(functions),
+        "extra_sympy_mappings": elliptic_mappings() if elliptic else None,
+        "niterations": _ITERATIONS,
+        "maxsize": _MOST_NODES,
+        "precision": 64,
+        "deterministic": True,
+        "parallelism": "serial",
+        "random_state": seed,
+        "temp_equation_file": True,
+        "progress": False,
+        "verbosity": 0,
+        "input_stream": "devnull",
+    }
+
+
+def pysr_expressions(
+    inputs: Mapping[str, np.ndarray],
+    target: np.ndarray,
+    noise: float,
+    functions: Sequence[str] = (),
+    elliptic: bool = False,
+    seed: int = 0,
+) -> list[sympy.Expr]:
+    """Expressions of PySR's hall of fame; arguments as of `operon_expressions`.
+
+    Raises
+    ------
+    InputError
+        If PySR or Julia is not there.
+    """
+    require_julia()
+    from pysr import PySRRegressor
+
+    samples = scaled(inputs, target)
+    search = PySRRegressor(
+        # An expression at the noise is good enough.
+        early_stop_condition=0.5 * (noise / samples.target_size) ** 2,
+        **settings(functions, elliptic, seed),
+    )
+    search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
+    return [samples.restored(one) for one in search.equations_["sympy_format"]]

@@ -1,0 +1,128 @@
+"""The last step of every method: a found structure is fitted through its differential equation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.errors import GranularError
+from granular.record import PistonRecord
+from reduced_models.discovery.result import Candidate
+from reduced_models.discovery.terms import INPUT, complexity, symbols, terms_of, text_of
+from reduced_models.estimates import Estimates
+from reduced_models.fitting import fit
+from reduced_models.law import Law
+from reduced_models.model import HeightMap
+
+if TYPE_CHECKING:
+    import sympy
+
+STARTS = 4
+_SPREAD = 0.1  # of the start values about the coefficients found
+_MOST_NUMBERS = 12
+_STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
+_RESOLUTION = 4  # of laws with it, in the steps of smooth ones
+NAME = "discovered"
+
+
+def polished(
+    candidate: Candidate,
+    record: PistonRecord,
+    height_map: HeightMap,
+    column: str | None = None,
+    seed: int = 0,
+) -> Candidate:
+    """A candidate with its numbers fitted by `fit`, or with a note that says why there are none.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Of z''.
+    record : PistonRecord
+    height_map : HeightMap
+    column : str, optional
+        Of the record, that is the input.
+    seed : int
+    """
+    template, values = parametrised(candidate.expression)
+    if len(values) > _MOST_NUMBERS:
+        return dataclasses.replace(
+            candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
+        )
+    law = law_of(smoothed(template, record, height_map), values, column)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # notes stand in the model
+            model = fit(record, law, map=height_map, starts=STARTS, holdout=0.0, seed=seed)
+    except GranularError as error:
+        return dataclasses.replace(candidate, note=str(error))
+    import sympy
+
+    numbers = {sympy.Symbol(name): sympy.Float(model.parameters[name]) for name in values}
+    expression = template.xreplace(numbers)
+    return dataclasses.replace(
+        candidate, expression=expression, complexity=complexity(expression), model=model
+    )
+
+
+def parametrised(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
+    """An expression with symbols c0, c1 ... for its numbers, and their values.
+
+    The coefficients of a sum of library terms come in the order of the terms, so that the same
+    structure is the same law; elsewhere every floating-point number is one.
+    """
+    import sympy
+
+    terms = terms_of(expression)
+    if terms is not None:
+        names = {f"c{k}": terms[term] for k, term in enumerate(sorted(terms))}
+        parts = (
+            sympy.Symbol(name) * term.expression
+            for name, term in zip(names, sorted(terms), strict=True)
+        )
+        return sympy.Add(*parts), names
+    floats = sorted(expression.atoms(sympy.Float), key=float)
+    symbol_of = {one: sympy.Symbol(f"c{k}") for k, one in enumerate(floats)}
+    return expression.xreplace(symbol_of), {symbol_of[one].name: float(one) for one in floats}
+
+
+def smoothed(template: sympy.Expr, record: PistonRecord, height_map: HeightMap) -> sympy.Expr:
+    """An expression with a steep tanh(z') for sign(z'), which no solver can step across."""
+    import sympy
+
+    _, v, _ = symbols()
+    speed = float(np.abs(np.gradient(record.height, record.time)).std()) / abs(height_map.scale)
+    # A power of ten, so that records of one kind share compiled code.
+    steepness = 10.0 ** round(math.log10(_STEEPNESS / speed))
+    return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))
+
+
+def law_of(template: sympy.Expr, values: dict[str, float], column: str | None = None) -> Law:
+    """The law z'' = template, whose fit starts near the given values."""
+    import sympy
+
+    def start(_: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+        return {
+            name: value * (1.0 + _SPREAD * random.normal(size=count))
+            for name, value in values.items()
+        }
+
+    if column is not None:
+        template = template.xreplace({symbols()[2]: sympy.Symbol(column)})
+    inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
+    return Law(
+        name=NAME,
+        equation=f"z'' = {text_of(template)}",
+        start=start,
+        mapped=True,
+        source="discovered in the record",
+        inputs=inputs,
+        resolution=_RESOLUTION if template.has(sympy.tanh) else 1,
+    )
+
+
+__all__ = ["INPUT", "NAME", "law_of", "parametrised", "polished"]

@@ -1,0 +1,165 @@
+"""What a discovery gives back, the same for every method."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.errors import InputError
+from reduced_models.discovery.terms import Term, terms_of, text_of
+from reduced_models.model import HeightMap, ReducedModel
+
+if TYPE_CHECKING:
+    import sympy
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Candidate:
+    """An equation on the Pareto front.
+
+    Attributes
+    ----------
+    expression : sympy.Expr
+        z'' in the real symbols z, v (for z') and u (for the input); or z itself in t. Numbers are
+        the fitted ones where the candidate was polished.
+    complexity : int
+        Nodes of the expression's tree.
+    error : float
+        Rms residual in standard deviations of what the record's noise makes of it: 1 where the
+        equation says all that the record holds.
+    criterion : float
+        Extended Bayesian information criterion of that residual; the least is best. Differences
+        above about 10 are decisive.
+    model : ReducedModel or None
+        The candidate polished through its differential equation.
+    note : str
+        Why there is no model, where polishing was tried.
+    """
+
+    expression: sympy.Expr
+    complexity: int
+    error: float
+    criterion: float
+    model: ReducedModel | None = None
+    note: str = ""
+
+    @property
+    def terms(self) -> dict[Term, float] | None:
+        """The terms with their coefficients; None where it is no sum of library terms."""
+        return terms_of(self.expression)
+
+    @property
+    def text(self) -> str:
+        """The equation, numbers cut to five digits."""
+        import sympy
+
+        numbers = {one: sympy.Float(one, 5) for one in self.expression.atoms(sympy.Float)}
+        left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else "z''"
+        return f"{left} = {text_of(self.expression.xreplace(numbers))}"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Discovery:
+    """Equations that were discovered in a record.
+
+    Attributes
+    ----------
+    method : str
+    candidates : tuple of Candidate
+        The Pareto front, from the simplest to the most exact.
+    chosen : int
+        Place of the chosen one.
+    map : HeightMap
+        How z in the equations comes from the height.
+    inclusion : mapping of str to float
+        Share of resampled records in which each term was needed; empty without an ensemble.
+    notes : tuple of str
+        What is to be doubted, in plain words.
+    """
+
+    method: str
+    candidates: tuple[Candidate, ...]
+    chosen: int
+    map: HeightMap
+    inclusion: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def best(self) -> Candidate:
+        """The chosen candidate."""
+        return self.candidates[self.chosen]
+
+    @property
+    def expression(self) -> sympy.Expr:
+        """That of the chosen candidate."""
+        return self.best.expression
+
+    @property
+    def model(self) -> ReducedModel:
+        """The chosen candidate, polished through its differential equation.
+
+        Raises
+        ------
+        InputError
+            If it could not be polished.
+        """
+        if self.best.model is None:
+            why = self.best.note or "it was not polished"
+            raise InputError(
+                f"the discovered equation {self.best.text} has no model: {why}; see .candidates "
+                "for the others"
+            )
+        return self.best.model
+
+    def __str__(self) -> str:
+        lines = [f"discovered by {self.method}, {self.map}:"]
+        for place, one in enumerate(self.candidates):
+            mark = "*" if place == self.chosen else " "
+            lines.append(f" {mark} {one.complexity:3d}  {one.error:9.4g}  {one.text}")
+        lines.append("   nodes, error in noise levels, equation; * is chosen")
+        shares = ", ".join(f"{name}: {share:.2f}" for name, share in self.inclusion.items())
+        if shares:
+            lines.append(f"  needed in this share of resampled records: {shares}")
+        lines += [f"  note: {note}" for note in self.notes]
+        return "\n".join(lines)
+
+    def to_plain(self) -> dict[str, Any]:
+        """The discovery as plain data (numbers, texts, lists)."""
+        return {
+            "method": self.method,
+            "chosen": self.chosen,
+            "map": dataclasses.asdict(self.map),
+            "inclusion": dict(self.inclusion),
+            "notes": list(self.notes),
+            "candidates": [
+                {
+                    "equation": one.text,
+                    "expression": str(one.expression),
+                    "complexity": one.complexity,
+                    "error": one.error,
+                    "criterion": one.criterion,
+                    "model": None if one.model is None else one.model.to_plain(),
+                    "note": one.note,
+                }
+                for one in self.candidates
+            ],
+        }
+
+
+def pareto_front(candidates: list[Candidate]) -> list[Candidate]:
+    """Those that no simpler candidate beats in error, from the simplest on."""
+    front: list[Candidate] = []
+    order = sorted(candidates, key=lambda one: (one.complexity, one.error))
+    for one in order:
+        if math.isfinite(one.error) and (not front or one.error < front[-1].error):
+            front.append(one)
+    return front
+
+
+def least(values: list[float]) -> int:
+    """Place of the least value; the first of equals."""
+    return int(np.argmin(values))

@@ -1,0 +1,181 @@
+"""Which terms an equation needs: all subsets of a library, weighed by their weak residuals."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from reduced_models.discovery.terms import Term
+from reduced_models.discovery.weak import WeakForm
+
+MOST_TERMS = 8
+_KEPT = 3  # subsets of a size
+_ROUNDS = 3  # of the covariance, which depends on the coefficients
+_MOST_SUBSETS = 400_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Scored:
+    """A subset of the terms, with what its weak residuals say.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+    coefficients : float64 (k,)
+    misfit : float
+        Rms of the residuals, in standard deviations of what the record's noise makes of them: 1
+        where the equation holds.
+    criterion : float
+        Extended Bayesian information criterion (Chen & Chen 2008, doi:10.1093/biomet/asn034).
+    """
+
+    terms: tuple[Term, ...]
+    coefficients: np.ndarray
+    misfit: float
+    criterion: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Judge:
+    """The white weak residuals of a record, which weigh any equation.
+
+    Attributes
+    ----------
+    weak : WeakForm
+    whitening : float64 (q, r)
+    excess : float
+        Factor by which the squares exceed the noise even with all terms of the library: above 1
+        where the library does not hold the law. The criterion counts in it (Burnham & Anderson
+        2002, quasi-likelihood).
+    size : int
+        Terms of the library that was searched.
+    """
+
+    weak: WeakForm
+    whitening: np.ndarray
+    excess: float
+    size: int
+
+    @property
+    def rows(self) -> int:
+        return len(self.whitening)
+
+    def criterion(self, squares: float, count: int) -> float:
+        """Of an equation with so many free numbers and that sum of squares."""
+        ways = math.log(math.comb(max(self.size, count), count))
+        samples = math.log(len(self.weak.motion.time))
+        return squares / self.excess + count * samples + 2.0 * ways
+
+
+def all_subsets(count: int) -> list[np.ndarray]:
+    """Subsets (s, k) of ``count`` terms for each size k, as far as they can all be tried."""
+    found, total = [], 0
+    for size in range(1, min(count, MOST_TERMS) + 1):
+        total += math.comb(count, size)
+        if total > _MOST_SUBSETS:
+            break
+        found.append(np.array(list(itertools.combinations(range(count), size))))
+    return found
+
+
+def by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
+    """Given subsets, without repetitions, as arrays (s, k) for each size k."""
+    groups: dict[int, set[tuple[int, ...]]] = {}
+    for subset in subsets:
+        chosen = tuple(sorted(set(subset)))
+        if chosen:
+            groups.setdefault(len(chosen), set()).add(chosen)
+    return [np.array(sorted(groups[size])) for size in sorted(groups)]
+
+
+def scored(
+    weak: WeakForm, library: Sequence[Term], terms: Sequence[Term], subsets: list[np.ndarray]
+) -> tuple[list[Scored], Judge]:
+    """The best few subsets of each size, best criterion first, and the judge that weighed them.
+
+    Parameters
+    ----------
+    weak : WeakForm
+    library : sequence of Term
+        That was searched; it sets the price of a term.
+    terms : sequence of Term
+        That the subsets number.
+    subsets : list of int (s, k)
+    """
+    best: Scored | None = None
+    matrix, every = weak.matrix(terms), weak.matrix(library)
+    found: list[Scored] = []
+    for _ in range(_ROUNDS):
+        # The first covariance is that of z'' alone; then that of the best equation so far.
+        known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
+        judge = _judge(weak, every, weak.whitening(*known))
+        found = _ranked(judge, matrix, terms, subsets)
+        best = found[0]
+    return found, judge
+
+
+def _judge(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
+    columns, target = whitening @ every, whitening @ weak.target
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-10)[0]
+    freedom = max(1, len(target) - columns.shape[1])
+    return Judge(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
+
+
+def _ranked(
+    judge: Judge, matrix: np.ndarray, terms: Sequence[Term], subsets: list[np.ndarray]
+) -> list[Scored]:
+    columns, target = judge.whitening @ matrix, judge.whitening @ judge.weak.target
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    columns = columns / sizes
+    gram, moment = columns.T @ columns, columns.T @ target
+    found = []
+    for group in subsets:
+        count = group.shape[1]
+        grams = gram[group[:, :, None], group[:, None, :]] + 1e-12 * np.eye(count)
+        moments = moment[group]
+        solved = np.linalg.solve(grams, moments[:, :, None])[:, :, 0]
+        gains = (solved * moments).sum(axis=1)
+        for k in np.argsort(-gains, kind="stable")[:_KEPT]:
+            chosen = group[k]
+            # From the residuals themselves: the difference of two large sums keeps no digits.
+            left = target - columns[:, chosen] @ solved[k]
+            squares = float(left @ left)
+            found.append(
+                Scored(
+                    tuple(terms[place] for place in chosen),
+                    solved[k] / sizes[chosen],
+                    math.sqrt(squares / max(1, judge.rows - count)),
+                    judge.criterion(squares, count),
+                )
+            )
+    return sorted(found, key=lambda one: one.criterion)
+
+
+def pruned(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:
+    """Backward elimination: a subset, and what is left after the least needed term goes, and so on.
+
+    Parameters
+    ----------
+    judge_matrix : float64 (q, p)
+        White columns.
+    target : float64 (q,)
+    start : sequence of int
+    """
+    sizes = np.maximum(np.linalg.norm(judge_matrix, axis=0), 1e-300)
+    columns = judge_matrix / sizes
+    gram, moment = columns.T @ columns, columns.T @ target
+    left = list(start)
+    path = [list(left)]
+    while len(left) > 1:
+        # A term's worth is its coefficient squared over its variance.
+        inverse = np.linalg.pinv(gram[np.ix_(left, left)], rcond=1e-12, hermitian=True)
+        values = inverse @ moment[left]
+        worth = values**2 / np.maximum(np.diag(inverse), 1e-300)
+        left.pop(int(np.argmin(worth)))
+        path.append(list(left))
+    return path
