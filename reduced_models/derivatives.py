@@ -101,8 +101,9 @@ def derivatives(record: PistonRecord, method: Estimator = "savitzky-golay") -> D
         "finite-differences": _differences,
     }
     smoother, width = choose[method](time, height, sigma)
-    found = smoother(height)
-    return Derivatives(method, time, *found, width, sigma, _left_noise(smoother, len(time), sigma))
+    smooth, velocity, acceleration = smoother(height)
+    left = _left_noise(smoother, len(time), sigma)
+    return Derivatives(method, time, smooth, velocity, acceleration, width, sigma, left)
 
 
 def _left_noise(smoother: Smoother, count: int, sigma: float) -> Noise:

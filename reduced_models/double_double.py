@@ -30,7 +30,8 @@ def quarter_period_pair(m: Any) -> Pair:
     m = jax.lax.stop_gradient(m)
     zero = jnp.zeros_like(m)
     # XLA folds sums of constants, and with them the error of 1 - m; behind a barrier it does not.
-    one = jax.lax.optimization_barrier(jnp.ones_like(m))
+    barrier: Any = jax.lax.optimization_barrier
+    one = barrier(jnp.ones_like(m))
     start = (one, zero), _root(_two_sum(one, -m))
     a, _ = jax.lax.fori_loop(0, _STEPS, _mean_step, start)
     return _quotient((zero + _HALF_PI[0], zero + _HALF_PI[1]), a)

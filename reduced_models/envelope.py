@@ -1,9 +1,9 @@
 """The envelope of a free swing: amplitude, frequency and damping, half swing by half swing.
 
-Every three extremes in a row make one cycle of the motion. Its amplitude, its frequency and the rate
-at which the amplitude falls, plotted over the amplitude, are the backbone and damping curves of the
-oscillator (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003); they need neither a law
-nor a level of rest.
+Every three extremes in a row make one cycle of the motion. Its amplitude, its frequency and the
+rate at which the amplitude falls, plotted over the amplitude, are the backbone and damping curves
+of the oscillator (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003); they need neither a
+law nor a level of rest.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ place: importing PySR without them would fetch both.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import logging
 import os
@@ -30,10 +31,12 @@ _MEAN = "foldl((p, _) -> ((p[1] + p[2])/2, sqrt(p[1]*p[2])), 1:9; init=(one({m})
 _QUARTER = "(pi/(2*" + _MEAN.format(m="(1 - m)") + "))"
 _NOME = "exp(-pi*" + _MEAN.format(m="(1 - m)") + "/" + _MEAN.format(m="m") + ")"
 _PHASE = "(pi*u/(2*K))"
+_ODD = "2*pi/(K*sqrt(m))*sum(q^(n + 0.5)/(1 {sign} q^(2*n + 1))*{wave}((2*n + 1)*x) for n in 0:24)"
+_EVEN = "pi/(2*K) + 2*pi/K*sum(q^n/(1 + q^(2*n))*cos(2*n*x) for n in 1:24)"
 _SERIES = {
-    "jacobi_sn": "2*pi/(K*sqrt(m))*sum(q^(n + 0.5)/(1 - q^(2*n + 1))*sin((2*n + 1)*x) for n in 0:24)",
-    "jacobi_cn": "2*pi/(K*sqrt(m))*sum(q^(n + 0.5)/(1 + q^(2*n + 1))*cos((2*n + 1)*x) for n in 0:24)",
-    "jacobi_dn": "pi/(2*K) + 2*pi/K*sum(q^n/(1 + q^(2*n))*cos(2*n*x) for n in 1:24)",
+    "jacobi_sn": _ODD.format(sign="-", wave="sin"),
+    "jacobi_cn": _ODD.format(sign="+", wave="cos"),
+    "jacobi_dn": _EVEN,
 }
 _RANGE = (1e-6, 0.9999)
 
@@ -76,10 +79,8 @@ def _resolved() -> bool:
     """Whether juliapkg has all in place; a dry run looks without installing."""
     logging.getLogger("juliapkg").setLevel(logging.ERROR)
     try:
-        import juliapkg
-
-        return bool(juliapkg.resolve(dry_run=True))
-    except Exception:  # noqa: BLE001  whatever is wrong with it, PySR cannot run
+        return bool(importlib.import_module("juliapkg").resolve(dry_run=True))
+    except Exception:  # whatever is wrong with it, PySR cannot run
         return False
 
 

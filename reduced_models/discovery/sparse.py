@@ -1,6 +1,7 @@
 """Sparse regression by PySINDy: which terms an estimate of z'' calls for (Brunton, Proctor & Kutz
 2016, doi:10.1073/pnas.1517384113), and how often resampled records agree (Fasel, Kutz, Brunton &
-Brunton 2022, doi:10.1098/rspa.2021.0904)."""
+Brunton 2022, doi:10.1098/rspa.2021.0904).
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Symbolic regression by pyoperon, genetic programming with fitted numbers (Burlacu, Kronberger &
-Kommenda 2020, doi:10.1145/3377929.3398099)."""
+Kommenda 2020, doi:10.1145/3377929.3398099).
+"""
 
 from __future__ import annotations
 
