@@ -48,10 +48,13 @@ def _compression(
     start: float, end: float, speed: float, relaxation: float
 ) -> list[dict[str, object]]:
     """Relaxation, compression, expansion, relaxation; ``relaxation`` in units of T [D, 2.3]."""
-    if not speed > 0.0:
-        raise InputError(f"speed = {speed!r}; give a speed above 0 m/s")
-    if not relaxation > 0.0:
-        raise InputError(f"relaxation = {relaxation!r}; give a time above 0 (in units of T)")
+    _check("speed", speed, "m/s")
+    _check("relaxation", relaxation, "T")
+    if not start > end:
+        raise InputError(
+            f"the compression would end at {end:g} m, above its start at {start:g} m; take "
+            "smaller grains"
+        )
     period = (start - end) / speed
     descend = {"name": "relax", "kind": "descend", "to": start, "duration": relaxation * period}
     return [
@@ -60,6 +63,13 @@ def _compression(
         {"name": "expand", "kind": "move", "to": start, "speed": speed},
         {"name": "settle", "kind": "hold", "duration": period},
     ]
+
+
+def _check(name: str, value: float, unit: str, most: float = math.inf) -> None:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0.0 < value <= most or math.isinf(value):
+        limit = "" if math.isinf(most) else f" and at most {most:g}"
+        raise InputError(f"{name} = {value!r}; give a number above 0{limit} {unit}".rstrip())
 
 
 def _records(protocol: list[dict[str, object]], speed: float, way: float) -> dict[str, object]:
@@ -100,8 +110,7 @@ def mono_bed(
     """
     base = load_scene("bed")
     diameter = base.grains.species[0].diameter
-    if not count >= 1:
-        raise InputError(f"count = {count!r}; give at least 1 grain")
+    _check("count", count, "grains")
     size = math.sqrt(count / REFERENCE_COUNT) * diameter
     start, end = max(START * size, LOWEST_START * diameter), END * size
     protocol = _compression(start, end, speed, relaxation)
@@ -152,9 +161,9 @@ def bidisperse(
     InputError
         If an argument does not fit.
     """
-    if not 0.0 < aspect <= 1.0:
-        raise InputError(f"aspect = {aspect!r}; give a ratio above 0 and at most 1")
-    if not 0.0 <= ratio <= 1.0:
+    _check("aspect", aspect, "", most=1.0)
+    _check("big", big, "m")
+    if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
         raise InputError(f"ratio = {ratio!r}; give a share from 0 to 1")
     species = [
         Species(name="big", diameter=big, share=1.0 - ratio),
@@ -217,8 +226,11 @@ def damper(
         If an argument does not fit.
     """
     base = load_scene("damper")
-    if not count >= 1:
-        raise InputError(f"count = {count!r}; give at least 1 grain")
+    for name, value, unit in (
+        ("mass", mass, "kg"), ("count", count, "grains"), ("drag", drag, "kg/s"),
+        ("drop", drop, "D"),
+    ):  # fmt: skip
+        _check(name, value, unit)
     scale = math.sqrt(count / REFERENCE_COUNT)
     diameter = base.grains.species[0].diameter
     return base.replace(

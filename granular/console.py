@@ -120,7 +120,7 @@ def changes_from(items: Sequence[str]) -> dict[str, Any]:
             raise InputError(f"--set {item!r} is not KEY=VALUE; write for instance piston.mass=6.5")
         try:
             changes[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+        except (ValueError, RecursionError):
             changes[key.strip()] = value.strip()
     return changes
 

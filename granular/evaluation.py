@@ -69,6 +69,10 @@ def evaluate(
     speed = _field("velocities", velocities, constants.grains)
     if piston_height is None:
         piston_height = 0.0 if scene.piston is None else scene.piston.height
+    try:
+        piston_height = float(piston_height)
+    except (TypeError, ValueError):
+        raise InputError(f"piston_height = {piston_height!r}; give a height [m]") from None
     state = new_state(
         place / scales.length,
         speed / scales.velocity,

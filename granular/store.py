@@ -45,6 +45,8 @@ SETTINGS = "run.json"
 def _empty_part(path: Path) -> Path:
     """An empty directory beside the run's, which becomes it when it is complete."""
     path = path.absolute()
+    if not path.name:
+        raise StoreError(f"{path} is no place for a run; give a directory that is yours")
     part = path.with_name(f".{path.name}.part")
     try:
         if path.exists() and (not path.is_dir() or any(path.iterdir())):

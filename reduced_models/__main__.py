@@ -2,73 +2,147 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from typing import Any
 
-from granular.console import (
-    Parser,
-    add_output,
-    add_run,
-    add_scene,
-    changes_from,
-    emit,
-    launch,
-    time_step,
+from granular.console import Parser, add_output, add_run, add_scene, launch
+
+EXAMPLES = {
+    "": """\
+from a lab record to its equation, judged on what it has not seen:
+  python -m reduced_models identify lab.csv -o out
+  python -m reduced_models compare lift-1.csv lift-2.csv --law all --held-out lift-3.csv
+  python -m reduced_models simulate out/model.json --until 3 -o motion.csv""",
+    "identify": """\
+examples:
+  python -m reduced_models identify damper -o out
+  python -m reduced_models identify lab.csv --law all -o out
+  python -m reduced_models identify lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
+    "fit": """\
+examples:
+  python -m reduced_models fit lab.csv --law duffing -o model.json
+  python -m reduced_models fit a.csv b.csv --law linear --own g0 --bound lam=0:2
+  python -m reduced_models fit shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0\"""",
+    "discover": """\
+example:
+  python -m reduced_models discover lab.csv --method sindy -o model.json""",
+    "compare": """\
+example:
+  python -m reduced_models compare a.csv b.csv --law all --held-out c.csv -o out""",
+    "simulate": """\
+examples:
+  python -m reduced_models simulate model.json --until 3 -o motion.csv
+  python -m reduced_models simulate model.json --until 3 --height "60 mm" --velocity 0""",
+}
+_SOURCE = "a scene (name or TOML file), a run directory, or a CSV file with time, height"
+_LAW = (
+    "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable)"
 )
 
 
 def parser() -> Parser:
     """The command line's grammar."""
-    top = Parser(prog="python -m reduced_models", description="From a motion to its equation.")
+    top = Parser(
+        prog="python -m reduced_models",
+        description="From a motion to its equation.",
+        epilog=EXAMPLES[""],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    command = commands.add_parser(
-        "identify",
-        help="simulate (or read) a piston's motion, fit laws to it, and write a report",
-    )
-    add_scene(
-        command,
-        "source",
-        "a scene (name or TOML file), a run directory, or a CSV file with time, height",
-    )
-    command.add_argument("-o", "--out", metavar="DIR", help="directory for report, models and run")
-    command.add_argument(
-        "--law", dest="laws", action="append", metavar="NAME", help="law to fit (repeatable)"
-    )
-    command.add_argument("--starts", type=int, default=16, help="random starts of each fit")
-    command.add_argument(
+
+    def add(name: str, what: str) -> Parser:
+        one: Parser = commands.add_parser(
+            name,
+            help=what,
+            description=what[0].upper() + what[1:] + ".",
+            epilog=EXAMPLES[name],
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        return one
+
+    _add_identify(add("identify", "simulate or read a motion, compare laws, and write a report"))
+    _add_fit(add("fit", "fit one law to one record, or to several at once"))
+    _add_discover(add("discover", "find the structure of the law in a record"))
+    _add_compare(add("compare", "judge laws on held-out stretches and records"))
+    _add_simulate(add("simulate", "predict a motion by a model that was saved"))
+    return top
+
+
+def _add_identify(one: Parser) -> None:
+    add_scene(one, "source", _SOURCE)
+    one.add_argument("-o", "--out", metavar="DIR", help="directory for report, models and run")
+    one.add_argument("--law", dest="laws", action="append", metavar="LAW", help=_LAW)
+    one.add_argument("--discover", metavar="METHOD", help="also discover one: sindy, operon, pysr")
+    one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
+    one.add_argument(
         "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
     )
-    add_run(command)
-    add_output(command)
-    return top
+    add_run(one)
+    add_output(one)
+
+
+def _add_fit(one: Parser) -> None:
+    one.add_argument("sources", nargs="+", metavar="SOURCE", help=_SOURCE)
+    one.add_argument("--law", default="van-der-pol-like", metavar="LAW", help="name or equation")
+    one.add_argument(
+        "--own", action="append", default=[], metavar="NAME",
+        help="parameter that each record has for itself (repeatable)",
+    )  # fmt: skip
+    one.add_argument(
+        "--bound", dest="bounds", action="append", default=[], metavar="NAME=LOW:HIGH",
+        help="least and greatest value of a parameter (repeatable)",
+    )  # fmt: skip
+    one.add_argument("--holdout", type=float, default=0.3, help="share held out, at the end")
+    one.add_argument("--starts", type=int, default=16, help="random starts")
+    one.add_argument("--bootstrap", action="store_true", help="intervals from resampled records")
+    one.add_argument("-o", "--out", metavar="FILE", help="model of the first record, as JSON")
+    add_output(one)
+
+
+def _add_discover(one: Parser) -> None:
+    one.add_argument("source", metavar="SOURCE", help=_SOURCE)
+    one.add_argument("--method", default="sindy", help="sindy, operon or pysr")
+    one.add_argument("-o", "--out", metavar="FILE", help="the chosen model, as JSON")
+    add_output(one)
+
+
+def _add_compare(one: Parser) -> None:
+    one.add_argument("sources", nargs="+", metavar="SOURCE", help=_SOURCE)
+    one.add_argument("--law", dest="laws", action="append", metavar="LAW", help=_LAW)
+    one.add_argument(
+        "--held-out", action="append", default=[], metavar="SOURCE",
+        help="record that no fit sees (repeatable)",
+    )  # fmt: skip
+    one.add_argument("--holdout", type=float, default=0.3, help="share held out, at the end")
+    one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
+    one.add_argument("-o", "--out", metavar="DIR", help="directory for report and models")
+    add_output(one)
+
+
+def _add_simulate(one: Parser) -> None:
+    one.add_argument("model", metavar="MODEL", help="JSON file of a model")
+    one.add_argument("--until", required=True, metavar="T", help="end of the motion [s]")
+    one.add_argument("--samples", type=int, default=1000, help="number of samples")
+    one.add_argument("--height", metavar="H", help="at the start [m]; the record's without")
+    one.add_argument("--velocity", metavar="V", help="at the start [m/s]; the record's without")
+    one.add_argument("-o", "--out", metavar="FILE", help="CSV file")
+    add_output(one)
 
 
 def main(arguments: Sequence[str]) -> None:
     """Run one command."""
-    options = parser().parse_args(arguments)
-    {"identify": _identify}[options.command](options)
+    options: Any = parser().parse_args(arguments)
+    from reduced_models import commands
 
-
-def _identify(options: Any) -> None:
-    from reduced_models.identification import LAWS, identify
-
-    found = identify(
-        options.source,
-        options.out,
-        laws=options.laws or LAWS,
-        changes=changes_from(options.changes),
-        dt=time_step(options.dt),
-        method=options.method,
-        threads=options.threads,
-        starts=options.starts,
-        checks=not options.no_checks,
-        progress=not options.quiet,
-    )
-    text = str(found)
-    if options.out is not None:
-        text += f"\nreport: {options.out}/report.html"
-    emit(found.to_plain(), text, options.json)
+    {
+        "identify": commands.identify_source,
+        "fit": commands.fit_sources,
+        "discover": commands.discover_source,
+        "compare": commands.compare_sources,
+        "simulate": commands.simulate_model,
+    }[options.command](options)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,10 @@ from reduced_models.uncertainty import (
 
 FEW = 0.25
 """Share of the starts that must lead to the best fit before it is taken without a note."""
+NOISY = 0.3
+"""Noise above this share of the swing is noted."""
+VIOLENT = 500.0
+"""Accelerations above this [m/s^2], fifty times gravity, are noted."""
 NOISE_TIMES, NOTABLE = 3.0, 0.05
 """A residual above so many noise levels, and above this share of the swing, is noted."""
 
@@ -102,7 +106,11 @@ def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -
             "height": (float(record.height.min()), float(record.height.max())),
             "velocity": (float(speeds.min()), float(speeds.max())),
         },
-        notes=(*_notes(quality), *_bound_notes(parameters, training.bounds)),
+        notes=(
+            *_notes(quality),
+            *_bound_notes(parameters, training.bounds),
+            *_unit_notes(problem.amplitude, problem.speed),
+        ),
         provenance=provenance(record, training),
     )
 
@@ -128,6 +136,16 @@ def _bound_notes(
         f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or read it as given"
         for name, pair in bounds.items()
         if any(abs(parameters[name] - edge) <= 1e-9 * abs(edge) for edge in pair)
+    )
+
+
+def _unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
+    acceleration = speed**2 / amplitude
+    if acceleration < VIOLENT:
+        return ()
+    return (
+        f"the motion accelerates at {acceleration:.2g} m/s^2; check the units of height and time, "
+        "which are m and s where none are given",
     )
 
 
@@ -190,6 +208,12 @@ def _notes(quality: Quality) -> tuple[str, ...]:
             f"the residual is {100 * quality.relative:.2g} % of the swing and {ratio:.2g} times "
             "the record's noise, so the law or "
             "the fit is not right; try another law or more starts"
+        )
+    swing = quality.residual / max(quality.relative, 1e-300)
+    if quality.noise > NOISY * swing:
+        notes.append(
+            f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "
+            "says little of any law; average more samples or measure a larger motion"
         )
     if quality.holdout == math.inf:
         notes.append(

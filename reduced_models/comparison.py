@@ -12,7 +12,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.errors import GranularError, InputError
 from granular.html import number
@@ -21,7 +21,7 @@ from reduced_models.fitting import HOLDOUT, STARTS, check_options, fit, law_of
 from reduced_models.judging import RollOut, roll_out
 from reduced_models.law import Law
 from reduced_models.matching import starts_near
-from reduced_models.model import ReducedModel
+from reduced_models.model import HeightMap, ReducedModel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -207,7 +207,8 @@ def compare(
     record : PistonRecord, or a sequence of them
         To train on.
     laws : sequence of str, Law or ReducedModel
-        Names, equations, laws, or models whose structure is fitted again, from their parameters.
+        Names, equations, laws, or models whose structure is fitted again, from their parameters;
+        also what `discover` gives, for its model.
     holdout : float
         Fraction of each record, at its end, that is held out.
     held_out : sequence of PistonRecord
@@ -234,35 +235,56 @@ def compare(
         raise InputError("there is no record to compare laws on; give at least one")
     if own and held_out:
         raise InputError("own parameters do not carry over to held-out records; leave one of them")
-    chosen = [_law(law, records[0]) for law in laws]
-    rows = [_row(law, records, holdout, held_out, own, starts) for law in chosen]
+    chosen = [_entry(law, records[0]) for law in laws]
+    rows = [_row(entry, records, holdout, held_out, own, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     return _ranked(rows, sound)
 
 
-def _law(law: str | Law | ReducedModel, record: PistonRecord) -> Law:
-    if not isinstance(law, ReducedModel):
-        return law_of(law, record)
-    if law.law.start is not None:
-        return law.law
-    return dataclasses.replace(law.law, start=starts_near(dict(law.parameters)))
+class _Entry(NamedTuple):
+    """A law to compare, and the map that it was given, if any."""
+
+    law: Law
+    map: HeightMap | None
+
+
+def law_name(law: str | Law | ReducedModel) -> str:
+    """The name under which `compare` lists a law."""
+    if isinstance(law, ReducedModel):
+        return law.law.name
+    if isinstance(law, Law):
+        return law.name
+    return " ".join(law.split())
+
+
+def _entry(law: Any, record: PistonRecord) -> _Entry:
+    if isinstance(law, str | Law):
+        return _Entry(law_of(law, record), None)
+    model: ReducedModel = law if isinstance(law, ReducedModel) else law.model
+    if model.law.start is not None:
+        return _Entry(model.law, model.map)
+    return _Entry(
+        dataclasses.replace(model.law, start=starts_near(dict(model.parameters))), model.map
+    )
 
 
 def _row(
-    law: Law,
+    entry: _Entry,
     records: Sequence[PistonRecord],
     holdout: float,
     held_out: Sequence[PistonRecord],
     own: Sequence[str],
     starts: int,
 ) -> Row:
+    law, given = entry
     private = [name for name in own if name in law.parameters]
+    how: Any = {} if given is None or given.fitted else {"map": given}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the models keep their notes
-            models = fit(records, law, holdout=holdout, own=private, starts=starts)
+            models = fit(records, law, holdout=holdout, own=private, starts=starts, **how)
     except GranularError as cause:
         return Row(law.name, failure=str(cause))
     stretches = tuple(

@@ -11,6 +11,8 @@ from granular.errors import RecordError
 from granular.record import PistonRecord
 
 LEAST_SAMPLES = 20
+LARGEST = 1e12
+"""Greatest height [m]; squares and cubes of heights stay far from overflow."""
 LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
@@ -110,6 +112,12 @@ def estimates(record: PistonRecord) -> Estimates:
         raise RecordError(
             f"the record has {len(time)} samples to fit; at least {LEAST_SAMPLES} are needed to "
             "identify a law: sample faster, or hold out less"
+        )
+    largest = float(np.abs(height).max())
+    if largest > LARGEST:
+        raise RecordError(
+            f"the record has heights up to {largest:g} m, and {LARGEST:g} m is the most that can be "
+            "reckoned with: check the units"
         )
     rest = float(height[-len(height) // 3 :].mean())
     swing = height - rest

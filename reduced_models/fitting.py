@@ -283,16 +283,19 @@ def _candidate(
 ) -> _Candidate:
     """Search from random starts, then sharpen the best one."""
     leader = case.leader
+    # First of all: a record with too many periods is refused before any search.
+    steps = [
+        grid_steps(float(data.record.time[-1]), data.guess.period, law.resolution * FINE_STEPS)
+        for data in case.data
+    ]
     problem = problem_of(law, height_map, leader.guess, leader.training)
     layout = layout_of(problem, len(case.data), case.own)
     bounds = Bounds(*(layout.joined(edge) for edge in theta_bounds(problem, case.bounds)))
     theta = layout.merged(_start_vectors(problem, case, starts, seed))
     theta, costs = _searched(problem, case, theta, bounds)
-    grids = []
-    for data in case.data:
-        duration = float(data.record.time[-1])
-        steps = grid_steps(duration, data.guess.period, law.resolution * FINE_STEPS)
-        grids.append(grid_of(problem, data.record, steps))
+    grids = [
+        grid_of(problem, data.record, count) for data, count in zip(case.data, steps, strict=True)
+    ]
     joint = Joint(tuple(grids), layout, bounds)
     count = sum(case.samples)
     converged = int((costs <= float(costs.min()) * 1.01 + count * _TIE**2).sum())

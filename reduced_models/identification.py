@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -16,7 +16,10 @@ from granular.errors import GranularError, InputError
 from granular.record import PistonRecord
 from granular.scene import Scene
 from reduced_models.checks import Case, Failure, run_cases, seed_cases, step_case
+from reduced_models.comparison import Comparison, compare, law_name
 from reduced_models.fitting import STARTS, check_options, fit
+from reduced_models.law import Law
+from reduced_models.laws import LAWS as LAWS_OF_PACKAGE
 from reduced_models.laws import law_named
 from reduced_models.model import ReducedModel
 from reduced_models.sources import (
@@ -32,10 +35,6 @@ if TYPE_CHECKING:
     from granular.trajectory import Trajectory
 
 LAWS = ("linear", "van-der-pol-like")
-TIE = 0.05
-"""Hold-out errors closer than this fraction do not tell two laws apart."""
-_NO_BETTER = 0.9
-"""A hold-out error above this share of a resting piston's judges nothing."""
 _UNITS = {"height": "m", "period": "s", "damping_ratio": ""}
 
 
@@ -70,10 +69,8 @@ class Identification:
     record : PistonRecord
     models : tuple of ReducedModel
         One a law, in the order asked for.
-    best : ReducedModel
-        The simplest of those with the least hold-out error.
-    verdict : str
-        In plain words.
+    comparison : Comparison
+        Table of the laws, and the verdict.
     run : Trajectory or None
         Where the record comes from a simulation.
     figures : mapping of str to Figure
@@ -88,24 +85,37 @@ class Identification:
 
     record: PistonRecord
     models: tuple[ReducedModel, ...]
-    best: ReducedModel
-    verdict: str
+    comparison: Comparison
     run: Trajectory | None
     figures: Mapping[str, Figure]
     figures_law: str
     notes: tuple[str, ...]
     seconds: Mapping[str, float]
 
+    @property
+    def best(self) -> ReducedModel:
+        """The model of the law that the comparison puts first."""
+        first = self.comparison.rows[0].name
+        return next(model for model in self.models if model.law.name == first)
+
+    @property
+    def verdict(self) -> str:
+        """Of the comparison, in plain words."""
+        return self.comparison.verdict
+
     def save(self, out: str | Path) -> None:
-        """Write report.html, model.json (the best), models/ (all) and record.csv to a directory."""
+        """Write report.html, model.json and equations.txt (the best), models/ and record.csv."""
         from reduced_models.report import identification_page
 
         out = Path(out)
         (out / "models").mkdir(parents=True, exist_ok=True)
         self.record.to_csv(out / "record.csv")
         self.best.save(out / "model.json")
-        for model in self.models:
-            model.save(out / "models" / f"{model.law.name}.json")
+        (out / "equations.txt").write_text(self.best.text, encoding="utf-8")
+        for place, model in enumerate(self.models):
+            # The name of a law that was given as an equation is no file name.
+            name = model.law.name if model.law.name in LAWS_OF_PACKAGE else f"own-{place + 1}"
+            model.save(out / "models" / f"{name}.json")
         identification_page(self).save(out / "report.html")
 
     def to_plain(self) -> dict[str, Any]:
@@ -113,6 +123,7 @@ class Identification:
         return {
             "verdict": self.verdict,
             "best": self.best.law.name,
+            "comparison": self.comparison.to_plain(),
             "models": [model.to_plain() for model in self.models],
             "figures": {name: dataclasses.asdict(figure) for name, figure in self.figures.items()},
             "figures_law": self.figures_law,
@@ -122,7 +133,7 @@ class Identification:
         }
 
     def __str__(self) -> str:
-        lines = [*map(str, self.models), "", self.verdict]
+        lines = [*map(str, self.models), "", str(self.comparison)]
         if self.figures:
             lines.append(f"small swing about rest, by {self.figures_law}:")
         lines += [f"  {_figure_text(name, figure)}" for name, figure in self.figures.items()]
@@ -147,7 +158,8 @@ def identify(
     source: str | Path | Scene | Trajectory | PistonRecord,
     out: str | Path | None = None,
     *,
-    laws: Sequence[str] = LAWS,
+    laws: Sequence[str | Law] = LAWS,
+    discovery: str | None = None,
     changes: Mapping[str, Any] | None = None,
     dt: float | str = "auto",
     method: str = METHOD,
@@ -166,7 +178,10 @@ def identify(
     out : str or Path, optional
         Directory for the report, the models, the record and the run. A run of the same scene that
         lies there already is used, or gone on with.
-    laws : sequence of str
+    laws : sequence of str or Law
+        Names, equations or laws.
+    discovery : str, optional
+        Also discover a law by this method, and compare it with the others.
     changes : mapping, optional
         Dotted keys of the scene and their new values.
     dt, method, threads : optional
@@ -192,18 +207,21 @@ def identify(
     if not laws:
         raise InputError("laws is empty; name at least one")
     for law in laws:
-        law_named(law)
+        if isinstance(law, str) and "'" not in law and "=" not in law:
+            law_named(law)
     check_options(starts=starts)
     options = RunOptions(changes or {}, dt, method, threads, progress)
     target = prepared(out)
     clock = _Clock()
     record, run = record_of(source, target, options)
     clock.lap("record" if run is None else "simulation")
-    models = []
-    for law in laws:
-        models.append(fit(record, law, starts=starts))
-        clock.lap(f"fit of {law}")
-    found = _judged(record, tuple(models), run, clock.seconds)
+    wanted: list[Any] = list(laws)
+    if discovery is not None:
+        wanted.append(_discovered(record, discovery))
+        clock.lap(f"discovery by {discovery}")
+    comparison = compare(record, wanted, starts=starts)
+    clock.lap("fits and comparison")
+    found = _judged(record, comparison, wanted, run, clock.seconds)
     if target is not None:
         found.save(target)
     if checks and run is not None and run.complete and found.figures:
@@ -214,26 +232,39 @@ def identify(
     return found
 
 
+def _discovered(record: PistonRecord, method: str) -> ReducedModel:
+    from reduced_models.discovery.discovering import discover
+
+    return discover(record, method=cast("Any", method)).model
+
+
 def _judged(
     record: PistonRecord,
-    models: tuple[ReducedModel, ...],
+    comparison: Comparison,
+    wanted: Sequence[Any],
     run: Trajectory | None,
     seconds: Mapping[str, float],
 ) -> Identification:
-    best, verdict = choose(models)
+    names = [law_name(law) for law in wanted]
+    sound = [row for row in comparison.rows if row.models]
+    models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     notes = () if run is None else run_notes(run)
-    for note in notes:
+    failures = tuple(
+        f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure
+    )
+    doubts = [f"fit of {model.law.name}: {note}" for model in models for note in model.notes]
+    for note in (*notes, *failures, *doubts):
         warnings.warn(note, stacklevel=3)
+    best = comparison.best
     shown = next((model for model in (best, *models) if model.at_rest is not None), best)
     return Identification(
         record=record,
         models=models,
-        best=best,
-        verdict=verdict,
+        comparison=comparison,
         run=run,
         figures=_figures(shown),
         figures_law=shown.law.name,
-        notes=notes,
+        notes=(*notes, *failures),
         seconds=seconds,
     )
 
@@ -249,57 +280,6 @@ class _Clock:
         now = time.perf_counter()
         self.seconds[name] = now - self._last
         self._last = now
-
-
-def choose(models: Sequence[ReducedModel]) -> tuple[ReducedModel, str]:
-    """The best of some models of one record, and why, in plain words.
-
-    The held-out stretch that judges the laws also chooses between them, so the chosen one's error
-    is, if anything, flattered; the more so the more laws there are.
-    """
-    least = min(models, key=_error)
-    equals = [model for model in models if _error(model) <= (1.0 + TIE) * _error(least) + 1e-9]
-    best = min(equals, key=_size)
-    words = _prediction(best)
-    for model in models:
-        if model is best:
-            continue
-        if model in equals:
-            words += (
-                f"; {model.law.name} does no better ({_percent(_error(model))}) with no fewer "
-                "parameters, so these data cannot tell the two apart"
-            )
-        else:
-            ratio = _error(model) / max(_error(best), 1e-300)
-            words += f"; {model.law.name} is {ratio:.2g} times worse"
-    return best, words + "."
-
-
-def _error(model: ReducedModel) -> float:
-    holdout = model.quality.holdout
-    return model.quality.relative if holdout is None else holdout
-
-
-def _size(model: ReducedModel) -> int:
-    return len(model.parameters) + (2 if model.map.fitted else 0)
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
-
-
-def _prediction(model: ReducedModel) -> str:
-    """What a model's error is, beside that of a piston which stays at rest."""
-    quality, name = model.quality, model.law.name
-    if quality.holdout is None or quality.holdout_at_rest is None:
-        return f"{name} leaves {_percent(quality.relative)} of the rms swing over"
-    words = (
-        f"{name} predicts the held-out stretch to {_percent(quality.holdout)} of the rms swing "
-        f"(a piston that stays at rest: {_percent(quality.holdout_at_rest)})"
-    )
-    if quality.holdout > _NO_BETTER * quality.holdout_at_rest:
-        words += ", no better than rest, so that stretch does not judge the law"
-    return words
 
 
 def _figures(model: ReducedModel) -> dict[str, Figure]:
@@ -336,7 +316,6 @@ def _checked(found: Identification, run: Trajectory, progress: bool) -> Identifi
     return dataclasses.replace(
         found,
         models=models,
-        best=models[found.models.index(found.best)],
         figures=_with_errors(found.figures, values[0], values[1:], _step_factor(run)),
         notes=found.notes + notes,
     )

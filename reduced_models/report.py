@@ -13,6 +13,7 @@ from granular.plotting import COLOURS, GREY, STYLES, draw_bed, figure
 from granular.scales import Scales
 from granular.simulation import versions
 from granular.trajectory import StageResult, Trajectory
+from reduced_models.comparison import Comparison
 from reduced_models.identification import Identification
 from reduced_models.model import ReducedModel
 from reduced_models.printing import mathml, rounded
@@ -36,6 +37,7 @@ def identification_page(found: Identification) -> Page:
     page = Page(f"The equation of {name}", found.verdict)
     for note in found.notes:
         page.note(f"{_sentence(note)}.")
+    _table(page, found.comparison)
     _equations(page, found)
     _figures(page, found)
     _record(page, found)
@@ -49,45 +51,71 @@ def identification_page(found: Identification) -> Page:
     return page
 
 
+def comparison_page(table: Comparison) -> Page:
+    """A comparison of laws as a page."""
+    page = Page("Laws compared", table.verdict)
+    _table(page, table)
+    for row in table.rows:
+        for model in row.models[:1]:
+            _equation(page, model, " (first)" if row is table.rows[0] else "")
+    page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+    return page
+
+
+def _table(page: Page, table: Comparison) -> None:
+    page.section("The laws compared")
+    page.table(table.header, table.cells())
+    page.text(
+        "Errors are root mean squares of height minus roll-out over what the law has not seen, in "
+        f"rms swings; a piston that stays at rest would score {100 * table.at_rest:.3g} %, and the "
+        f"noise is {100 * table.noise:.2g} %. AIC and BIC, of the fits to whole records, count "
+        "from the least."
+    )
+    page.figure(table.plot(), "Held-out errors of the laws.")
+
+
 def _equations(page: Page, found: Identification) -> None:
     for model in found.models:
-        best = " (best)" if model is found.best else ""
-        page.section(f"{model.law.name}{best}")
-        page.equation(mathml(model.equation))
-        page.equation(mathml(model.law.sympy_equation(rounded(model.parameters))))
-        for name, rate in model.law.parsed.hidden.items():
-            page.text(f"Hidden state: {name}' = {rate}".replace("z_first", "z'"))
-        meaning = "z is the height in metres"
-        if model.law.mapped:
-            how = "fitted" if model.map.fitted else "given, not fitted"
-            meaning = f"{model.map} ({how}), a pure number; the law's time unit is 1 s"
-        page.text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
-        page.table(
-            ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"),
-            _parameter_rows(model),
+        _equation(page, model, " (best)" if model is found.best else "")
+
+
+def _equation(page: Page, model: ReducedModel, remark: str) -> None:
+    page.section(f"{model.law.name}{remark}")
+    page.equation(mathml(model.equation))
+    page.equation(mathml(model.law.sympy_equation(rounded(model.parameters))))
+    for name, rate in model.law.parsed.hidden.items():
+        page.text(f"Hidden state: {name}' = {rate}".replace("z_first", "z'"))
+    meaning = "z is the height in metres"
+    if model.law.mapped:
+        how = "fitted" if model.map.fitted else "given, not fitted"
+        meaning = f"{model.map} ({how}), a pure number; the law's time unit is 1 s"
+    page.text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
+    page.table(
+        ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"),
+        _parameter_rows(model),
+    )
+    for direction in model.undetermined:
+        page.note(f"A direction is left open: {direction}.")
+    for note in model.notes:
+        page.note(f"{_sentence(note)}.")
+    quality = model.quality
+    words = (
+        f"Residual {1e6 * quality.residual:.3g} micrometres, {100 * quality.relative:.3g} % of "
+        f"the rms swing, over {quality.samples} samples. {quality.converged} of "
+        f"{quality.starts} random starts led to this fit."
+    )
+    if quality.holdout is not None:
+        words += (
+            f" Fitted to the first {quality.holdout_from:.3g} s only, it predicts the rest to "
+            f"{100 * quality.holdout:.3g} % of the rms swing."
         )
-        for direction in model.undetermined:
-            page.note(f"A direction is left open: {direction}.")
-        for note in model.notes:
-            page.note(f"{_sentence(note)}.")
-        quality = model.quality
-        words = (
-            f"Residual {1e6 * quality.residual:.3g} micrometres, {100 * quality.relative:.3g} % of "
-            f"the rms swing, over {quality.samples} samples. {quality.converged} of "
-            f"{quality.starts} random starts led to this fit."
+    if quality.holdout_at_rest is not None:
+        words += (
+            f" A piston that stays at the level of rest would score "
+            f"{100 * quality.holdout_at_rest:.3g} % there; "
+            "only a smaller error speaks for the law."
         )
-        if quality.holdout is not None:
-            words += (
-                f" Fitted to the first {quality.holdout_from:.3g} s only, it predicts the rest to "
-                f"{100 * quality.holdout:.3g} % of the rms swing."
-            )
-        if quality.holdout_at_rest is not None:
-            words += (
-                f" A piston that stays at the level of rest would score "
-                f"{100 * quality.holdout_at_rest:.3g} % there; "
-                "only a smaller error speaks for the law."
-            )
-        page.text(words)
+    page.text(words)
 
 
 def _sentence(words: str) -> str:

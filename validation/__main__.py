@@ -27,6 +27,7 @@ def parser() -> Parser:
     for name, words in _PARTS.items():
         one = commands.add_parser(name, help=words)
         _add_measuring(one, None)
+    _add_measuring(commands.add_parser("benchmark", help="speed, side by side"), None)
     one = commands.add_parser(
         "cheapest", help="the setting that reaches a tolerance in the least time"
     )
@@ -55,6 +56,8 @@ def main(arguments: Sequence[str]) -> None:
     options = parser().parse_args(arguments)
     if options.command == "cheapest":
         _cheapest(options)
+    elif options.command == "benchmark":
+        _benchmark(options)
     else:
         _measure(options)
 
@@ -83,6 +86,13 @@ def _text(found: dict[str, Any], out: str | None) -> str:
     if out is not None:
         lines.append(f"report: {out}/report.html")
     return "\n".join(lines)
+
+
+def _benchmark(options: Any) -> None:
+    from validation.benchmark.programme import benchmark, benchmark_text
+
+    found = benchmark(options.out, full=options.full, progress=not options.quiet)
+    emit(found, benchmark_text(found), options.json)
 
 
 def _cheapest(options: Any) -> None:

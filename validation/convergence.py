@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from granular.trajectory import Trajectory
 
-CLEAR = 10.0
+CLEAR = 7.0
 """An error this many times the rounding moves the slope of a decade by 0.04 at most, and only where
 the finest steps reach so far down: with methods of order four and more."""
 
@@ -43,6 +43,10 @@ order one gets no nearer at a bearable price."""
 DECADE = 10.0
 LEAST_SPAN = 3.0
 """Least ratio of the steps in a fit; where rounding leaves no whole decade, the table says so."""
+
+HIGH_ORDER, LONGER = 6, 4.0
+"""Methods of this order and more have many stages a step, and start from steps this much longer:
+a decade of steps takes their error through six decades or more, which must lie above rounding."""
 
 MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
@@ -248,12 +252,12 @@ def toolkit(method: str) -> Solver:
 def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
     """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse.
 
-    That is the first one, from `Problem.fewest` on, at which the solver neither fails nor misses by
+    That is the first one, from `Problem.fewest` on (`LONGER` steps for high orders), at which the solver neither fails nor misses by
     more than `COARSE` diameters.
     """
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
-    start = float(problem.fewest)
+    start = problem.fewest / (LONGER if order >= HIGH_ORDER else 1.0)
     while start < MOST_STEPS / 16 and not _is_fine(problem, solver, round(start), exact, coarse):
         start *= math.sqrt(2.0)
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))

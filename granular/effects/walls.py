@@ -86,8 +86,30 @@ class Walls(Section):
                 continue
             if wall.has_gap and side != "bottom":
                 raise FieldError("only the bottom can have a gap", side, "gap_start")
-            if wall.law == "slab" and wall.length is None and side in ("left", "right"):
+            upright = side in ("left", "right")
+            if wall.law == "slab" and wall.length is None and upright:
                 raise FieldError("must be given for a slab at the side", side, "length")
+            if wall.length is not None and not upright:
+                raise FieldError("is the cell's width here; leave it out", side, "length")
+
+    def check_size(self, width: float, height: float | None) -> None:
+        """Raise `FieldError` unless slabs fit a cell of that width and piston height [m]."""
+        bottom = self.bottom
+        if bottom is not None and bottom.gap_end is not None and bottom.gap_end > width:
+            raise FieldError(
+                f"{bottom.gap_end:g} m must be at most the cell's width, {width:g} m",
+                "bottom",
+                "gap_end",
+            )
+        for side in ("left", "right"):
+            wall = getattr(self, side)
+            if wall is not None and wall.length is not None and wall.length < (height or 0.0):
+                raise FieldError(
+                    f"{wall.length:g} m is less than the piston's height, {height:g} m; grains "
+                    "would come behind the slab",
+                    side,
+                    "length",
+                )
 
     @property
     def has_slab(self) -> bool:

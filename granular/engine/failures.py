@@ -9,8 +9,6 @@ from granular.engine.system import Constants
 from granular.errors import EnergyError, NotAtRestError, NotFiniteError, OutsideError, RunError
 from granular.scales import Scales
 
-SHORTEN = "shorten dt (or leave it 'auto')"
-
 
 def misplaced(
     state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
@@ -23,6 +21,13 @@ def misplaced(
         return NotFiniteError(
             "the position is not finite any more",
             step=step, time=time, grain=int(state.label[np.argmax(lost)]), remedy=remedy,
+        )  # fmt: skip
+    if state.piston[0] < 0.0:
+        value = -float(state.piston[0]) * scales.length
+        return OutsideError(
+            f"the piston is {value:.3g} m below the bottom, 0 m is the limit",
+            step=step, time=time, value=value,
+            remedy="give it a wall ('effects.walls.top'), or a path that stays above the bottom",
         )  # fmt: skip
     walls = constants.acting.walls
     gaps = {
@@ -42,7 +47,7 @@ def misplaced(
     return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
 
 
-def unbalanced(residual: float, limit: float, step: int, time: float) -> EnergyError:
+def unbalanced(residual: float, limit: float, step: int, time: float, remedy: str) -> EnergyError:
     """An energy ledger with a residual over the energy turned over, at a time [s]."""
     return EnergyError(
         f"the energy ledger is off by {residual:.2g} of the energy turned over, "
@@ -50,7 +55,7 @@ def unbalanced(residual: float, limit: float, step: int, time: float) -> EnergyE
         step=step,
         time=time,
         value=residual,
-        remedy=SHORTEN,
+        remedy=remedy,
     )
 
 

@@ -118,12 +118,39 @@ def _kick_with_friction(
         load = normal_force(law, state.load, i)
         if state.vx[i] == 0.0 and state.vy[i] == 0.0:
             _start_grain(law, rate, span, state, i, mass, load)
+        elif _sticks(law, span, state, i, mass, load):
+            _stop_grain(law, state, i, mass, load)
         elif opening or _slow(law, span, state, i, mass, load):
             _push_grain(rate, span, 1.0, state, i, mass)
             _rub_grain(law, span, state, i, mass, load)
         else:
             _rub_grain(law, span, state, i, mass, load)
             _push_grain(rate, span, 1.0, state, i, mass)
+
+
+@compiled
+def _sticks(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
+    """Whether the force, and friction with it, stop the grain in the span, and friction holds it.
+
+    A grain must not be carried through rest to the other side, where dynamic friction would let go
+    of what static friction holds.
+    """
+    vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
+    against = -(vx * fx + vy * fy)
+    if against <= 0.0 or math.hypot(fx, fy) > law.static * load:
+        return False
+    speed = math.hypot(vx, vy)
+    return speed * mass <= span * (against / speed + law.dynamic * load)
+
+
+@compiled
+def _stop_grain(law: FrictionLaw, state: State, i: int, mass: float, load: float) -> None:
+    """Stop a grain; friction takes its share of the energy, the rest becomes potential energy."""
+    square = state.vx[i] * state.vx[i] + state.vy[i] * state.vy[i]
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / math.sqrt(square)
+    friction = law.dynamic * load
+    state.ledger[FRICTION] += 0.5 * mass * square * friction / (friction + against)
+    state.vx[i] = state.vy[i] = 0.0
 
 
 @compiled

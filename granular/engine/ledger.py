@@ -93,10 +93,7 @@ class Ledger:
         potential = _columns(rows, *POTENTIALS).sum(axis=1)
         total = _columns(rows, *ENERGIES).sum(axis=1)
         lost, work = _columns(rows, *LOSSES).sum(axis=1), _columns(rows, "work")[:, 0]
-        kinetic, piston = _columns(rows, "kinetic", "piston").T
-        moved = kinetic + np.abs(potential - self.potential) + np.abs(piston - self.piston)
-        moved += lost + np.abs(work)
-        moved = np.maximum.accumulate(np.maximum(moved, self.moved))
+        moved = np.maximum(_columns(rows, "turned")[:, 0], self.moved)
         residual = total - self.start + lost - work
         floor = _ROUNDING * (np.abs(potential) + np.abs(total) + lost + np.abs(work))
         excess = np.maximum(np.abs(residual) - floor, 0.0)
@@ -106,14 +103,10 @@ class Ledger:
         relative[~np.isfinite(residual)] = np.inf
         return excess, relative
 
-    def check(self, rows: np.ndarray, turned: float) -> tuple[int, float] | None:
-        """Enter records; the first one that cannot be trusted, if any, and its residual.
-
-        ``turned`` is the energy that was turned over between them.
-        """
+    def check(self, rows: np.ndarray) -> tuple[int, float] | None:
+        """Enter records; the first one that cannot be trusted, if any, and its residual."""
         if not len(rows):
             return None
-        self.moved = max(self.moved, turned)
         residual, relative = self.residuals(rows)
         self.worst = max(self.worst, float(residual.max()))
         bad = np.flatnonzero(relative > self.wrong)

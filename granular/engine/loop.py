@@ -49,12 +49,14 @@ COLUMNS = (
     "fastest",
     "stiffest",
     "grains",
+    "turned",
 )
 """One record: time; the piston; the force on each wall; the energies; the ledger; the least
 distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
-bed can meet; the number of grains."""
+bed can meet; the number of grains; the energy turned over so far."""
 
 CLOSEST, FASTEST, STIFFEST = (COLUMNS.index(name) for name in ("closest", "fastest", "stiffest"))
+TURNED = COLUMNS.index("turned")
 _LEDGER = COLUMNS.index("work")
 
 
@@ -77,6 +79,8 @@ class Watch(NamedTuple):
         energy turned over.
     potential, piston : float
         Potential energy, and energy of the piston, at the run's start [F* D].
+    floor : float
+        Lowest height of the piston [D].
     """
 
     stiff: float
@@ -86,6 +90,7 @@ class Watch(NamedTuple):
     seen: np.ndarray
     potential: float
     piston: float
+    floor: float
 
 
 @compiled
@@ -247,7 +252,7 @@ def advance(
         outside = _make_tick(
             plan.fraction, tick, window, pace, plan, state, constants, motion, measurement
         )
-        if outside > 0:
+        if outside > 0 or state.piston[0] < watch.floor:
             return OUTSIDE, tick - window.first, kept
         row = rows[kept]
         done = tick + 1
@@ -255,6 +260,7 @@ def advance(
         watch.seen[0] = max(watch.seen[0], row[STIFFEST])
         watch.seen[1] = row[STIFFEST]
         watch.seen[2] = max(watch.seen[2], _turned_over(watch, row))
+        row[TURNED] = watch.seen[2]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
         if done % pace.every == 0:
             kept += 1

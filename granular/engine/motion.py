@@ -99,7 +99,7 @@ def greatest_speed(
     """
     if motion.free:
         pull = gravity + (abs(motion.bias) + abs(motion.push)) / mass
-        return math.sqrt(speed**2 + 2.0 * pull * height)
+        return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
     if motion.kind == DESCENT:
         k = motion.steepness
         return motion.reach * k / motion.span * (1.0 + 1.0 / math.expm1(k))
@@ -108,6 +108,15 @@ def greatest_speed(
     if motion.kind == TABLE:
         return float(np.abs(np.diff(motion.heights) / np.diff(motion.times)).max())
     return abs(motion.speed)
+
+
+def drive_frequency(motion: Motion) -> float:
+    """Angular frequency that the drive has, or the rate at which it changes [1/tau]."""
+    if motion.kind == DESCENT:
+        return motion.steepness / motion.span
+    if motion.kind == TABLE:
+        return 1.0 / float(np.diff(motion.times).min())
+    return motion.omega
 
 
 @compiled

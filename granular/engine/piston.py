@@ -14,7 +14,7 @@ from granular.effects.shaking import (
     mass_moment,
 )
 from granular.engine.compensation import sum_with_low_part
-from granular.engine.motion import Motion, outer_force, path
+from granular.engine.motion import TABLE, Motion, outer_force, path
 from granular.engine.state import PISTON, WORK, State
 from granular.engine.system import Constants, Resistance
 
@@ -66,6 +66,15 @@ def _rub(resistance: Resistance, span: float, mass: float, state: State) -> None
         state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
 
+@compiled
+def _path_speed(motion: Motion, time: float, span: float, opening: bool) -> float:
+    """Speed on the path; across the corners of a table the mean one, on the step's side."""
+    if motion.kind == TABLE:
+        before = time if opening else time - span
+        return (path(motion, before + span)[0] - path(motion, before)[0]) / span
+    return path(motion, time)[1]
+
+
 @compiled(inline=True)
 def kick_piston(
     span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
@@ -84,7 +93,7 @@ def kick_piston(
         _free_kick(constants.resistance, force, span, constants.mass, state, opening)
         state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[1])
     else:
-        state.ledger[WORK] -= span * state.totals[3] * path(motion, time)[1]
+        state.ledger[WORK] -= span * state.totals[3] * _path_speed(motion, time, span, opening)
     add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
 
 

@@ -507,14 +507,15 @@ class Run:
         watch = self._watch()._replace(rest=-1.0, stiff=math.inf)
         if self.plan.fraction is None:
             window = Window(self.progress.start, reached, math.inf, 0, 1)
-            _, _, rows = self._run(window, Pace(left, left / steps, 1, 1, steps, 0), watch)
+            _, made, rows = self._run(window, Pace(left, left / steps, 1, 1, steps, 0), watch)
             self.state.clock[TIME] = reached + left
-            made = 1
+            rows = rows[:1]
         else:
             limit, first = reached + left, self.progress.ticks
-            made = max(1, math.ceil(limit / pace.length - 1e-9) - first)
-            window = Window(self.progress.start, 0.0, limit, first, made)
-            _, _, rows = self._run(window, pace, watch)
+            ticks = max(1, math.ceil(limit / pace.length - 1e-9) - first)
+            window = Window(self.progress.start, 0.0, limit, first, ticks)
+            _, made, rows = self._run(window, pace, watch)
+            rows = rows[:-1] if self.progress.ticks % pace.every == 0 else rows
         self.progress.ticks -= made
         self._keep(rows)
 

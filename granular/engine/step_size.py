@@ -67,20 +67,22 @@ class Step:
         """Automatic steps of a tick of that length [tau], for a highest frequency [1/tau]."""
         return max(1, math.ceil(length * frequency / self.fraction - 1e-9))
 
-    def pace(self, record: float, frames: int, frequency: float, tau: float) -> Pace:
-        """How to cut a stage, for records at that distance [tau], and a frame every so many.
+    def pace(self, record: float, frame: float, frequency: float, tau: float) -> Pace:
+        """How to cut a stage, for records and frames at those distances [tau].
 
-        A given step stays as it is, and the distance is rounded to whole steps; an automatic one
-        divides it.
+        A given step stays as it is, and the distances are rounded to whole steps and records; an
+        automatic one divides them.
         """
         if self.seconds is not None:
             h = self.seconds / tau
             steps = max(1, round(record / h))
             every = -(-steps // LOOK)
+            frames = max(1, round(frame / (steps * h)))
             return Pace(steps * h / every, h, every, every * frames, LOOK, steps)
         every = -(-self.steps_of(record, frequency) // LOOK)
         length = record / every
         steps = self.steps_of(length, frequency)
+        frames = max(1, round(frame / record))
         return Pace(length, length / steps, every, every * frames, steps, 0)
 
 

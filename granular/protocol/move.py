@@ -35,6 +35,10 @@ class Move(Stage):
         if (self.speed is None) == (self.duration is None):
             raise FieldError("give either speed or duration", "speed")
 
+    @property
+    def limits_force(self) -> bool:
+        return self.until_force is not None
+
     def span(self, height: float) -> float | None:
         if self.duration is not None:
             return self.duration

@@ -29,6 +29,11 @@ class Stage(Section):
     def needs_mass(self) -> bool:
         return False
 
+    @property
+    def limits_force(self) -> bool:
+        """Whether the stage ends at a force on the piston."""
+        return False
+
     def jump(self, height: float) -> float:
         """How far the piston is set higher at once, at the stage's start from a height [m]."""
         return 0.0

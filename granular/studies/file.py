@@ -55,7 +55,9 @@ def load_study(path: str | Path) -> dict[str, Any]:
             raise InputError(f"{path.name}: {key} must be a {'table' if kind is dict else 'list'}")
     name = str(plain["scene"])
     scene = load_scene(name if name in scene_names() else path.parent / name)
-    found: dict[str, Any] = {key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain}
+    found: dict[str, Any] = {
+        key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain
+    }
     found["grid"] = _flat(plain.get("grid", {}))
     found["cases"] = [_flat(one) for one in plain.get("cases", [])]
     found["measure"] = measure_named(str(plain.get("measure", "last-values")))

@@ -81,6 +81,7 @@ def test_absent_effects_allocate_nothing() -> None:
     scene = load_scene("bed").replace(**{"effects.drag": None})
     system = natural_system(scene)
     start = ([[1.0, 1.0]] * scene.grains.count,) * 2
+
     def arrays(**changes: object) -> set[str]:
         acting = natural_system(scene.replace(**changes)).constants.acting
         state = new_state(*map(np.array, start), 20.0, acting, METHODS["stormer-verlet"])

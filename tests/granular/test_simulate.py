@@ -100,6 +100,21 @@ def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
     assert plain.sizes["time"] == data.sizes["time"]
 
 
+@pytest.mark.parametrize("method", ["adaptive-verlet", "stormer-verlet+compensated", "pefrl"])
+@pytest.mark.parametrize("cut", [0.02, 0.0123456])
+def test_any_method_resumes_to_the_same_bits(
+    small_bed: Scene, tmp_path: Path, method: str, cut: float
+) -> None:
+    scene = small_bed.replace(**{"output.frames": 0.005})
+    whole = simulate(scene, t_end=0.04, method=method, progress=False)
+    for t_end in (cut, 0.04):
+        part = simulate(
+            scene, t_end=t_end, method=method, out=tmp_path / "run", resume=True, progress=False
+        )
+        assert float(part.dataset["time"][-1]) == pytest.approx(t_end, rel=1e-12)
+    assert part.dataset.equals(whole.dataset)
+
+
 def test_absent_effects_leave_no_variables(scene: Scene) -> None:
     bare = scene.replace(**{"effects.drag": None, "effects.walls.left": "none"})
     run = simulate(bare, t_end=5e-3, progress=False)

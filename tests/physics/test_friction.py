@@ -91,9 +91,25 @@ def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
     assert one.potential_energy == pytest.approx(other.potential_energy, rel=1e-13)
 
 
+@pytest.mark.parametrize("dt", [1e-4, 1e-5])
+def test_grain_that_slides_up_sticks_at_every_phase(dt: float) -> None:
+    """Between mu_d N and mu_s N a force that a grain runs against stops it, and it stays."""
+    weight, load = 6.2498e-4 * 9.8, 6.2498e-4 * 9.8 / 0.55
+    assert 0.45 * load < weight < 0.6 * load
+    for speed in np.linspace(0.05, 0.06, 21):
+        scene = lone_grain(
+            **{"arrangement.velocities": [[0.0, float(speed)]], "effects.gravity": True,
+               "effects.friction": {"load": load}, "protocol": [
+                   {"kind": "hold", "name": "slide", "duration": 0.05}]}
+        )  # fmt: skip
+        run = simulate(scene, dt=dt, progress=False)
+        velocity = run.dataset["velocity"].values[-1, 0]
+        assert (velocity == 0.0).all(), speed
+
+
 @pytest.mark.parametrize("dt", [1e-5, 3.7e-5])
 def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
-    """m v^2/(2 mu_d N), and stays there to the last bit."""
+    """The distance is m v^2/(2 mu_d N), and the grain stays there to the last bit."""
     speed, load = 0.1, 0.01
     scene = lone_grain(**{"arrangement.velocities": [[0.6 * speed, 0.8 * speed]]})
     run = simulate(scene, dt=dt, progress=False)

@@ -59,6 +59,9 @@ BAD = [
     (("damper", "--method", "euler?"), "unknown method"),
     (("damper", "--set", "piston.mass=1 mm^-200 kg"), "is beyond 9"),
     (("single-particle",), "has no piston"),
+    (("lab.csv", "--law", "z'' + k*z"), "one equals sign"),
+    (("lab.csv", "--law", "z'' + z = 0"), "no parameter"),
+    (("lab.csv", "--law", "k*z = 0"), "linear in z''"),
 ]
 
 

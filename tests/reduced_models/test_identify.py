@@ -41,7 +41,9 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.startswith("<!doctype html>")
     assert "width=device-width" in page
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == 3
+    assert "The laws compared" in page
+    assert "LaTeX:" in (tmp_path / "out" / "equations.txt").read_text()
     assert page.count("<math") >= 4
     assert not re.search(r"(src|href)=\"http", page)
     model = load_model(tmp_path / "out" / "model.json")
@@ -192,7 +194,8 @@ def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
 def test_verdict_calls_equals_equal(lab: Path) -> None:
     found = identify(lab, progress=False)
     assert found.best.law.name == "linear"
-    assert "cannot tell the two apart" in found.verdict
+    assert "the data cannot tell van-der-pol-like from it" in found.verdict
+    assert [row.name for row in found.comparison.rows] == ["linear", "van-der-pol-like"]
 
 
 CODE = """

@@ -85,13 +85,15 @@ def hand_and_engine(
     return bed, engine, calls
 
 
-def cost_of_absence(counts: tuple[int, ...] = (92, 368), steps: int = 4096) -> list[dict[str, Any]]:
+def cost_of_absence(
+    counts: tuple[int, ...] = (92, 368), *, steps: int = 4096, rounds: int = 12
+) -> list[dict[str, Any]]:
     """Time of a step by the engine and by hand [s], and their ratio, a row each."""
     rows = []
     for scenery in KERNELS:
         for count in counts:
             _, _, calls = hand_and_engine(scenery, count, steps)
-            found = least_seconds(calls, rounds=12)
+            found = least_seconds(calls, rounds=rounds)
             hand, engine = found["by hand"] / steps, found["engine"] / steps
             rows.append(
                 {"effects": scenery, "grains": count, "by hand": hand, "engine": engine,

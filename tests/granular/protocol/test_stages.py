@@ -50,6 +50,40 @@ def test_follow(small_bed: Scene) -> None:
     assert data["time"].values[-1] == pytest.approx(0.04)
 
 
+def test_ledger_of_a_table_closes_with_slope_two(small_bed: Scene) -> None:
+    stage = {"kind": "follow", "name": "table", "times": [0.0, 0.0101, 0.0253, 0.04],
+             "heights": [6.0 * D, 5.5 * D, 5.5 * D, 5.8 * D]}  # fmt: skip
+    scene = small_bed.replace(**{"protocol": [stage], "output.scalars": 1e-3})
+    residuals = [
+        simulate(scene, dt=dt, progress=False).settings()["ledger_residual"]
+        for dt in (8e-5, 4e-5, 2e-5, 1e-5)
+    ]
+    slope = np.polyfit(np.log([8, 4, 2, 1]), np.log(residuals), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.3)
+
+
+def test_automatic_step_resolves_the_drive(small_bed: Scene) -> None:
+    shaking = {"amplitude": 1e-5, "frequency": 2000.0}
+    hold = {"kind": "hold", "name": "hold", "duration": 0.02}
+    run = driven(small_bed, hold, **{"grains.count": 1, "effects.shaking": shaking})
+    assert run.settings()["longest_step"] * 2.0 * math.pi * 2000.0 < 0.11
+
+
+def test_frames_keep_their_cadence_under_a_given_step(small_bed: Scene) -> None:
+    scene = small_bed.replace(
+        **{"protocol": [{"kind": "hold", "name": "hold", "duration": 0.4}],
+           "output.scalars": 1e-4, "output.frames": 0.1, "grains.count": 1}
+    )  # fmt: skip
+    with pytest.warns(UserWarning, match=r"records come every 0\.0007 s, not 0\.0001 s"):
+        run = simulate(scene, dt=7e-4, progress=False)
+    assert run.dataset["frame_time"].values == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4], abs=1e-3)
+
+
+def test_piston_below_the_bottom_is_stopped() -> None:
+    with pytest.raises(OutsideError, match="below the bottom"):
+        empty({"kind": "free", "name": "fall", "duration": 1.0})
+
+
 @pytest.mark.parametrize(
     "table",
     [{"times": [0.0, 0.1], "heights": [0.036]}, {"times": [0.0, 0.0], "heights": [0.036, 0.03]},
@@ -209,6 +243,7 @@ def test_resuming_to_another_end(small_damper: Scene, tmp_path: object) -> None:
         run(0.01, "longer")
     with pytest.raises(StoreError, match="behind the end of stage 'fall'"):
         run(None, "longer")
-    run(None, "ended")
+    ended = run(None, "ended")
+    assert run(None, "ended").dataset.equals(ended.dataset)
     with pytest.raises(StoreError, match=r"has ended, at 0\.02 s"):
         run(0.05, "ended")
