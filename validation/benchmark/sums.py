@@ -1,0 +1,232 @@
+"""Pair sums side by side, on one arrangement and in one run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from granular.pairs.direct import (
+    PARTED_FROM,
+    direct_sum,
+    padded_coordinates,
+    padded_values,
+    part_buffers,
+)
+from granular.pairs.section import SOURCE_RADIUS
+from granular.pairs.stripes import Stripes, cut_sum, stripes_room
+from validation.benchmark import c_kernel
+from validation.benchmark.peers import (
+    VerletList,
+    jax_forces,
+    plain_loop,
+    plain_loop_with_load,
+    plain_verlet_list,
+    verlet_list_room,
+)
+from validation.benchmark.timing import least_seconds
+
+DENSITY = 0.307
+"""Grains on a square diameter: packing fraction 0.241, as in the source's compressed bed."""
+
+SKIN = 1.0
+"""Of the plain Verlet list [D]: a tenth of the radius, the usual choice."""
+
+STEP = 2e-3
+"""Way of a grain from sum to sum [D]: a speed of 0.1 D/tau and steps of 0.02 tau."""
+
+BATCH = 250
+"""Sums timed together, so that they share the lists' making."""
+
+_JAX_MOST = 3000
+"""Grains beyond which the matrix of all pairs fills the memory."""
+
+
+def arrangement(count: int, seed: int = 1) -> np.ndarray:
+    """Grains of the compressed bed's density, near the places of a square grid (n, 2) [D]."""
+    random = np.random.default_rng(seed)
+    side, spacing = int(np.ceil(np.sqrt(count))), DENSITY**-0.5
+    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
+    return spacing * (place + random.uniform(-0.25, 0.25, (count, 2)))
+
+
+class Entry(NamedTuple):
+    """One way to sum.
+
+    Attributes
+    ----------
+    call : callable
+    force : callable
+        The forces of the last call (n, 2) [F*].
+    """
+
+    call: Callable[[], Any]
+    force: Callable[[], np.ndarray]
+
+
+class Grains:
+    """Padded arrays of one arrangement."""
+
+    def __init__(self, positions: np.ndarray) -> None:
+        self.count, self.positions = len(positions), positions
+        self.x, self.y = padded_coordinates(positions)
+        self.weight = padded_values(np.ones(self.count))
+
+    def sums(self) -> np.ndarray:
+        """Room for three sums."""
+        return np.zeros((3, self.x.size))
+
+    def entry(self, sums: np.ndarray, call: Callable[[], Any]) -> Entry:
+        return Entry(call, sums[:2, : self.count].T.copy)
+
+
+def direct(grains: Grains, *, load: bool = False, threaded: bool = False) -> Entry:
+    sums, x = grains.sums(), grains.x
+    third, weight = (sums[2], grains.weight) if load else (None, None)
+    buffers = part_buffers(x.size)
+    thread = True if threaded and buffers is not None else None
+    return grains.entry(
+        sums,
+        lambda: direct_sum(
+            x, grains.y, sums[0], sums[1], None, None, None, third, weight, buffers, thread
+        ),
+    )
+
+
+def plain(grains: Grains, *, load: bool = False) -> Entry:
+    sums, count = grains.sums(), grains.count
+    if load:
+        return grains.entry(
+            sums, lambda: plain_loop_with_load(grains.x, grains.y, *sums, grains.weight, count)
+        )
+    return grains.entry(sums, lambda: plain_loop(grains.x, grains.y, *sums[:2], count))
+
+
+def in_c(grains: Grains) -> Entry:
+    sums = grains.sums()
+    return grains.entry(sums, c_kernel.pair_forces(grains.x, grains.y, sums[0], sums[1]))
+
+
+def in_jax(grains: Grains) -> Entry:
+    call = jax_forces(grains.positions)
+    return Entry(call, lambda: np.asarray(call()))
+
+
+@numba.njit(error_model="numpy")
+def _move(x: np.ndarray, y: np.ndarray, start: np.ndarray, way: np.ndarray, at: int) -> None:
+    """Grains go to and fro on straight lines, so that lists are made anew as in a run."""
+    turn = 500 - abs(at % 1000 - 500)
+    for i in range(start.shape[1]):
+        x[i] = start[0, i] + turn * way[0, i]
+        y[i] = start[1, i] + turn * way[1, i]
+
+
+@numba.njit(error_model="numpy")
+def _cut_off_steps(
+    near: Stripes, radius: float, x: np.ndarray, y: np.ndarray, sums: np.ndarray,
+    start: np.ndarray, way: np.ndarray, at: int,
+) -> None:  # fmt: skip
+    for step in range(BATCH):
+        _move(x, y, start, way, at + step)
+        cut_sum(near, radius, start.shape[1], x, y, sums[0], sums[1], None, None, None, None, None)
+
+
+@numba.njit(error_model="numpy")
+def _list_steps(
+    known: VerletList, radius: float, x: np.ndarray, y: np.ndarray, sums: np.ndarray,
+    start: np.ndarray, way: np.ndarray, at: int,
+) -> None:  # fmt: skip
+    for step in range(BATCH):
+        _move(x, y, start, way, at + step)
+        plain_verlet_list(known, radius, SKIN, x, y, sums[0], sums[1], start.shape[1])
+
+
+def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> Entry:
+    grains = Grains(positions)
+    sums, at = grains.sums(), iter(range(0, 10**12, BATCH))
+    start = np.stack([grains.x, grains.y])[:, : grains.count].copy()
+    angle = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, grains.count)
+    way = STEP * np.stack([np.cos(angle), np.sin(angle)])
+    return grains.entry(
+        sums,
+        lambda: steps(lists, SOURCE_RADIUS, grains.x, grains.y, sums, start, way, next(at)),
+    )
+
+
+def by_cut_off(positions: np.ndarray) -> Entry:
+    """`BATCH` sums of moving grains a call."""
+    size = Grains(positions).x.size
+    return _in_motion(positions, _cut_off_steps, stripes_room(size, charged=False, loaded=False))
+
+
+def by_plain_list(positions: np.ndarray) -> Entry:
+    """`BATCH` sums of moving grains a call."""
+    return _in_motion(positions, _list_steps, verlet_list_room(len(positions), 200))
+
+
+def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (n, 2) in extended precision, and the sums of their magnitudes (n,) [F*]."""
+    place = positions.astype(np.longdouble)
+    force, magnitude = np.zeros_like(place), np.zeros(len(place), dtype=np.longdouble)
+    for i in range(len(place)):
+        delta = place[i] - place
+        r2 = (delta**2).sum(axis=1)
+        r2[i] = np.inf
+        force[i] = (0.75 * r2[:, None] ** -2.5 * delta).sum(axis=0)
+        magnitude[i] = (0.75 * r2**-2.0).sum()
+    return force, magnitude
+
+
+def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
+    """All pairs, summed by each: time [s], and largest error over a grain's sum of |f|."""
+    grains = Grains(arrangement(count))
+    entries = {"plain numba loop": plain(grains), "direct sum": direct(grains)}
+    if c_kernel.missing() is None:
+        entries["C kernel with intrinsics"] = in_c(grains)
+    if count <= _JAX_MOST:
+        entries["plain JAX"] = in_jax(grains)
+    entries["plain numba loop, with friction load"] = plain(grains, load=True)
+    entries["direct sum, with friction load"] = direct(grains, load=True)
+    if count >= PARTED_FROM and numba.config.NUMBA_NUM_THREADS > 1:
+        entries[f"direct sum, {numba.get_num_threads()} threads"] = direct(grains, threaded=True)
+    calls = {name: one.call for name, one in entries.items()}
+    seconds = least_seconds(calls, rounds=rounds, seconds=0.002)
+    force, magnitude = exact_forces(grains.positions)
+    rows = []
+    for name, one in entries.items():
+        error = np.abs(one.force() - force).max(axis=1) / magnitude
+        base = "plain numba loop" + (", with friction load" if "load" in name else "")
+        rows.append(
+            {"sum": name, "grains": count, "seconds": seconds[name],
+             "ns per pair": 2e9 * seconds[name] / (count * (count - 1)),
+             "times plain": seconds[base] / seconds[name], "error": float(error.max())}
+        )  # fmt: skip
+    return rows
+
+
+def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
+    """Pairs within the source's radius, lists made anew as grains move: time of a sum [s]."""
+    from scipy.spatial import cKDTree
+
+    positions = arrangement(count)
+    pairs = len(cKDTree(positions).query_pairs(SOURCE_RADIUS, output_type="ndarray"))
+    entries = {"plain Verlet list": by_plain_list(positions), "cut-off": by_cut_off(positions)}
+    calls = {name: one.call for name, one in entries.items()}
+    found = least_seconds(calls, rounds=rounds, seconds=0.0)
+    seconds = {name: time / BATCH for name, time in found.items()}
+    return [
+        {"sum": name, "grains": count, "seconds": seconds[name],
+         "ns per pair": 1e9 * seconds[name] / pairs,
+         "times plain": seconds["plain Verlet list"] / seconds[name]}
+        for name in entries
+    ]  # fmt: skip
+
+
+def exponent(counts: np.ndarray, seconds: np.ndarray) -> tuple[float, float]:
+    """Exponent of the growth of the time with the number of grains, and its standard error."""
+    line, covariance = np.polyfit(np.log(counts), np.log(seconds), 1, cov="unscaled")
+    rest = np.log(seconds) - np.polyval(line, np.log(counts))
+    spread = float(rest @ rest) / max(1, len(counts) - 2)
+    return float(line[0]), float(np.sqrt(covariance[0, 0] * spread))
