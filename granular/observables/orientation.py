@@ -14,6 +14,7 @@ from granular.observables.pairs_in_bins import (
     binned_products,
     checked_edges,
     default_edges,
+    spanning,
 )
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 
@@ -98,7 +99,7 @@ def bond_correlation_of_run(
     """
     import xarray
 
-    frames = run.dataset["position"].values[chosen_frames(run, start, stop)]
+    frames = spanning(run.dataset["position"].values[chosen_frames(run, start, stop)])
     if edges is None:
         edges = min((default_edges(one) for one in frames), key=lambda found: float(found[-1]))
     found = [bond_correlation(one, edges) for one in frames]

@@ -46,6 +46,24 @@ def default_edges(positions: np.ndarray) -> np.ndarray:
     return np.linspace(0.0, min(0.5 * float(sides.min()), FARTHEST * spacing), BINS + 1)
 
 
+def spanning(frames: np.ndarray) -> list[np.ndarray]:
+    """The frames (k, n, 2) whose grains span a box: what a cell that empties ends with does not.
+
+    Raises
+    ------
+    InputError
+        If none does.
+    """
+    found = []
+    for one in frames:
+        present = one[np.isfinite(one).all(axis=1)]
+        if len(present) > 1 and (np.ptp(present, axis=0) > 0.0).all():
+            found.append(one)
+    if not found:
+        raise InputError("in no frame do the grains span a box; give frames with more grains")
+    return found
+
+
 def binned_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Pairs i < j in each bin (lower edge, upper edge], int (k,)."""
     from scipy.spatial import cKDTree

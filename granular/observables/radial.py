@@ -8,7 +8,7 @@ import numpy as np
 
 from granular.errors import InputError
 from granular.observables.frames import chosen_frames, present_positions, spanned_box
-from granular.observables.pairs_in_bins import binned_pairs, checked_edges, default_edges
+from granular.observables.pairs_in_bins import binned_pairs, checked_edges, default_edges, spanning
 
 if TYPE_CHECKING:
     import xarray
@@ -98,7 +98,7 @@ def radial_distribution_of_run(
     """
     import xarray
 
-    frames = run.dataset["position"].values[chosen_frames(run, start, stop)]
+    frames = spanning(run.dataset["position"].values[chosen_frames(run, start, stop)])
     if edges is None:
         edges = min((default_edges(one) for one in frames), key=lambda found: float(found[-1]))
     found = [radial_distribution(one, edges) for one in frames]
