@@ -116,8 +116,8 @@ def estimates(record: PistonRecord) -> Estimates:
     largest = float(np.abs(height).max())
     if largest > LARGEST:
         raise RecordError(
-            f"the record has heights up to {largest:g} m, and {LARGEST:g} m is the most that can be "
-            "reckoned with: check the units"
+            f"the record has heights up to {largest:g} m, and {LARGEST:g} m is the most that can "
+            "be reckoned with: check the units"
         )
     rest = float(height[-len(height) // 3 :].mean())
     swing = height - rest

@@ -47,7 +47,7 @@ def fit(
     record: PistonRecord,
     law: str | Law = ...,
     *,
-    map: HeightMap | Literal["auto", "fitted"] = ...,  # noqa: A002
+    map: HeightMap | Literal["auto", "fitted"] = ...,
     starts: int = ...,
     holdout: float = ...,
     confidence: float = ...,
@@ -63,7 +63,7 @@ def fit(
     record: Sequence[PistonRecord],
     law: str | Law = ...,
     *,
-    map: HeightMap | Literal["auto", "fitted"] = ...,  # noqa: A002
+    map: HeightMap | Literal["auto", "fitted"] = ...,
     starts: int = ...,
     holdout: float = ...,
     confidence: float = ...,

@@ -1,0 +1,177 @@
+"""What the commands of ``python -m reduced_models`` do."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.console import changes_from, emit, time_step
+from granular.errors import InputError, StoreError
+from granular.record import PistonRecord
+from reduced_models.sources import METHOD, RunOptions, prepared, record_of, shown
+
+if TYPE_CHECKING:
+    from reduced_models.model import ReducedModel
+
+_MOST_SAMPLES = 10**7
+
+
+def laws_from(names: Sequence[str] | None) -> tuple[str, ...]:
+    """Laws to fit; "all" stands for those of the package."""
+    from reduced_models.identification import LAWS as DEFAULT
+    from reduced_models.laws import LAWS
+
+    found: list[str] = []
+    for name in names or DEFAULT:
+        found += list(LAWS) if name == "all" else [name]
+    return tuple(dict.fromkeys(found))
+
+
+def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Bounds of parameters from ``NAME=LOW:HIGH`` texts.
+
+    Raises
+    ------
+    InputError
+        If a text is something else.
+    """
+    found = {}
+    for item in items:
+        name, _, pair = item.partition("=")
+        low, _, high = pair.partition(":")
+        try:
+            found[name.strip()] = (float(low or -math.inf), float(high or math.inf))
+        except ValueError:
+            raise InputError(f"--bound {item!r} is not NAME=LOW:HIGH; write lam=0:2") from None
+    return found
+
+
+def identify_source(options: Any) -> None:
+    """Identify a scene, a run or a CSV file."""
+    from reduced_models.identification import identify
+
+    found = identify(
+        options.source,
+        options.out,
+        laws=laws_from(options.laws),
+        discovery=options.discover,
+        changes=changes_from(options.changes),
+        dt=time_step(options.dt),
+        method=options.method,
+        threads=options.threads,
+        starts=options.starts,
+        checks=not options.no_checks,
+        progress=not options.quiet,
+    )
+    text = str(found)
+    if options.out is not None:
+        text += f"\nreport: {options.out}/report.html"
+    emit(found.to_plain(), text, options.json)
+
+
+def fit_sources(options: Any) -> None:
+    """Fit a law to the records of some sources."""
+    from reduced_models.fitting import fit
+
+    models = fit(
+        _records(options.sources, options),
+        options.law,
+        own=options.own,
+        bounds=bounds_from(options.bounds),
+        holdout=options.holdout,
+        starts=options.starts,
+        intervals="bootstrap" if options.bootstrap else "linear",
+    )
+    text = "\n\n".join(map(str, models))
+    if options.out is not None:
+        text += f"\nmodel: {_saved(models[0], options.out)}"
+    emit({"models": [model.to_plain() for model in models]}, text, options.json)
+
+
+def discover_source(options: Any) -> None:
+    """Discover a law in the record of a source."""
+    from reduced_models.discovery.discovering import discover
+
+    found = discover(_records([options.source], options)[0], method=options.method)
+    text = f"{found}\n\n{found.model}"
+    if options.out is not None:
+        text += f"\nmodel: {_saved(found.model, options.out)}"
+    emit({"method": options.method, "model": found.model.to_plain()}, text, options.json)
+
+
+def compare_sources(options: Any) -> None:
+    """Compare laws on the records of some sources."""
+    from reduced_models.comparison import compare
+
+    target = prepared(options.out)
+    table = compare(
+        _records(options.sources, options),
+        laws_from(options.laws),
+        options.holdout,
+        _records(options.held_out, options),
+        starts=options.starts,
+    )
+    text = str(table)
+    if target is not None:
+        from reduced_models.report import comparison_page
+
+        comparison_page(table).save(target / "report.html")
+        table.best.save(target / "model.json")
+        (target / "equations.txt").write_text(table.best.text, encoding="utf-8")
+        text += f"\nreport: {target}/report.html"
+    emit(table.to_plain(), text, options.json)
+
+
+def simulate_model(options: Any) -> None:
+    """Predict a motion by a saved model."""
+    from granular.units import si_value
+    from reduced_models.model import load_model
+
+    model = load_model(options.model)
+    end = si_value(options.until, "s")
+    if not 0.0 < end < math.inf:
+        raise InputError(f"--until {options.until!r}; give a time above 0 s")
+    if not 2 <= options.samples <= _MOST_SAMPLES:
+        raise InputError(f"--samples {options.samples}; give from 2 to {_MOST_SAMPLES}")
+    if model.law.inputs:
+        names = ", ".join(model.law.inputs)
+        raise InputError(f"the law has the inputs {names}; simulate it from Python, with them")
+    motion = model.simulate(
+        np.linspace(0.0, end, options.samples),
+        None if options.height is None else si_value(options.height, "m"),
+        None if options.velocity is None else si_value(options.velocity, "m/s"),
+    )
+    if note := model.outside(motion):
+        warnings.warn(note, stacklevel=1)
+    assert motion.velocity is not None
+    last = {"height": float(motion.height[-1]), "velocity": float(motion.velocity[-1])}
+    text = f"after {end:g} s: height {last['height']:.6g} m, velocity {last['velocity']:.6g} m/s"
+    if options.out is not None:
+        try:
+            motion.to_csv(options.out)
+        except OSError as error:
+            raise _unwritable(options.out, error) from None
+        text += f"\nmotion: {options.out}"
+    emit({"samples": len(motion), "end": last, "note": note}, text, options.json)
+
+
+def _records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
+    run = RunOptions({}, "auto", METHOD, None, not options.quiet)
+    return [record_of(source, None, run)[0] for source in sources]
+
+
+def _saved(model: ReducedModel, path: str) -> str:
+    try:
+        model.save(path)
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    return path
+
+
+def _unwritable(path: str, error: OSError) -> StoreError:
+    return StoreError(f"{shown(Path(path))} cannot be written: {error.strerror}; give another file")
