@@ -109,7 +109,11 @@ def simulate(
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
     store = None if out is None else _open_store(Path(out), run, settings, resume)
-    return _Job(run, store, settings).carry_out(progress)
+    try:
+        return _Job(run, store, settings).carry_out(progress)
+    finally:
+        if store is not None:
+            store.release()
 
 
 class _Job:
@@ -319,7 +323,9 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
         first = run.snapshot() | {"rows": 0, "frames": 0} | _readable(0, 0)
         outcome = {"figures": run.figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
-        return Store.create(path, run.scene, run.system, settings, first)
+        store = Store.create(path, run.scene, run.system, settings, first)
+        store.hold()
+        return store
     former = read_settings(path)[1]
     for name in ("scene_digest", "dt", "method"):
         if former[name] != settings[name]:
@@ -335,7 +341,12 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
             stacklevel=3,
         )
     store = Store(path, run.scene, run.system)
-    run.restore(store.resume())
+    store.hold()
+    try:
+        run.restore(store.resume())
+    except BaseException:
+        store.release()
+        raise
     return store
 
 

@@ -19,6 +19,11 @@ from typing import Any
 
 import numpy as np
 
+try:
+    import fcntl
+except ImportError:  # where there is none, nothing keeps two processes apart
+    fcntl = None  # type: ignore[assignment]
+
 from granular.engine.system import System
 from granular.errors import StoreError
 from granular.recorder import Recorder
@@ -74,6 +79,7 @@ class Store:
     def __init__(self, path: Path, scene: Scene, system: System) -> None:
         self.path, self.scene, self.system = path, scene, system
         self.rows = self.frames = 0
+        self._held: int | None = None
         self.scalars = scalar_variables(scene)
         self.fields = frame_variables(scene)
 
@@ -130,6 +136,31 @@ class Store:
             dimension_names=variable.dims,
             attributes=variable.attributes(),
         )
+
+    def hold(self) -> None:
+        """Keep other processes from writing here, until `release` or the end of this one.
+
+        Raises
+        ------
+        StoreError
+            If another one writes here.
+        """
+        if fcntl is None:
+            return
+        self._held = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.release()
+            raise StoreError(
+                f"another process is running in {self.path}; wait for it, or stop it"
+            ) from None
+
+    def release(self) -> None:
+        """Let others write here."""
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
 
     def resume(self) -> dict[str, np.ndarray]:
         """The last checkpoint; what was written behind it will be written again."""

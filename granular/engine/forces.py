@@ -16,23 +16,29 @@ from granular.engine.state import Measurement, State
 from granular.engine.system import Constants
 from granular.pairs.cells import ClosePairs, find_close_pairs
 from granular.pairs.direct import direct_sum
-from granular.pairs.stripes import CutOff, Stripes, cut_sum
+from granular.pairs.stripes import CutOff, cut_sum
 from granular.pairs.vector import lane_sum
+from granular.pairs.verlet_list import Listing, list_sum
 
 
 @compiled(inline=True)
 def _magnetic_forces(
-    cut: CutOff | None, near: Stripes | None, state: State, constants: Constants,
+    cut: CutOff | None, listing: Listing | None, state: State, constants: Constants,
     stiffness: Array | None, extremes: Array | None, load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
-    if cut is None:
+    if cut is None and listing is None:
         direct_sum(
             state.x, state.y, state.fx, state.fy, constants.charge,
             stiffness, extremes, load, weight, state.buffers, constants.threaded,
         )  # fmt: skip
-    else:
+    if cut is not None:
         cut_sum(
-            near, cut.radius, constants.grains, state.x, state.y, state.fx, state.fy,
+            state.near, cut.radius, constants.grains, state.x, state.y, state.fx, state.fy,
+            constants.charge, stiffness, extremes, load, weight,
+        )  # fmt: skip
+    if listing is not None:
+        list_sum(
+            state.known, listing, constants.grains, state.x, state.y, state.fx, state.fy,
             constants.charge, stiffness, extremes, load, weight,
         )  # fmt: skip
 
@@ -51,12 +57,13 @@ def _pair_forces(
             extremes[:] = 0.0
     elif friction is None:
         _magnetic_forces(
-            constants.acting.cut, state.near, state, constants, stiffness, extremes, None, None
-        )
+            constants.acting.cut, constants.acting.listing, state, constants,
+            stiffness, extremes, None, None,
+        )  # fmt: skip
     else:
         _magnetic_forces(
-            constants.acting.cut, state.near, state, constants, stiffness, extremes,
-            state.load, friction.weight,
+            constants.acting.cut, constants.acting.listing, state, constants,
+            stiffness, extremes, state.load, friction.weight,
         )  # fmt: skip
 
 

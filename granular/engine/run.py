@@ -151,7 +151,7 @@ class Run:
         kept = {name: getattr(self.state, name).copy() for name in KEPT}
         if self.state.low is not None:
             kept["low"] = self.state.low.copy()
-        kept |= kept_lists(self.state.near)
+        kept |= kept_lists(self.state.near or self.state.known)
         kept |= {"band": self.band.copy(), "seen": self.seen.copy()}
         memory = {
             "progress": dataclasses.asdict(self.progress),
@@ -189,7 +189,7 @@ class Run:
             getattr(self.state, name)[:] = kept[name]
         if self.state.low is not None:
             self.state.low[:] = kept["low"]
-        put_lists(self.state.near, kept)
+        put_lists(self.state.near or self.state.known, kept)
         self.band[:], self.seen[:] = kept["band"], kept["seen"]
 
     def _check_end(self) -> None:

@@ -10,6 +10,7 @@ from granular.methods import Method
 from granular.pairs.cells import ClosePairs, close_pairs_room
 from granular.pairs.direct import padded_coordinates, part_buffers
 from granular.pairs.stripes import LISTED, Stripes, stripes_room
+from granular.pairs.verlet_list import VerletList, verlet_list_room
 
 if TYPE_CHECKING:
     from granular.engine.system import Acting
@@ -53,6 +54,8 @@ class State(NamedTuple):
         Sums behind the normal force of friction.
     near : Stripes or None
         Grains in stripes, where pairs end at a distance.
+    known : VerletList or None
+        The source's list of pairs.
     close : ClosePairs or None
         Grains in contact.
     push, shove : float64 (m,), the second None without slabs
@@ -78,6 +81,7 @@ class State(NamedTuple):
     label: np.ndarray
     load: np.ndarray | None
     near: Stripes | None
+    known: VerletList | None
     close: ClosePairs | None
     push: np.ndarray
     shove: np.ndarray | None
@@ -134,10 +138,11 @@ def new_state(
         label=np.arange(x.size),
         load=None if acting.friction is None else np.zeros_like(x),
         near=_stripes(x.size, acting),
+        known=None if acting.listing is None else verlet_list_room(x.size),
         close=None if acting.contact is None else close_pairs_room(count),
         push=np.zeros_like(x),
         shove=np.zeros_like(x) if slabs else None,
-        buffers=None if acting.cut is not None else part_buffers(x.size),
+        buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
         low=np.zeros((4, x.size)) if method.compensated else None,
         rungs=None if method.tableau is None else _rungs(len(method.tableau), x.size),
     )
@@ -149,14 +154,14 @@ def _stripes(size: int, acting: Acting) -> Stripes | None:
     return stripes_room(size, charged=acting.cut.charged, loaded=acting.friction is not None)
 
 
-def kept_lists(near: Stripes | None) -> dict[str, np.ndarray]:
+def kept_lists(near: Stripes | VerletList | None) -> dict[str, np.ndarray]:
     """What a checkpoint holds of the lists of partners: where they were made, not what they say."""
     if near is None:
         return {}
     return {"near_built": near.built.copy(), "near_memory": near.memory.copy()}
 
 
-def put_lists(near: Stripes | None, kept: dict[str, np.ndarray]) -> None:
+def put_lists(near: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
     """Let the lists be made again, as they were."""
     if near is not None:
         near.built[:], near.memory[:] = kept["near_built"], kept["near_memory"]

@@ -13,6 +13,7 @@ from granular.effects.shaking import Swing
 from granular.effects.walls import OPEN, WallLaws
 from granular.pairs.direct import padded_values
 from granular.pairs.stripes import CutOff
+from granular.pairs.verlet_list import Listing
 from granular.scales import Scales
 from granular.scene import Piston, Scene
 
@@ -32,7 +33,9 @@ class Acting(NamedTuple):
     contact : ContactLaw or None
     shaking : Swing or None
     cut : CutOff or None
-        None for the sum of all pairs.
+        Where pairs end; with None for this and the next, all pairs are summed.
+    listing : Listing or None
+        Of the source's Verlet list.
     """
 
     dipole: bool | None
@@ -43,6 +46,7 @@ class Acting(NamedTuple):
     contact: ContactLaw | None
     shaking: Swing | None
     cut: CutOff | None
+    listing: Listing | None
 
 
 class Resistance(NamedTuple):
@@ -146,6 +150,7 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray) -> Acting:
         contact=None if contact is None else contact.kernel(grains, scales, species),
         shaking=None if effects.shaking is None else effects.shaking.kernel(scales),
         cut=None if radius is None else CutOff(radius, len(grains.species) > 1),
+        listing=None if effects.dipole is None else scene.pairs.listing(scales.length),
     )
 
 

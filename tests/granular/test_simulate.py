@@ -257,6 +257,28 @@ def test_run_directories_are_not_overwritten(scene: Scene, tmp_path: Path) -> No
         load_trajectory(tmp_path / "full")
 
 
+def test_two_processes_do_not_write_to_one_run(scene: Scene, tmp_path: Path) -> None:
+    simulate(scene, t_end=2e-3, out=tmp_path / "run", progress=False)
+    code = f"""
+import time
+from granular.store import Store
+from granular import load_scene
+from granular.engine.system import natural_system
+scene = load_scene({str(tmp_path / "run" / "scene.toml")!r})
+Store(__import__("pathlib").Path({str(tmp_path / "run")!r}), scene, natural_system(scene)).hold()
+print("held", flush=True)
+time.sleep(60)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"held\n"
+    with pytest.raises(StoreError, match="another process is running"):
+        simulate(scene, t_end=3e-3, out=tmp_path / "run", resume=True, progress=False)
+    process.kill()
+    process.wait()
+    simulate(scene, t_end=3e-3, out=tmp_path / "run", resume=True, progress=False)
+
+
 def test_errors_share_a_base() -> None:
     assert issubclass(InputError, GranularError)
     assert issubclass(RunError, GranularError)

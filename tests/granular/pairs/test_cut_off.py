@@ -127,7 +127,7 @@ def test_scene_chooses_the_method(bed: Scene) -> None:
     assert bed.replace(**{"pairs.method": "cut-off"}).pairs.radius(0.006) == 11.26
     near = bed.replace(**{"pairs": {"method": "cut-off", "cut_off": "5 D"}})
     assert near.pairs.radius(0.006) == pytest.approx(5.0)
-    with pytest.raises(SceneError, match=r"pairs\.cut_off: only the method 'cut-off'"):
+    with pytest.raises(SceneError, match=r"pairs\.cut_off: only the methods 'cut-off'"):
         bed.replace(**{"pairs.cut_off": "5 D"})
 
 

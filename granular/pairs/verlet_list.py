@@ -1,0 +1,133 @@
+"""The source's Verlet list [D, 5.1], for comparison with the source.
+
+A list holds the pairs that are closer than the radius where it is made. From then on all of them
+act, at whatever distance, and no others; the list is made anew once a grain has moved by the skin
+[D, Algorithm 5.1 without its lines 20 to 22]. Pairs that come closer meanwhile are missed: this is
+the source's approximation, with its bias. `granular.pairs.stripes` misses none.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.effects.dipole import ENERGY, pair_energy, pair_force
+from granular.pairs.cells import ClosePairs, find_close_pairs
+
+RADIUS, SKIN = 11.26, 4.13
+"""Of the source, in diameters of the first species."""
+
+_MOST_PARTNERS = 512
+"""Pairs that there is room for, per grain: the densest bed of discs has 230 within 11.26 D."""
+
+LISTED, GRAINS, BUILDS = range(3)
+"""Entries of the memory: whether there is a list for the places that it was made at, for how many
+grains, and how often one was made."""
+
+
+class Listing(NamedTuple):
+    """Radius and skin of the list [D]."""
+
+    radius: float
+    skin: float
+
+
+class VerletList(NamedTuple):
+    """The listed pairs, and where they were listed.
+
+    Attributes
+    ----------
+    pairs : ClosePairs
+    built : float64 (2, m)
+        Places of the grains. Part of a checkpoint, as ``memory`` is.
+    memory : float64 (3,)
+        See `LISTED` and the others.
+    """
+
+    pairs: ClosePairs
+    built: np.ndarray
+    memory: np.ndarray
+
+
+def verlet_list_room(size: int) -> VerletList:
+    """Room for the pairs of that many grains (padded)."""
+    places = max(1, min(size * (size - 1) // 2, _MOST_PARTNERS * size))
+    pairs = ClosePairs(
+        first=np.zeros(places, dtype=np.int32),
+        second=np.zeros(places, dtype=np.int32),
+        filled=np.zeros(1, dtype=np.int64),
+        cell=np.zeros(size, dtype=np.int64),
+        order=np.zeros(size, dtype=np.int64),
+        begins=np.zeros(4 * size + 64, dtype=np.int64),
+    )
+    return VerletList(pairs, np.zeros((2, size)), np.zeros(3))
+
+
+@compiled
+def _make_ready(known: VerletList, listing: Listing, x: Array, y: Array, grains: int) -> None:
+    stale = known.memory[GRAINS] != grains
+    for i in range(grains):
+        dx, dy = x[i] - known.built[0, i], y[i] - known.built[1, i]
+        stale |= not dx * dx + dy * dy < listing.skin * listing.skin
+    if stale:
+        for i in range(grains):
+            known.built[0, i] = x[i]
+            known.built[1, i] = y[i]
+        known.memory[GRAINS] = grains
+        known.memory[BUILDS] += 1.0
+    if stale or known.memory[LISTED] == 0.0:
+        find_close_pairs(known.pairs, known.built[0], known.built[1], grains, listing.radius)
+        known.memory[LISTED] = 1.0
+
+
+@compiled
+def list_sum(
+    known: VerletList, listing: Listing, grains: int, x: Array, y: Array, fx: Array, fy: Array,
+    charge: Array | None, stiffness: Array | None, extremes: Array | None,
+    load: Array | None, weight: Array | None,
+) -> None:  # fmt: skip
+    """Forces of the listed pairs; arguments as in `granular.pairs.stripes.cut_sum`.
+
+    Forces are no numbers where there are more pairs than there is room for.
+    """
+    _make_ready(known, listing, x, y, grains)
+    fx[:grains] = 0.0
+    fy[:grains] = 0.0
+    if stiffness is not None:
+        stiffness[:] = 0.0
+    if extremes is not None:
+        extremes[:] = 0.0
+    if load is not None:
+        load[:] = 0.0
+    rest = pair_energy(listing.radius)
+    if known.pairs.filled[0] < 0:
+        fx[:grains] = np.nan
+        fy[:grains] = np.nan
+    for p in range(known.pairs.filled[0]):
+        i, j = known.pairs.first[p], known.pairs.second[p]
+        dx, dy = x[i] - x[j], y[i] - y[j]
+        r = math.sqrt(dx * dx + dy * dy)
+        force, energy = pair_force(r), pair_energy(r)
+        ratio = force / r
+        if charge is not None:
+            ratio *= charge[i] * charge[j]
+        fx[i] += ratio * dx
+        fy[i] += ratio * dy
+        fx[j] -= ratio * dx
+        fy[j] -= ratio * dy
+        if stiffness is not None:
+            fifth = force / (3.0 * ENERGY * r)
+            stiffness[i] += fifth if charge is None else fifth * charge[j]
+            stiffness[j] += fifth if charge is None else fifth * charge[i]
+        if extremes is not None:
+            product = 1.0
+            if charge is not None:
+                product = charge[i] * charge[j]
+            extremes[0] += product * (energy - rest) / ENERGY
+            extremes[1] = max(extremes[1], force / (3.0 * ENERGY * r))
+        if load is not None and weight is not None:
+            load[i] += weight[j] * energy / ENERGY
+            load[j] += weight[i] * energy / ENERGY

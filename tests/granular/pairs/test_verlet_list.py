@@ -1,0 +1,95 @@
+"""The source's list: what is listed acts, at any distance, until a grain has moved by the skin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular import Scene, simulate
+from granular.engine.state import kept_lists, put_lists
+from granular.errors import SceneError
+from granular.pairs.cells import ClosePairs
+from granular.pairs.direct import padded_coordinates, padded_values
+from granular.pairs.plain import plain_cut_sum
+from granular.pairs.verlet_list import BUILDS, Listing, VerletList, list_sum, verlet_list_room
+
+LISTING = Listing(6.0, 2.0)
+
+
+def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(seed)
+    side = int(np.ceil(np.sqrt(count)))
+    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
+    return padded_coordinates(1.8 * place + random.uniform(-0.5, 0.5, (count, 2)))
+
+
+def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    charge = padded_values(np.linspace(0.3, 1.0, count))
+    out, extremes = np.zeros((4, x.size)), np.zeros(2)
+    function(first, second, count, x, y, out[0], out[1], charge, out[2], extremes, out[3], charge)
+    return np.concatenate([out[:, :count].ravel(), extremes])
+
+
+def test_fresh_list_is_the_cut_off() -> None:
+    x, y = scattered(150, 3)
+    found = sums(list_sum, verlet_list_room(x.size), LISTING, 150, x, y)
+    wanted = sums(plain_cut_sum, None, LISTING.radius, 150, x, y)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> None:
+    x, y = padded_coordinates(np.array([[0.0, 0.0], [5.9, 0.0], [0.0, 6.1]]))
+    known = verlet_list_room(x.size)
+    sums(list_sum, known, LISTING, 3, x, y)
+    x[1] += 1.9  # beyond the radius, and still on the list
+    y[2] -= 1.9  # within the radius, and missed
+    force = sums(list_sum, known, LISTING, 3, x, y)[:6].reshape(2, 3)
+    share = 0.3 * 0.65 * 0.75 / 7.8**4
+    np.testing.assert_allclose(force, [[-share, share, 0.0], [0.0, 0.0, 0.0]], atol=1e-15)
+    assert known.memory[BUILDS] == 1.0
+    y[2] -= 0.2
+    assert sums(list_sum, known, LISTING, 3, x, y)[3] < 0.0  # the first grain, pushed down
+    assert known.memory[BUILDS] == 2.0
+
+
+def test_list_made_again_gives_the_same_bits() -> None:
+    x, y = scattered(150, 5)
+    known = verlet_list_room(x.size)
+    sums(list_sum, known, LISTING, 150, x, y)
+    x[:150] += np.random.default_rng(1).uniform(-1.0, 1.0, 150)
+    wanted = sums(list_sum, known, LISTING, 150, x, y)
+    again = verlet_list_room(x.size)
+    put_lists(again, kept_lists(known))
+    np.testing.assert_array_equal(sums(list_sum, again, LISTING, 150, x, y), wanted)
+
+
+def test_full_list_gives_no_numbers() -> None:
+    x, y = scattered(60, 5)
+    room = verlet_list_room(x.size)
+    short = room.pairs._asdict() | {name: np.zeros(9, np.int32) for name in ("first", "second")}
+    full = VerletList(ClosePairs(**short), room.built, room.memory)
+    assert np.isnan(sums(list_sum, full, LISTING, 60, x, y)[:120]).all()
+
+
+def test_scene_names_the_source_s_list(bed: Scene) -> None:
+    source = bed.replace(**{"pairs.method": "verlet-list"})
+    assert source.pairs.listing(0.006) == (11.26, 4.13)
+    assert source.pairs.radius(0.006) is None
+    assert bed.pairs.listing(0.006) is None
+    with pytest.raises(SceneError, match=r"pairs\.skin: only the method 'verlet-list'"):
+        bed.replace(**{"pairs.skin": "1 D"})
+
+
+@pytest.mark.long
+def test_run_with_the_source_s_list(small_bed: Scene, tmp_path: object) -> None:
+    """A resumed run has the bits of one in a piece."""
+    changes = {"pairs.method": "verlet-list", "pairs.cut_off": "4 D", "pairs.skin": "0.1 D"}
+    scene = small_bed.replace(**changes)
+    whole = simulate(scene, t_end=0.2, progress=False)
+    simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
+    parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
+    for name in ("position", "velocity"):
+        np.testing.assert_array_equal(
+            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+        )
+    assert whole.settings()["pairs"] == "verlet-list"
