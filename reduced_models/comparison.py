@@ -285,12 +285,12 @@ def _row(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the models keep their notes
             models = fit(records, law, holdout=holdout, own=private, starts=starts, **how)
+        judged = tuple(roll_out(models[0], each) for each in held_out)
     except GranularError as cause:
         return Row(law.name, failure=str(cause))
     stretches = tuple(
         model.quality.holdout for model in models if model.quality.holdout is not None
     )
-    judged = tuple(roll_out(models[0], each) for each in held_out)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
     errors = [*stretches, *(one.relative for one in judged)]

@@ -1,0 +1,79 @@
+"""Which law moves the damper? Laws trained on two lifts, judged on a third and on the drop.
+
+Run ``python notebooks/damper_laws.py [DIR]``: the damper is simulated with lifts of 0.2 D, 2 D and
+1.5 D (some minutes each; the first drop is the same in all of them); every built-in law is fitted
+to the first two records together and predicts the third, and the fall from 20 D, each from an
+initial state that the record's first period tells. DIR keeps records, table and report.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from granular import PistonRecord, damper, simulate
+from reduced_models import Comparison, compare
+from reduced_models.laws import LAWS
+from reduced_models.report import comparison_page
+
+TRAINING, JUDGED = (0.2, 2.0), 1.5
+"""Lifts [D]."""
+DIAMETER = 0.006
+PERIODS = 10.0
+SOURCE_LAW = "van-der-pol-like"
+
+
+def records(folder: Path) -> dict[str, PistonRecord]:
+    """The piston's motion after each lift, and its drop; simulated where not there yet."""
+    found = {}
+    for lift in (*TRAINING, JUDGED):
+        paths = {"drop": folder / "drop.csv", f"lift {lift} D": folder / f"lift-{lift}.csv"}
+        if not all(path.is_file() for path in paths.values()):
+            run = simulate(damper(lift=lift))
+            run.piston("drop").to_csv(paths["drop"])
+            run.piston("release").to_csv(paths[f"lift {lift} D"])
+        found |= {name: PistonRecord.from_csv(path) for name, path in paths.items()}
+    return found
+
+
+def amplitude_errors(table: Comparison, record: PistonRecord) -> dict[str, float]:
+    """Rms error of each law over ten periods of the judged lift, over its amplitude."""
+    errors = {}
+    for row in table.rows:
+        if not row.models:
+            continue
+        motion = row.records[0].motion
+        period = row.models[0].at_rest.period if row.models[0].at_rest else 0.288
+        inside = motion.time - motion.time[0] <= PERIODS * period
+        left = motion.height[inside] - record.height[: len(motion)][inside]
+        errors[row.name] = float(np.sqrt((left**2).mean())) / (JUDGED * DIAMETER)
+    return errors
+
+
+def main(folder: Path) -> None:
+    """Simulate, compare, and say which law wins and by how much."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found = records(folder)
+    judged = found[f"lift {JUDGED} D"]
+    training = [found[f"lift {lift} D"] for lift in TRAINING]
+    table = compare(training, list(LAWS), held_out=[judged, found["drop"]])
+    print(f"record 1: lift {JUDGED} D; record 2: drop from 20 D\n{table}\n")
+    errors = amplitude_errors(table, judged)
+    print(f"rms error over {PERIODS:g} periods of the {JUDGED} D lift, in amplitudes:")
+    for name, error in sorted(errors.items(), key=lambda pair: pair[1]):
+        print(f"  {name:20} {100 * error:8.3f} %")
+    best = min(errors, key=errors.__getitem__)
+    words = (
+        f"{best} wins: {100 * errors[best]:.2g} % of the amplitude, "
+        f"{errors[SOURCE_LAW] / errors[best]:.3g} times better than {SOURCE_LAW}"
+    )
+    print(words + ".")
+    page = comparison_page(table)
+    page.note(f"Over {PERIODS:g} periods of the {JUDGED} D lift {words}.")
+    page.save(folder / "damper_laws.html")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "damper-laws"))
