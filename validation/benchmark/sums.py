@@ -15,8 +15,8 @@ from granular.pairs.direct import (
     padded_values,
     part_buffers,
 )
-from granular.pairs.section import SOURCE_RADIUS
 from granular.pairs.stripes import Stripes, cut_sum, stripes_room
+from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
 from validation.benchmark import c_kernel
 from validation.benchmark.peers import (
     VerletList,
