@@ -43,8 +43,10 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
     found = {}
     for item in items:
         name, _, pair = item.partition("=")
-        low, _, high = pair.partition(":")
+        low, colon, high = pair.partition(":")
         try:
+            if not colon:
+                raise ValueError
             found[name.strip()] = (float(low or -math.inf), float(high or math.inf))
         except ValueError:
             raise InputError(f"--bound {item!r} is not NAME=LOW:HIGH; write lam=0:2") from None

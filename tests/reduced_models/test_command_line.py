@@ -104,3 +104,56 @@ def test_json_is_strict(
 def test_numbers_that_json_does_not_know_become_null() -> None:
     plain = {"a": [1.0, np.inf, (-np.inf, "x")], "b": {"c": np.nan, "d": np.float64(2.0)}}
     assert finite(plain) == {"a": [1.0, None, [None, "x"]], "b": {"c": None, "d": 2.0}}
+
+
+def test_fit_compare_and_simulate(
+    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model is fitted by its equation, saved, and predicts what the record did."""
+    monkeypatch.chdir(files)
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    law = "z'' + 2*d*z' + k*(z - r) = 0"
+    words = ["fit", "lab.csv", "--law", law, "--bound", "d=0:5", "-o", "fitted.json", "--quiet"]
+    assert launch(main, words) == 0
+    assert "model: fitted.json" in capsys.readouterr().out
+    words = ["simulate", "fitted.json", "--until", "3 s", "--samples", "600", "-o", "motion.csv"]
+    assert launch(main, words) == 0
+    record = PistonRecord.from_csv(files / "lab.csv")
+    predicted = PistonRecord.from_csv(files / "motion.csv")
+    assert np.abs(predicted.height - record.height).max() < 2e-5
+    words = ["compare", "lab.csv", "--law", "linear", "--law", law, "--held-out", "lab.csv"]
+    capsys.readouterr()
+    assert launch(main, [*words, "-o", "compared", "--json", "--quiet"]) == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert {row["law"] for row in plain["rows"]} == {"linear", law}
+    assert "Laws compared" in (files / "compared" / "report.html").read_text()
+    assert (files / "compared" / "equations.txt").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("simulate", "nothing.json", "--until", "3"), "cannot be read as a model"),
+        (("simulate", "nothing.json"), "--until"),
+        (("fit", "lab.csv", "--bound", "lam"), "is not NAME=LOW:HIGH"),
+        (("fit", "lab.csv", "--law", "linear", "--bound", "lam=2:1"), "give them in order"),
+        (("fit", "lab.csv", "--law", "linear", "--own", "mass"), "unknown parameter 'mass'"),
+        (("fit", "lab.csv", "--holdout", "1"), "from 0 to 0.9"),
+        (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
+        (("compare", "lab.csv", "--held-out", "nothing.csv"), "there is no file"),
+        (("discover", "nothing.csv"), "there is no file"),
+    ],
+)
+def test_bad_words_of_the_other_commands(
+    words: tuple[str, ...],
+    message: str,
+    files: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(files)
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    assert launch(main, list(words)) == BAD_INPUT
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1
+    assert message in said.err
