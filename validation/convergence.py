@@ -252,8 +252,8 @@ def toolkit(method: str) -> Solver:
 def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
     """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse.
 
-    That is the first one, from `Problem.fewest` on (`LONGER` steps for high orders), at which the solver neither fails nor misses by
-    more than `COARSE` diameters.
+    That is the first one, from `Problem.fewest` on (fewer for high orders, see `LONGER`), at which
+    the solver neither fails nor misses by more than `COARSE` diameters.
     """
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter

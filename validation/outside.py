@@ -1,0 +1,209 @@
+"""Outside references: integrators that others wrote, on forces that are written here once more.
+
+SciPy's DOP853 (Hairer, Norsett and Wanner 1993, II.5) and diffrax's Tsit5 (Tsitouras 2011,
+doi:10.1016/j.camwa.2011.06.002) share nothing with the toolkit: neither the loop nor the forces,
+which are sums over whole arrays [D, eqs 2.6 and 2.8 as in `granular.effects`]. They are explicit
+Runge-Kutta methods with an error estimate, and not symplectic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.arrangement import initial_motion
+from granular.errors import InputError
+from granular.protocol import Hold
+from granular.scales import Scales
+from granular.scene import Scene
+from validation.exact.problem import Moment, Problem
+
+SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
+ORDERS = {SCIPY: 8, DIFFRAX: 5}
+"""The outside references and their orders."""
+
+MOST_STEPS = 2**20
+
+Rate = Callable[[Any, Any], Any]
+"""d state/dt for a time and a state (4 n,) in natural units: positions, then velocities."""
+
+
+class Start(NamedTuple):
+    """A scene ready for an outside integrator.
+
+    Attributes
+    ----------
+    state : float64 (4 n,)
+        Positions and velocities [D], [D/tau].
+    scales : Scales
+    """
+
+    state: np.ndarray
+    scales: Scales
+
+
+def takes(scene: Scene) -> bool:
+    """Whether the forces here are all that act: pairs, experimental walls, weight, drag."""
+    effects = scene.effects
+    others = (effects.friction, effects.contact, effects.shaking)
+    walls = effects.walls
+    laws = [] if walls is None else [walls.left, walls.right, walls.bottom, walls.top]
+    return (
+        not any(others)
+        and len(scene.grains.species) == 1
+        and all(wall is None or wall.law == "experimental" for wall in laws)
+        and (scene.piston is None or isinstance(scene.protocol[0], Hold))
+    )
+
+
+def start(scene: Scene) -> Start:
+    """The state a scene starts from.
+
+    Raises
+    ------
+    InputError
+        If something acts in the scene that the forces here leave out.
+    """
+    if not takes(scene):
+        raise InputError(
+            f"scene {scene.name!r} has more than grains of one kind, pairs, experimental walls, "
+            "weight, drag and a piston that is held; an outside reference needs it without"
+        )
+    scales = Scales.of(scene.grains)
+    places, velocities = initial_motion(scene)
+    state = [places / scales.length, velocities / scales.velocity]
+    return Start(np.concatenate([one.ravel() for one in state]), scales)
+
+
+def rate(scene: Scene, arrays: Any = np) -> Rate:
+    """The equations of motion, in NumPy or in ``jax.numpy``.
+
+    Parameters
+    ----------
+    scene : Scene
+        One that `takes` allows.
+    arrays : module
+        ``numpy`` or ``jax.numpy``.
+    """
+    scales, effects, count = Scales.of(scene.grains), scene.effects, scene.grains.count
+    weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
+    decay = effects.drag.coefficient * scales.time / scales.mass if effects.drag else 0.0
+    alone = np.eye(count)
+
+    def pairs(x: Any) -> Any:
+        apart = x[:, None] - x[None]
+        square = (apart**2).sum(axis=2) + alone
+        return 0.75 * (apart * ((1.0 - alone) * square**-2.5)[:, :, None]).sum(axis=1)
+
+    walls = _walls(scene, scales)
+
+    def motion(_: Any, state: Any) -> Any:
+        x, v = state[: 2 * count].reshape(-1, 2), state[2 * count :].reshape(-1, 2)
+        a = -decay * v - weight * np.array([0.0, 1.0])
+        if effects.dipole is not None and count > 1:
+            a = a + pairs(x)
+        for axis, sign, place in walls:
+            push = 0.5 * sign * (sign * (x[:, axis] - place)) ** -3.5
+            a = a + push[:, None] * np.eye(2)[axis]
+        return arrays.concatenate([v.ravel(), a.ravel()])
+
+    return motion
+
+
+def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
+    """Axis, direction of the force and place [D] of each wall."""
+    walls, found = scene.effects.walls, []
+    if walls is None:
+        return []
+    if walls.left is not None:
+        found.append((0, 1.0, 0.0))
+    if walls.right is not None:
+        found.append((0, -1.0, scene.cell.width / scales.length))
+    if walls.bottom is not None:
+        found.append((1, 1.0, 0.0))
+    if walls.top is not None and scene.piston is not None:
+        found.append((1, -1.0, scene.piston.height / scales.length))
+    return found
+
+
+def solver(name: str) -> Callable[[Problem, int], Moment]:
+    """An outside reference at equal steps, to see its order with `validation.convergence`."""
+    solve = _scipy if name == SCIPY else _diffrax
+
+    def fixed(problem: Problem, count: int) -> Moment:
+        return solve(problem.scene, problem.time, count, None)
+
+    return fixed
+
+
+def adaptive(name: str, scene: Scene, time: float, tolerance: float) -> Moment:
+    """The grains at a time [s], by an outside reference that chooses its steps by a tolerance."""
+    solve = _scipy if name == SCIPY else _diffrax
+    return solve(scene, time, None, tolerance)
+
+
+def _moment(state: np.ndarray, scales: Scales, steps: int) -> Moment:
+    places, velocities = np.split(np.asarray(state), 2)
+    return Moment(
+        places.reshape(-1, 2) * scales.length, velocities.reshape(-1, 2) * scales.velocity, steps
+    )
+
+
+def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Moment:
+    from scipy.integrate import DOP853
+
+    begin = start(scene)
+    until = time / begin.scales.time
+    if count is not None:
+        # A tolerance that no step misses leaves the longest step; it covers the last one's rest.
+        longest = until / count * (1.0 + 1e-12)
+        options = {"first_step": until / count, "max_step": longest, "rtol": 1e6, "atol": 1e6}
+    else:
+        assert tolerance is not None
+        options = {"max_step": math.inf, "rtol": tolerance, "atol": tolerance}
+    run = DOP853(rate(scene), 0.0, begin.state, until, **options)
+    steps = 0
+    while run.status == "running":
+        run.step()
+        steps += 1
+    return _moment(run.y, begin.scales, steps)
+
+
+_SOLVES: dict[str, Any] = {}
+"""Compiled by JAX, for each set of forces and kind of step."""
+
+
+def _diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Moment:
+    begin = start(scene)
+    until = time / begin.scales.time
+    parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
+    if repr(parts) not in _SOLVES:
+        _SOLVES[repr(parts)] = _compiled(scene, equal=count is not None)
+    given = tolerance if count is None else until / count
+    state, steps = _SOLVES[repr(parts)](begin.state, until, given)
+    return _moment(state, begin.scales, int(steps))
+
+
+def _compiled(scene: Scene, *, equal: bool) -> Any:
+    """A function of state, time and the equal step (or the tolerance): end state and steps."""
+    from reduced_models.jax_setup import jax  # sets double precision; isort: skip
+    import diffrax
+
+    motion = rate(scene, jax.numpy)
+    term = diffrax.ODETerm(lambda t, state, _: motion(t, state))  # type: ignore[arg-type]
+
+    def solve(state: Any, until: Any, given: Any) -> Any:
+        control = (
+            diffrax.ConstantStepSize() if equal else diffrax.PIDController(rtol=given, atol=given)
+        )
+        found = diffrax.diffeqsolve(
+            term, diffrax.Tsit5(), 0.0, until, given if equal else None, state,
+            stepsize_controller=control, max_steps=MOST_STEPS, adjoint=diffrax.ForwardMode(),
+        )  # fmt: skip
+        assert found.ys is not None
+        return found.ys[-1], found.stats["num_steps"]
+
+    return jax.jit(solve)
