@@ -12,8 +12,8 @@ import numpy as np
 from granular.errors import InputError
 from granular.record import PistonRecord
 from reduced_models.derivatives import Estimator, derivatives
-from reduced_models.discovery.polishing import polished
-from reduced_models.discovery.result import Candidate, Discovery, least, pareto_front
+from reduced_models.discovery.polishing import parametrised, polished
+from reduced_models.discovery.result import Candidate, Discovery, pareto_front
 from reduced_models.discovery.selection import Judge, Scored, all_subsets, by_size, pruned, scored
 from reduced_models.discovery.terms import (
     Term,
@@ -40,6 +40,9 @@ _EDGE = 0.02
 _MOST_UNION = 120
 _ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
 _POOR = 2.0
+_STRONG = 6.0
+"""Difference of criteria from which evidence is strong (Kass & Raftery 1995,
+doi:10.1080/01621459.1995.10476572); below it the simpler equation is chosen."""
 _HOPELESS = 15.0  # a criterion that is so much worse is not made good by fitting
 
 
@@ -61,7 +64,8 @@ def discover(
 
     Every method proposes structures. All are weighed by the same white residuals of the weak form;
     those that no simpler one beats make the Pareto front; the best of them are fitted through their
-    differential equation, and the one with the least information criterion is chosen.
+    differential equation, and the simplest is chosen to which the information criterion does not
+    strongly prefer another.
 
     Parameters
     ----------
@@ -123,8 +127,7 @@ def discover(
         candidates = [_candidate(one) for one in ranked]
     else:
         candidates, judge = _symbolic_candidates(weak, terms, method, seed)
-    front = pareto_front(candidates)
-    front, chosen = _polished(front, record, height_map, input, polish, judge, seed)
+    front, chosen = _polished(candidates, record, height_map, input, polish, judge, seed)
     return Discovery(
         _words(method, form, ensemble),
         tuple(front),
@@ -305,7 +308,7 @@ def _judged(expression: sympy.Expr, judge: Judge) -> Candidate:
 
 
 def _polished(
-    front: list[Candidate],
+    candidates: list[Candidate],
     record: PistonRecord,
     height_map: HeightMap,
     drive: str | None,
@@ -313,18 +316,35 @@ def _polished(
     judge: Judge,
     seed: int,
 ) -> tuple[list[Candidate], int]:
-    """The front with its best candidates polished, and the place of the chosen one."""
-    order = np.argsort([one.criterion for one in front], kind="stable")
-    front = list(front)
-    limit = front[order[0]].criterion + _HOPELESS
-    tried = [int(k) for k in order[:count] if front[k].criterion <= limit]
-    for place in tried:
-        front[place] = polished(front[place], record, height_map, drive, seed)
-    fitted = [k for k in tried if front[k].model is not None]
-    if not fitted:
-        return front, int(order[0])
-    ranks = _solution_criteria([front[k] for k in fitted], judge)
-    return front, fitted[least(ranks)]
+    """The Pareto front, with all polished candidates, and the place of the chosen one."""
+    order = sorted(candidates, key=lambda one: one.criterion)
+    near = [one for one in order if one.criterion <= order[0].criterion + _HOPELESS]
+    done = [polished(one, record, height_map, drive, seed) for one in near[:count]]
+    fitted = [one for one in done if one.model is not None]
+    if fitted:
+        best = _simplest(fitted, _solution_criteria(fitted, judge))
+    else:
+        left = [*done, *order[len(done) :]]
+        best = _simplest(left, [one.criterion for one in left])
+    tried = {id(one) for one in near[:count]}
+    rest = [one for one in pareto_front(candidates) if id(one) not in tried]
+    shown = done if best in done else [*done, best]
+    front = sorted(
+        [*shown, *(one for one in rest if one is not best)],
+        key=lambda one: (one.complexity, -one.error),
+    )
+    return front, next(k for k, one in enumerate(front) if one is best)
+
+
+def _simplest(candidates: list[Candidate], criteria: list[float]) -> Candidate:
+    """The one with the fewest numbers of those to which no other is strongly preferred."""
+    limit = min(criteria) + _STRONG
+    near = [(one, value) for one, value in zip(candidates, criteria, strict=True) if value <= limit]
+    return min(near, key=lambda pair: (_numbers(pair[0]), pair[1]))[0]
+
+
+def _numbers(candidate: Candidate) -> int:
+    return len(parametrised(candidate.expression)[1])
 
 
 def _solution_criteria(fitted: list[Candidate], judge: Judge) -> list[float]:

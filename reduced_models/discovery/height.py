@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.record import PistonRecord
 from reduced_models.discovery.polishing import parametrised
-from reduced_models.discovery.result import Candidate, Discovery, least, pareto_front
+from reduced_models.discovery.result import Candidate, Discovery, pareto_front
 from reduced_models.discovery.terms import complexity
 from reduced_models.estimates import noise_level
 from reduced_models.model import HeightMap
@@ -58,7 +58,7 @@ def height_equations(
         for one, error in fitted
     ]
     front = pareto_front(candidates)
-    chosen = least([one.criterion for one in front])
+    chosen = int(np.argmin([one.criterion for one in front]))
     return Discovery(f"{method}, z(t)", tuple(front), chosen, height_map)
 
 

@@ -7,8 +7,6 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from granular.errors import InputError
 from reduced_models.discovery.terms import Term, terms_of, text_of
 from reduced_models.model import HeightMap, ReducedModel
@@ -70,7 +68,7 @@ class Discovery:
     ----------
     method : str
     candidates : tuple of Candidate
-        The Pareto front, from the simplest to the most exact.
+        The Pareto front and close rivals that were polished, from the simplest on.
     chosen : int
         Place of the chosen one.
     map : HeightMap
@@ -158,8 +156,3 @@ def pareto_front(candidates: list[Candidate]) -> list[Candidate]:
         if math.isfinite(one.error) and (not front or one.error < front[-1].error):
             front.append(one)
     return front
-
-
-def least(values: list[float]) -> int:
-    """Place of the least value; the first of equals."""
-    return int(np.argmin(values))
