@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -162,20 +161,3 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
     coefficients = {term.text: value for term, value in found.best.terms.items()}
     assert coefficients["z"] == pytest.approx(-(1.4**2 + 0.05**2), rel=0.01)
     assert coefficients["z'"] == pytest.approx(-0.1, rel=0.1)
-
-
-@pytest.mark.long
-def test_absent_julia_costs_less_than_half_a_second() -> None:
-    needs_no_julia()
-    code = (
-        "import time; start = time.perf_counter(); from reduced_models.discovery import julia;"
-        "julia.missing(); print(time.perf_counter() - start)"
-    )
-    times = []
-    for _ in range(3):
-        done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        )
-        times.append(float(done.stdout))
-        time.sleep(0.1)
-    assert min(times) < 0.5
