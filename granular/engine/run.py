@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from granular.arrangement import initial_motion
+from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import misplaced, restless, unbalanced
 from granular.engine.forces import compute_forces, measure_forces
@@ -32,16 +33,7 @@ from granular.engine.loop import (
     measure,
 )
 from granular.engine.motion import Motion, drive_frequency, greatest_speed, path
-from granular.engine.state import (
-    KEPT,
-    WORK,
-    Measurement,
-    State,
-    kept_lists,
-    new_measurement,
-    new_state,
-    put_lists,
-)
+from granular.engine.state import WORK, Measurement, State, new_measurement, new_state
 from granular.engine.step import Plan
 from granular.engine.step_size import REVIEW, Pace, Step, whole_ticks
 from granular.engine.stiffness import collision_frequency
@@ -64,42 +56,6 @@ which the exact flow of drag carries at any step."""
 
 REST_TOLERANCE = 1e-4
 """Rest where the stage gives no tolerance [D], [D/tau]."""
-
-
-@dataclasses.dataclass
-class Progress:
-    """Where a run stands; with the state's arrays, all that a checkpoint needs.
-
-    Attributes
-    ----------
-    stage, ticks : int
-        Present stage (its index), and ticks made in it.
-    begun : bool
-        Whether the present stage has been set up.
-    start, last : float
-        Start of the stage, and time of the last record [tau].
-    height : float
-        Piston height at the stage's start [m].
-    pace : list or None
-        Fields of its `Pace`.
-    stiffest : float
-        Greatest product of step and highest angular frequency so far.
-    closest : float
-        Least distance of two grains so far [D].
-    results : list of dict
-        Fields of the `StageResult` of each finished stage.
-    """
-
-    stage: int = 0
-    ticks: int = 0
-    begun: bool = False
-    start: float = 0.0
-    last: float = 0.0
-    height: float = 0.0
-    pace: list[Any] | None = None
-    stiffest: float = 0.0
-    closest: float = math.inf
-    results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
 _PLACE = "place the grains apart from each other, inside the walls and below the piston"
@@ -148,11 +104,7 @@ class Run:
 
     def snapshot(self) -> dict[str, Any]:
         """All that is needed to go on from here, as arrays."""
-        kept = {name: getattr(self.state, name).copy() for name in KEPT}
-        if self.state.low is not None:
-            kept["low"] = self.state.low.copy()
-        kept |= kept_lists(self.state.near or self.state.known)
-        kept |= {"band": self.band.copy(), "seen": self.seen.copy()}
+        kept = kept_arrays(self.state) | {"band": self.band.copy(), "seen": self.seen.copy()}
         memory = {
             "progress": dataclasses.asdict(self.progress),
             "ledger": None if self.ledger is None else dataclasses.asdict(self.ledger),
@@ -169,7 +121,8 @@ class Run:
             If the run has gone farther than its end is now to be.
         """
         state = self.state
-        self._put(kept)
+        put_arrays(state, kept)
+        self.band[:], self.seen[:] = kept["band"], kept["seen"]
         memory = json.loads(str(kept["memory"]))
         self.progress = Progress(**memory["progress"])
         self.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
@@ -181,16 +134,8 @@ class Run:
         # What is not kept follows from the positions; what is kept has the bits of the pass that
         # made it, which may have been a measuring one.
         compute_forces(state, self.constants, self.time)
-        self._put(kept)
+        put_arrays(state, kept)
         self._check_end()
-
-    def _put(self, kept: dict[str, np.ndarray]) -> None:
-        for name in KEPT:
-            getattr(self.state, name)[:] = kept[name]
-        if self.state.low is not None:
-            self.state.low[:] = kept["low"]
-        put_lists(self.state.near or self.state.known, kept)
-        self.band[:], self.seen[:] = kept["band"], kept["seen"]
 
     def _check_end(self) -> None:
         """Whether the run can still end where it is to end."""
