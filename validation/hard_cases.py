@@ -119,7 +119,7 @@ def _drop(**changes: Any) -> Scene:
     )
 
 
-def _head_on(closest: float) -> Problem:
+def head_on(closest: float) -> Problem:
     """Two grains head-on at the speed that brings them to a distance [D], from 6 D apart."""
     from validation.exact.scattering import APART, problem
 
@@ -311,7 +311,7 @@ def _pistons() -> tuple[HardCase, ...]:
 def _collisions() -> tuple[HardCase, ...]:
     found = []
     for closest in (0.5, 0.1, 0.02):
-        problem = _head_on(closest)
+        problem = head_on(closest)
         found.append(
             HardCase(
                 f"head-on to {closest:g} D",
@@ -446,7 +446,7 @@ def _steps() -> tuple[HardCase, ...]:
     return (
         HardCase(
             "step at 0.95 of the stability limit",
-            "a grain 5e-9 D off its place of rest stays as near; a wide swing is kept for ever too, "
+            "a grain 5e-9 D off its place of rest stays as near; a wide swing is kept too, "
             "but its energy goes up and down tenfold (by 1/(1 - 0.95^2)), which the ledger stops",
             below, greatest_way, "way [D]", 2e-8, 20.0, 200.0, dt=short,
         ),

@@ -140,6 +140,9 @@ def frictionless_bed() -> Scene:
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
+OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+"""Of the outside references; for the bed every second one."""
+
 DAMPER_METHODS = ("stormer-verlet", "blanes-moan-4")
 DAMPER_STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2")
 """Fewer than for the others: the damper's runs are long, and soon within the scatter of starts."""
@@ -148,15 +151,17 @@ DAMPER_STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2")
 def work_precision_pieces(full: bool) -> list[Piece]:
     """What accuracy costs: grain, frictionless bed and compression; in full also the damper."""
     from validation.cheapest import candidates
+    from validation.outside import ORDERS
     from validation.work_precision import Setting
 
+    grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
+    kept = ("energy", "positions")
+    many = [Setting(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
+    few = [Setting(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES[::2]]
     wanted: list[tuple[Scene, tuple[str, ...], Sequence[Setting], dict[str, Any]]] = [
-        (scene, quantities, candidates(scene), options)
-        for scene, quantities, options in (
-            (load_scene("single-particle"), ("energy", "positions"), {"until": 1.0}),
-            (frictionless_bed(), ("energy", "positions"), {"until": 0.02}),
-            (compression_scene(), ("piston force", "mean distance"), {"seeds": 4}),
-        )
+        (grain, kept, [*candidates(grain), *many], {"until": 1.0, "references": _exact_grain()}),
+        (bed, kept, [*candidates(bed), *few], {"until": 0.02}),
+        (squeezed, ("piston force", "mean distance"), candidates(squeezed), {"seeds": 4}),
     ]
     if full:
         damper = [Setting(name, dt) for name in DAMPER_METHODS for dt in DAMPER_STEPS]
@@ -176,6 +181,15 @@ def work_precision_pieces(full: bool) -> list[Piece]:
         )
         for scene, quantities, settings, options in wanted
     ]  # fmt: skip
+
+
+def _exact_grain() -> list[Any]:
+    """The lone grain's exact energy error and position [D] after 1 s."""
+    from granular.scales import Scales
+    from validation.exact import exact_problem
+
+    problem = exact_problem("bounce")
+    return [0.0, problem.exact(1.0).positions / Scales.of(problem.scene.grains).length]
 
 
 def _weigh(

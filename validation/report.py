@@ -108,7 +108,7 @@ def _source_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 def _energy_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     found = [EnergyStudy.from_dict(one) for one in results]
-    right = sum(one.symplectic == (one.trend.verdict() == "none") for one in found)
+    right = sum(one.keeps == (one.trend.verdict() == "none") for one in found)
     words = f"{right} of {len(found)} energy runs are of their kind (no trend, or a control's)"
     return words, right == len(found)
 

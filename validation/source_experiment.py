@@ -132,6 +132,15 @@ class SourceExperiment:
         clean = {one.step: one.end for one in self.of(COMPENSATED)}
         return {one.step: abs(one.end - clean[one.step]) for one in self.of(PLAIN)}
 
+    def agreement(self) -> float:
+        """Greatest difference of the position form and the velocity form, both compensated [m].
+
+        They are the same sequence of positions: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
+        from two steps of the velocity form (Hairer, Lubich and Wanner 2003, section 1).
+        """
+        ends = {one.step: one.end for one in self.of(COMPENSATED)}
+        return max(abs(one.end - ends[one.step]) for one in self.of(TOOLKIT))
+
     def table(self) -> Table:
         """One row a run."""
         rounding = self.rounding()

@@ -2,7 +2,8 @@
 
 Each setting is run warm, and the least time of its repeats counts. A setting that fails stays in
 the picture as a failure. Where the quantity depends on how the bed happened to pack, the scatter
-over seeds is the floor: below it accuracy buys nothing.
+over seeds is the floor: below it accuracy buys nothing. Positions may also be computed by outside
+references (`validation.outside`); these are shown and never chosen.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.errors import GranularError, InputError
+from granular.scales import Scales
 from granular.scene import Scene
 from granular.trajectory import Trajectory
+from validation.outside import ORDERS, adaptive
 from validation.quantities import Quantity, quantity_named
 from validation.table import Table, table
 
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 REPEATS = 2
+LEVELS = {"1 %": 1e-2, "1e-6": 1e-6}
+"""Tolerances that a picture answers for."""
 
 
 class Setting(NamedTuple):
@@ -34,7 +39,9 @@ class Setting(NamedTuple):
     Attributes
     ----------
     method : str
+        Or the name of an outside reference, one of `validation.outside.ORDERS`.
     dt : float or str
+        For an outside reference its tolerance.
     changes : mapping of str to anything
         Changes to the scene, by dotted keys.
     """
@@ -42,6 +49,11 @@ class Setting(NamedTuple):
     method: str
     dt: float | str
     changes: Mapping[str, Any] = {}
+
+    @property
+    def outside(self) -> bool:
+        """Whether it is an outside reference."""
+        return self.method in ORDERS
 
     @property
     def family(self) -> str:
@@ -105,7 +117,8 @@ class WorkPrecision:
 
     def front(self) -> tuple[Point, ...]:
         """The Pareto front, from fast to accurate: no setting is both faster and more accurate."""
-        done = sorted((one for one in self.points if not one.failed), key=_cost)
+        own = [one for one in self.points if not one.failed and not one.setting.outside]
+        done = sorted(own, key=_cost)
         front: list[Point] = []
         for one in done:
             if not front or one.error < front[-1].error:
@@ -117,7 +130,8 @@ class WorkPrecision:
 
         A setting counts only if all settings of its family with more steps are accurate as well.
         """
-        sound = [one for family in self.families().values() for one in _sound(family, tolerance)]
+        own = [one for one in self.families().values() if not one[0].setting.outside]
+        sound = [one for family in own for one in _sound(family, tolerance)]
         return min(sound, key=_cost, default=None)
 
     def families(self) -> dict[str, tuple[Point, ...]]:
@@ -151,15 +165,22 @@ class WorkPrecision:
         return table(header, rows)
 
     def plot(self, axes: Axes) -> None:
-        """Draw error over seconds, a line a family, failures as crosses, the floor as a band."""
+        """Draw error over seconds, a line a family, what to take ringed, the floor as a band.
+
+        A family's label says how many of its settings failed.
+        """
         from granular.plotting import COLOURS, GREY, STYLES
 
         for k, (name, points) in enumerate(self.families().items()):
             done = [one for one in points if not one.failed and one.error > 0.0]
+            failed = sum(one.failed for one in points)
+            outside = points[0].setting.outside
             axes.loglog(
-                [one.seconds for one in done], [one.error for one in done], marker="o",
-                markersize=3.5, color=COLOURS[k % len(COLOURS)],
-                linestyle=STYLES[k // len(COLOURS) % len(STYLES)], label=name,
+                [one.seconds for one in done], [one.error for one in done],
+                marker="x" if outside else "o", markersize=3.5, color=COLOURS[k % len(COLOURS)],
+                linestyle=":" if outside else STYLES[k // len(COLOURS) % len(STYLES)],
+                linewidth=0.9 if outside else 1.5,
+                label=f"{name} ({failed} failed)" if failed else name,
             )  # fmt: skip
         front = [one for one in self.front() if one.error > 0.0]
         axes.loglog(
@@ -168,11 +189,27 @@ class WorkPrecision:
         )  # fmt: skip
         if self.floor > 0.0:
             axes.axhspan(axes.get_ylim()[0], self.floor, color=GREY, alpha=0.2, linewidth=0.0)
-        for level in (1e-2, 1e-6):
+        for words, level in LEVELS.items():
             axes.axhline(level, color="#333333", linewidth=0.6, linestyle=":")
+            self._mark(axes, words, level)
         axes.set_xlabel("wall time [s]")
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
+
+    def _mark(self, axes: Axes, words: str, level: float) -> None:
+        """Ring the setting to take for a level, and name it at the level's line."""
+        best = self.cheapest(level)
+        named = f"{words}: none reaches it"
+        if best is not None:
+            named = f"{words}: {best.setting.family}, {best.setting.dt}"
+            if best.error > 0.0:
+                axes.plot(best.seconds, best.error, "o", markersize=11.0, color="#333333",
+                          markerfacecolor="none", markeredgewidth=1.4)  # fmt: skip
+        axes.annotate(
+            named, (0.99, level), xycoords=("axes fraction", "data"), xytext=(0, 3),
+            textcoords="offset points", ha="right", fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+        )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data; None for what was not measured."""
@@ -280,15 +317,40 @@ def work_precisions(
     if not wanted:
         raise InputError("no settings are given; give at least one method and step")
     told, values = _references(scene, chosen, references or [None] * len(chosen), until)
-    rows = [_points(scene, chosen, one, values, until, repeats) for one in wanted]
+    own = [one for one in wanted if not one.outside]
+    rows = [_points(scene, chosen, one, values, until, repeats) for one in own]
     scatters = _scatter(scene, chosen, wanted[0], until, seeds)
+    outside = [one for one in wanted if one.outside]
     return tuple(
         WorkPrecision(
             scene.name, one.name, "1" if one.relative else one.unit, until,
-            tuple(row[k] for row in rows), scatters[k], told[k],
+            (*(row[k] for row in rows), *_outside_points(scene, one, outside, values[k], until)),
+            scatters[k], told[k],
         )
         for k, one in enumerate(chosen)
     )  # fmt: skip
+
+
+def _outside_points(
+    scene: Scene,
+    quantity: Quantity,
+    settings: Sequence[Setting],
+    value: float | np.ndarray,
+    until: float | None,
+) -> list[Point]:
+    """Points of the outside references, which give positions only; compiled before they count."""
+    if quantity.name != "positions" or until is None:
+        return []
+    length = Scales.of(scene.grains).length
+    points = []
+    for one in settings:
+        adaptive(one.method, scene, 1e-3 * until, 1e-2)
+        begun = time.perf_counter()
+        found = adaptive(one.method, scene, until, float(one.dt))
+        seconds = time.perf_counter() - begun
+        error = quantity.error(found.positions / length, value)
+        points.append(Point(one, error, seconds, found.steps or 0))
+    return points
 
 
 def _references(

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
+from granular import simulate
+from granular.scales import Scales
 from validation.exact import bounce
 from validation.source_experiment import (
     COMPENSATED,
@@ -14,7 +17,10 @@ from validation.source_experiment import (
     TOOLKIT,
     SourceExperiment,
     SourceRun,
+    _compensated_form,
     _form,
+    _position_form,
+    _toolkit,
     source_experiment,
 )
 
@@ -54,6 +60,34 @@ def test_slopes_of_known_errors() -> None:
     one = SourceExperiment(runs)
     assert one.slope(PLAIN, finest=1e-3) == pytest.approx(2.0)
     assert one.slope_to_finest(PLAIN) == pytest.approx(2.0, abs=0.01)
+
+
+def test_position_form_and_velocity_form_are_one_sequence() -> None:
+    """Heights of the source's position form and of the toolkit, after the first bounce.
+
+    At a step of 0.1 ms the truncation is seen and rounding is not: both have the same error.
+    """
+    scales, step, count = Scales.of(bounce.problem().scene.grains), 1e-4, 3000
+    problem = bounce.problem(time=count * step)
+    gravity = problem.scene.effects.gravity
+    assert gravity is not None
+    start = (float(bounce.START), gravity.acceleration / scales.acceleration)
+    plain, _ = _position_form(*start, step / scales.time, count, np.zeros(4))
+    clean, _ = _compensated_form(*start, step / scales.time, count, np.zeros(4))
+    exact = float(problem.exact(problem.time).positions[0, 1])
+    for method, height in (("stormer-verlet", plain), ("stormer-verlet+compensated", clean)):
+        run = simulate(problem.scene, step, problem.time, method, progress=False)
+        found = float(run.dataset["position"].values[-1, 0, 1])
+        assert run.settings()["steps"] == count
+        assert abs(found - height * scales.length) < 1e-5 * abs(found - exact)
+
+
+def test_compensated_sums_keep_what_plain_ones_lose() -> None:
+    """Two million steps of the toolkit: compensated, the error is the truncation alone."""
+    exact = float(bounce.problem().exact(bounce.TIME).positions[0, 1])
+    clean = _toolkit(1e-6, exact)
+    form = _form(COMPENSATED, 1e-6, exact)
+    assert clean.end == pytest.approx(form.end, rel=1e-13)
 
 
 @pytest.mark.long
