@@ -10,11 +10,19 @@ import pytest
 
 from granular import load_scene, simulate
 from granular.errors import InputError
+from granular.plotting import figure
 from granular.record import PistonRecord
 from validation.cheapest import candidates, choice
 from validation.exact import bounce
 from validation.quantities import QUANTITIES, Quantity, small_swing
-from validation.work_precision import Point, Setting, WorkPrecision, work_precision
+from validation.work_precision import (
+    LEVELS,
+    Point,
+    Setting,
+    WorkPrecision,
+    work_precision,
+    work_precisions,
+)
 
 
 def point(method: str, steps: int, error: float, seconds: float) -> Point:
@@ -47,6 +55,46 @@ def test_a_setting_accurate_by_luck_is_not_chosen() -> None:
     assert found.cheapest(1e-9) is None
     with pytest.raises(InputError, match="least error is 1e-05"):
         choice(found, 1e-9)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_picture_names_what_cheapest_chooses(level: str) -> None:
+    """The words at the line of a level, and the ring, are those of `cheapest`; by hand here."""
+    points = (
+        point("a", 10, 5e-3, 1.0), point("a", 100, 5e-5, 10.0), point("a", 1000, 5e-7, 100.0),
+        point("b", 10, 2e-2, 2.0), point("b", 20, 1e-8, 4.0), FAILED,
+    )  # fmt: skip
+    outside = Point(Setting("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
+    found = study(*points, outside)
+    wanted = {"1 %": points[0], "1e-6": points[4]}[level]
+    assert found.cheapest(LEVELS[level]) == wanted
+    with figure() as (_, axes):
+        found.plot(axes)
+        words = [one.get_text() for one in axes.texts if one.get_text().startswith(level)]
+        rings = [
+            (*one.get_xdata(), *one.get_ydata())
+            for one in axes.get_lines()
+            if one.get_markersize() > 10.0
+        ]
+    assert words == [f"{level}: {wanted.setting.family}, {wanted.setting.dt}"]
+    assert (wanted.seconds, wanted.error) in rings
+    assert len(rings) == len(LEVELS)
+
+
+def test_outside_references_are_shown_and_never_chosen() -> None:
+    """The lone grain: SciPy's position is measured like the toolkit's, its energy is not."""
+    problem = bounce.problem(time=0.3)
+    exact = problem.exact(0.3).positions / 5e-3
+    settings = [Setting("stormer-verlet", "auto"), Setting("SciPy DOP853", 1e-10)]
+    energy, positions = work_precisions(
+        problem.scene, ["energy", "positions"], settings, references=[0.0, exact], until=0.3
+    )
+    assert [one.setting.method for one in energy.points] == ["stormer-verlet"]
+    assert [one.setting for one in positions.points] == settings
+    assert positions.points[1].error < 1e-6
+    assert positions.cheapest(1e-1) == positions.points[0]
+    assert positions.cheapest(1e-6) is None
+    assert positions.front() == positions.points[:1]
 
 
 def test_choice_is_a_command_and_keywords() -> None:
