@@ -48,6 +48,10 @@ HIGH_ORDER, LONGER = 6, 4.0
 """Methods of this order and more have many stages a step, and start from steps this much longer:
 a decade of steps takes their error through six decades or more, which must lie above rounding."""
 
+LATER = 4.0
+"""Methods of order one begin at steps this much shorter still: their second-order error, which
+falls only one power faster, would bend the line."""
+
 MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
 NEIGHBOURS = 21
@@ -260,6 +264,7 @@ def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) 
     start = problem.fewest / (LONGER if order >= HIGH_ORDER else 1.0)
     while start < MOST_STEPS / 16 and not _is_fine(problem, solver, round(start), exact, coarse):
         start *= math.sqrt(2.0)
+    start *= LATER if order == 1 else 1.0
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))
 
 
@@ -273,12 +278,17 @@ def _is_fine(
 
 
 def fits(problem: Problem, method: str) -> bool:
-    """Whether the method can run the problem at all: some take no dry friction."""
+    """Whether the method suits the problem.
+
+    Some methods take no dry friction, and variable steps follow distances, so there must be some.
+    """
     from granular.methods import method_named
 
     one = method_named(method)
-    dry = problem.scene.effects.friction is not None
-    return not dry or (one.takes_dry_friction and not one.variable)
+    effects = problem.scene.effects
+    if effects.friction is not None:
+        return one.takes_dry_friction and not one.variable
+    return not one.variable or effects.dipole is not None or effects.walls is not None
 
 
 def convergence(

@@ -143,7 +143,7 @@ TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 def test_every_method_has_its_order(name: str, method: str) -> None:
     problem = bounce.problem(time=bounce.SHORT) if name == "bounce" else exact_problem(name)
     if not fits(problem, method):
-        pytest.skip("takes no dry friction")
+        pytest.skip("does not suit the problem")
     result = convergence(problem, shown_method(method))
     if not problem.smooth:  # the stop limits the order to two
         assert result.fit is not None
