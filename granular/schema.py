@@ -85,7 +85,8 @@ class Quantity(Kind):
         unit = "" if self.unit == "1" else f" {self.unit}"
         if not math.isfinite(number):
             raise FieldError(f"{number} must be finite; give a number{unit and ' in' + unit}")
-        if number != 0.0 and not 1e-30 < abs(number) < 1e30:
+        tiny = self.above is not None and 0.0 < number < 1e-30
+        if self.unit != "1" and (tiny or abs(number) > 1e30):
             raise FieldError(f"{number:g}{unit} is beyond all physics; check the unit")
         for limit, words, fits in (
             (self.above, "above", operator.gt),
