@@ -42,17 +42,17 @@ def test_packaged_scenes_are_those_asked_for() -> None:
     jitter=st.floats(0.0, 0.1),
     until=st.sampled_from([None, "rest"]),
     duration=st.floats(1.5, 100.0),
-    top=st.sampled_from([None, {"law": "experimental"}]),
+    left=st.sampled_from([None, {"law": "experimental"}]),
 )
 def test_any_scene_round_trips(
     mass: float, drag: float, gravity: float, width: float, seed: int, jitter: float,
-    until: str | None, duration: float, top: dict | None,
+    until: str | None, duration: float, left: dict | None,
 ) -> None:  # fmt: skip
     scene = load_scene("damper").replace(
         **{"piston.mass": mass, "effects.drag.coefficient": drag, "cell.width": width,
            "effects.gravity.acceleration": gravity, "arrangement.seed": seed,
            "arrangement.jitter": jitter, "protocol.drop.until": until,
-           "protocol.drop.duration": duration, "effects.walls.top": top}
+           "protocol.drop.duration": duration, "effects.walls.left": left}
     )  # fmt: skip
     assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene
 
