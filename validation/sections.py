@@ -47,7 +47,14 @@ def _note_failures(page: Page, results: Sequence[Plain]) -> None:
 
 
 def _tabulate(page: Page, shown: Table) -> None:
-    page.table(shown.header, shown.rows)
+    page.table(shown.header, [tuple(map(_unbroken, row)) for row in shown.rows])
+
+
+def _unbroken(cell: str) -> str:
+    """A cell that begins with a number stays on one line: 1e-06 is not broken at its sign."""
+    if "," in cell or not cell.lstrip("+-")[:1].isdigit():
+        return cell
+    return cell.replace("-", "\u2011").replace(" ", "\u00a0")
 
 
 # Convergence ------------------------------------------------------------------------------------
@@ -117,7 +124,7 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
             f"{plain.peaks:.1e} m there (the source prints {PRINTED_PEAKS:g} m) and "
             f"{clean.peaks:.1e} m compensated. The toolkit's velocity form is the same sequence: "
             "its heights differ from those of the position form by "
-            f"{one.agreement():.0e} m at most."
+            f"{one.agreement():.1g} m at most."
         )
         with figure(width=WIDTH, height=3.8) as (drawing, axes):
             one.plot(axes)
