@@ -289,6 +289,7 @@ def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
     assert "shorten dt" in lines[0]
 
 
+@pytest.mark.long
 def test_second_start_compiles_nothing(command: Command, tmp_path: Path) -> None:
     words = ("granular", "run", "bed", *SMALL, "--t-end", "0.002", "--quiet")
     caches = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
