@@ -56,6 +56,11 @@ class Setting(NamedTuple):
         return self.method in ORDERS
 
     @property
+    def fineness(self) -> str:
+        """The step, or an outside reference's tolerance, in words."""
+        return f"tolerance {self.dt}" if self.outside else str(self.dt)
+
+    @property
     def family(self) -> str:
         """What settings that differ in their step alone have in common."""
         return ", ".join([self.method, *(f"{key} = {one}" for key, one in self.changes.items())])
@@ -150,7 +155,7 @@ class WorkPrecision:
             shown = (f"{one.error:.3g}", f"{one.seconds:.3g}", f"{one.steps}")
             said = "" if one.failure is None else one.failure.split(":", 1)[0]
             rows.append(
-                (star, one.setting.family, str(one.setting.dt), *(("", "", "") if said else shown),
+                (star, one.setting.family, one.setting.fineness, *(("", "", "") if said else shown),
                  said)
             )  # fmt: skip
         header = (
@@ -187,11 +192,13 @@ class WorkPrecision:
             [one.seconds for one in front], [one.error for one in front],
             color=GREY, linewidth=5.0, alpha=0.35, zorder=0, label="best of all",
         )  # fmt: skip
-        if self.floor > 0.0:
-            axes.axhspan(axes.get_ylim()[0], self.floor, color=GREY, alpha=0.2, linewidth=0.0)
         for words, level in LEVELS.items():
             axes.axhline(level, color="#333333", linewidth=0.6, linestyle=":")
             self._mark(axes, words, level)
+        if self.floor > 0.0:
+            low, high = axes.get_ylim()
+            axes.axhspan(low, self.floor, color=GREY, alpha=0.2, linewidth=0.0)
+            axes.set_ylim(low, max(high, 1.2 * self.floor))
         axes.set_xlabel("wall time [s]")
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
