@@ -36,7 +36,7 @@ examples:
   python -m reduced_models simulate model.json --until 3 -o motion.csv
   python -m reduced_models simulate model.json --until 3 --height "60 mm" --velocity 0""",
 }
-_SOURCE = "a scene (name or TOML file), a run directory, or a CSV file with time, height"
+_SOURCE = "a scene (name or TOML file), a run directory, or a CSV or Parquet file with time, height"
 _LAW = (
     "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable)"
 )

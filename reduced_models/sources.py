@@ -1,4 +1,4 @@
-"""Where a record comes from: a scene to be run, a run, a CSV file, or one of these as an object."""
+"""Where a record comes from: a scene to be run, a run, a CSV or Parquet file, or an object."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
 
             return load_trajectory(path)
         if path.suffix not in ("", ".toml") or (path.is_file() and path.suffix != ".toml"):
-            return PistonRecord.from_csv(path)
+            return PistonRecord.from_file(path)
         return load_scene(source)
     except OSError as error:
         raise InputError(
