@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -34,7 +35,7 @@ def acceleration(time: np.ndarray, height: np.ndarray) -> np.ndarray:
 
 
 def test_a_shaken_cell_lends_its_motion() -> None:
-    """z'' = -g - b'': seen from the base, the piston falls and the base's motion is taken away."""
+    """Seen from the base, the piston falls and the base's motion is taken away: z'' = -g - b''."""
     angle = 0.6
     scene = empty(
         {"kind": "free", "name": "fall", "duration": 0.05},
@@ -45,7 +46,7 @@ def test_a_shaken_cell_lends_its_motion() -> None:
     found = acceleration(record.time, record.height)
     assert found == pytest.approx(-GRAVITY - record.extra["base_acceleration"][1:-1], abs=2e-3)
     assert record.extra["base_height"].max() == pytest.approx(0.002 * math.sin(angle), rel=1e-3)
-    for name, rate in zip(BASE, BASE[1:], strict=False):
+    for name, rate in itertools.pairwise(BASE):
         slope = np.gradient(record.extra[name], record.time)[2:-2]
         assert slope == pytest.approx(record.extra[rate][2:-2], abs=2e-4 * np.ptp(slope))
 
@@ -96,6 +97,6 @@ def test_a_law_with_an_input_fits_a_shaken_damper(small_damper: Scene) -> None:
     assert model.quality.holdout < 0.05
     # The frequency is that of the same damper let go, 6.2 Hz, not that of the shaker.
     assert model.at_rest.period == pytest.approx(0.161, rel=0.03)
-    with pytest.warns(UserWarning):
+    with pytest.warns(UserWarning, match="the law or the fit is not right"):
         without = fit(record, f"{left}0*base_height", holdout=0.3)
     assert without.quality.holdout > 5.0 * model.quality.holdout
