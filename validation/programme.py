@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granular.methods import COMPENSATED, METHODS, method_named
 from granular.scene import Scene, load_scene
 from validation.convergence import HIGH_ORDER
 from validation.parts import Part, Piece, Plain
+
+if TYPE_CHECKING:
+    from validation.outcomes import HardCase
 
 QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
 """On every problem; they share their compiled code."""
@@ -203,31 +206,50 @@ def _weigh(
 
 # Hard cases -------------------------------------------------------------------------------------
 
-STABILITY_METHODS = ("stormer-verlet", f"stormer-verlet{COMPENSATED}", "adaptive-verlet")
-STABILITY_STEPS = ("auto*4", "auto/4")
+STABILITY_METHODS = (f"stormer-verlet{COMPENSATED}", "adaptive-verlet", "blanes-moan-4")
+STABILITY_FACTORS = {"auto*4": 4.0, "auto/4": 0.25}
 
 
 def stability_pieces(full: bool) -> list[Piece]:
-    """The catalogue at its own settings; in full also with other methods and steps."""
+    """The catalogue at its own settings; in full up to late times, and by methods and steps."""
     from validation.hard_cases import catalogue
-    from validation.outcomes import HardCase, outcome
+    from validation.outcomes import outcome
 
-    def piece(case: HardCase, method: str, dt: float | str | None) -> Piece:
+    def piece(case: HardCase, method: str, dt: float | str | None, *, late: bool) -> Piece:
         return Piece(
             case.name,
-            {"case": case.name, "method": method, "dt": str(dt), "full": full},
-            lambda: outcome(case, method, dt, full=full).to_dict(),
+            {"case": case.name, "method": method, "dt": str(dt), "full": late},
+            lambda: outcome(case, method, dt, full=late).to_dict(),
         )
 
     cases = catalogue()
-    pieces = [piece(case, "stormer-verlet", None) for case in cases]
+    pieces = [piece(case, "stormer-verlet", None, late=full) for case in cases]
     if full:
         automatic = [case for case in cases if case.dt == "auto"]
-        pieces += [piece(case, name, None) for case in automatic for name in STABILITY_METHODS[1:]]
         pieces += [
-            piece(case, "stormer-verlet", dt) for case in automatic for dt in STABILITY_STEPS
+            piece(_varied(case, 1.0), name, None, late=False)
+            for name in STABILITY_METHODS
+            for case in automatic
+        ]
+        pieces += [
+            piece(_varied(case, factor), "stormer-verlet", dt, late=False)
+            for dt, factor in STABILITY_FACTORS.items()
+            for case in automatic
         ]
     return pieces
+
+
+def _varied(case: HardCase, factor: float) -> HardCase:
+    """The case with other settings than its own, which may end it, but never silently.
+
+    A step that is a factor longer may leave the square of it in error.
+    """
+    from validation.hard_cases import BROKEN
+
+    return dataclasses.replace(
+        case, limit=case.limit * max(1.0, factor) ** 2, may_degrade=True,
+        errors=(*case.errors, *BROKEN, "InputError"),
+    )  # fmt: skip
 
 
 PARTS: Sequence[Part] = (
