@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from granular.console import Parser, add_output, add_scene, changes_from, emit, launch
+from validation.published.command import add_published, run_published
 
 _PARTS = {
     "convergence": "orders of convergence against exact solutions",
@@ -28,6 +29,7 @@ def parser() -> Parser:
         one = commands.add_parser(name, help=words)
         _add_measuring(one, None)
     _add_measuring(commands.add_parser("benchmark", help="speed, side by side"), None)
+    add_published(commands)
     one = commands.add_parser(
         "cheapest", help="the setting that reaches a tolerance in the least time"
     )
@@ -56,6 +58,8 @@ def main(arguments: Sequence[str]) -> None:
     options = parser().parse_args(arguments)
     if options.command == "cheapest":
         _cheapest(options)
+    elif options.command == "published":
+        run_published(options)
     elif options.command == "benchmark":
         _benchmark(options)
     else:
