@@ -28,7 +28,7 @@ def parser() -> Parser:
     for name, words in _PARTS.items():
         one = commands.add_parser(name, help=words)
         _add_measuring(one, None)
-    _add_measuring(commands.add_parser("benchmark", help="speed, side by side"), None)
+    _add_benchmark(commands.add_parser("benchmark", help="speed, side by side"))
     add_published(commands)
     one = commands.add_parser(
         "cheapest", help="the setting that reaches a tolerance in the least time"
@@ -39,6 +39,18 @@ def parser() -> Parser:
     one.add_argument("--t-end", type=float, metavar="S", help="stop each run at this time [s]")
     add_output(one)
     return top
+
+
+def _add_benchmark(one: argparse.ArgumentParser) -> None:
+    from validation.benchmark import PARTS
+
+    one.epilog = "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
+    one.formatter_class = argparse.RawDescriptionHelpFormatter
+    one.add_argument(
+        "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
+        help="measure this part only; see below (repeatable)",
+    )  # fmt: skip
+    _add_measuring(one, None)
 
 
 def _add_measuring(one: argparse.ArgumentParser, out: str | None) -> None:
@@ -93,10 +105,18 @@ def _text(found: dict[str, Any], out: str | None) -> str:
 
 
 def _benchmark(options: Any) -> None:
-    from validation.benchmark.programme import benchmark, benchmark_text
+    from validation.benchmark import PARTS
+    from validation.benchmark.page import benchmark_text
+    from validation.benchmark.programme import benchmark
 
-    found = benchmark(options.out, full=options.full, progress=not options.quiet)
-    emit(found, benchmark_text(found), options.json)
+    found = benchmark(
+        options.out,
+        parts=options.parts or tuple(PARTS),
+        full=options.full,
+        progress=not options.quiet,
+    )
+    where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
+    emit(found, benchmark_text(found) + where, options.json)
 
 
 def _cheapest(options: Any) -> None:
