@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import re
 from collections.abc import Callable, Collection, Mapping
 from tokenize import TokenError
@@ -259,8 +260,13 @@ def compiled_field(
 
 
 @functools.cache
-def compiled_slopes(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., Any]:
-    """Derivatives of z'' by z and by z', as a NumPy function of the same arguments."""
+def compiled_slopes(
+    equation: str, inputs: tuple[str, ...] = ()
+) -> Callable[..., tuple[float, float]]:
+    """Derivatives of z'' by z and by z', as a function of the same numbers.
+
+    Where z'' jumps, as dry friction does at z' = 0, there are none: both are NaN.
+    """
     import sympy
 
     parsed = parse(equation, inputs)
@@ -268,7 +274,17 @@ def compiled_slopes(equation: str, inputs: tuple[str, ...] = ()) -> Callable[...
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
     acceleration = parsed.acceleration.subs(real)
     slopes = [acceleration.diff(real[by]) for by in (parsed.symbol_z, parsed.symbol_v)]
-    return sympy.lambdify(list(real.values()), slopes, "numpy", cse=True)
+    # The derivative of a sign is an impulse.
+    names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
+    found = sympy.lambdify(list(real.values()), slopes, names, cse=True)
+
+    def both(*values: float) -> tuple[float, float]:
+        by_height, by_speed = found(*values)
+        if math.isnan(by_height + by_speed):
+            return math.nan, math.nan
+        return float(by_height), float(by_speed)
+
+    return both
 
 
 def law_from_text(equation: str, columns: Collection[str] = ()) -> Law:
