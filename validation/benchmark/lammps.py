@@ -80,7 +80,9 @@ def steps(
         reach = 1.01 * float(np.hypot(*np.ptp(positions, axis=0))) if cut is None else cut
         still = np.zeros_like(positions) if velocities is None else velocities
         (place / "data").write_text(_data(positions, still, style), encoding="utf-8")
-        (place / "table").write_text(_table(reach), encoding="utf-8")
+        # Grains that keep their velocities may come very near each other.
+        nearest = 0.1 if velocities is None else 1e-6
+        (place / "table").write_text(_table(nearest, reach), encoding="utf-8")
         script = _script(style, reach, len(positions), count, dt)
         (place / "in").write_text(script, encoding="utf-8")
         words = finished([str(_program()), "-in", "in", "-log", "none"], place=place)
@@ -135,8 +137,8 @@ def _data(positions: np.ndarray, velocities: np.ndarray, style: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _table(reach: float) -> str:
-    r = np.geomspace(0.1, reach, _ROWS)
+def _table(nearest: float, reach: float) -> str:
+    r = np.geomspace(nearest, reach, _ROWS)
     energy, force = dipole.ENERGY / r**3, dipole.STRENGTH / r**4
     rows = zip(range(1, _ROWS + 1), r.tolist(), energy.tolist(), force.tolist(), strict=True)
     text = "\n".join("{} {!r} {!r} {!r}".format(*row) for row in rows)

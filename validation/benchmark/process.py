@@ -37,6 +37,7 @@ def finished(
         env=os.environ | dict(environment or {}),
     )  # fmt: skip
     if done.returncode != 0:
-        words = (done.stderr.strip() or done.stdout.strip() or "no words").splitlines()[-1]
+        lines = (done.stdout + done.stderr).strip().splitlines() or ["no words"]
+        words = next((line for line in lines if line.startswith("ERROR")), lines[-1])
         raise ProcessError(f"{' '.join(command)} ended with {done.returncode}: {words}")
     return done.stdout
