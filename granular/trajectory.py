@@ -113,18 +113,19 @@ class Trajectory:
             for name in ("height", "velocity", "force")
             if f"piston_{name}" in data
         }
-        place = None if name is None else self._place(name)
-        stage = data["stage"].values[chosen][last]
-        drive = self._drive(time[last], stage if place is None else np.full(len(stage), place))
+        places = np.asarray(data["stage"].values[chosen][last])
+        if name is not None:  # the first of its records ends the stage before
+            places = np.full_like(places, self._place(name))
+        drive = self._drive(time[last], places)
         return PistonRecord(time=time[last], **columns, extra=drive)
 
-    def _drive(self, time: np.ndarray, stage: np.ndarray) -> dict[str, np.ndarray]:
+    def _drive(self, time: np.ndarray, places: np.ndarray) -> dict[str, np.ndarray]:
         """What drives the run at some times [s], in stages by their places in the protocol."""
         shaking, protocol = self.scene.effects.shaking, self.scene.protocol
         columns = {} if shaking is None else base_motion(shaking, time)
-        if any(isinstance(protocol[place], Push) for place in np.unique(stage).astype(int)):
+        if any(isinstance(protocol[place], Push) for place in np.unique(places).astype(int)):
             starts = [one.start for one in self.stages]
-            columns["outer_force"] = outer_force(protocol, starts, stage, time)
+            columns["outer_force"] = outer_force(protocol, starts, places, time)
         return columns
 
     def _place(self, name: str) -> int:
