@@ -141,21 +141,20 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
             "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
             f"against the exact height falls with the slope {one.slope(COMPENSATED):.4f}, to "
             f"{clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it is "
-            f"{plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding, and the "
-            f"slope against the finest step is {one.slope_to_finest(PLAIN):.2f}: what such a plot "
-            "shows below 1e-6 s is rounding. The greatest difference of two peaks is "
-            f"{plain.peaks:.1e} m there (the source prints {PRINTED_PEAKS:g} m) and "
-            f"{clean.peaks:.1e} m compensated. The toolkit's velocity form is the same sequence: "
-            "its heights differ from those of the position form by "
+            f"{plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a plot "
+            "of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
+            f"{plain.peak_difference:.1e} m there (the source prints {PRINTED_PEAKS:g} m) and "
+            f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same "
+            "sequence: its heights, compensated, differ from those of the position form by "
             f"{one.agreement():.1g} m at most."
         )
         page.text(
             "The source sees its points scatter about the line, and ascribes that to errors that "
-            f"are relative to the finest step. Without rounding such errors have the slope "
-            f"{one.slope_to_finest(COMPENSATED):.3f} and lie within "
-            f"{one.scatter_to_finest(COMPENSATED):.0%} of their line; in the plain position form "
-            f"they are off it by up to a factor of {1.0 + one.scatter_to_finest(PLAIN):.2g}, all "
-            "of it rounding."
+            "are relative to the finest step. That alone makes a slope of "
+            f"{one.slope_to_finest(COMPENSATED):.3f}, with points within "
+            f"{one.scatter_to_finest(COMPENSATED):.0%} of the line, as the compensated sums show. "
+            f"In the plain position form rounding makes it {one.slope_to_finest(PLAIN):.2f}, with "
+            f"points off the line by up to {one.scatter_to_finest(PLAIN):.0%}."
         )
         with figure(width=WIDTH, height=5.2) as (drawing, axes):
             one.plot(axes)
@@ -168,7 +167,7 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
         with figure(2, 1, width=WIDTH, height=5.6) as (drawing, (above, below)):
             one.plot_path(above)
             one.plot_peaks(below)
-            above.legend(fontsize=8, loc="upper right")
+            above.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
             below.legend(fontsize=8, loc="center right")
             page.figure(
                 drawing,
@@ -214,27 +213,34 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
                     *_envelope(one),
                     color=COLOURS[k % len(COLOURS)],
                     linestyle=STYLES[k // len(COLOURS)],
-                    label=one.method,
+                    label=f"{one.method}, {one.steps:.2g} steps",
                 )
+            low, high = axes.get_ylim()
+            axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
             axes.set_ylabel("greatest energy error")
-            axes.set_xlabel("time [s]")
+            axes.set_xlabel("share of the run")
             _legend(axes)
             page.figure(
                 drawing,
-                f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run, over "
-                "the energy turned over.",
+                f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
+                f"{_lengths(ones)}), over the energy turned over.",
             )
     portraits = [one for one in group if one.heights]
     if portraits:
         _phase_portraits(page, system, portraits)
 
 
+def _lengths(ones: Sequence[EnergyStudy]) -> str:
+    lengths = sorted({f"{one.times[-1]:.3g}" for one in ones}, key=float)
+    return f"{lengths[0]} s" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]} s"
+
+
 def _envelope(one: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
-    """Middle of each part of the run, and the greatest error in it."""
+    """Middle of each part of the run, over its length, and the greatest error in it."""
     bins = min(BINS, len(one.errors))
     greatest = np.array([part.max() for part in np.array_split(np.abs(one.errors), bins)])
     middles = np.array([part.mean() for part in np.array_split(np.array(one.times), bins)])
-    return middles, np.where(greatest > 0.0, greatest, np.nan)
+    return middles / one.times[-1], np.where(greatest > 0.0, greatest, np.nan)
 
 
 def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:

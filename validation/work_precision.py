@@ -67,8 +67,8 @@ class Setting(NamedTuple):
         return ", ".join([self.method, *changes])
 
 
-USUAL = Setting("stormer-verlet", "auto")
-"""What `granular.simulate` takes where nothing is said."""
+USUAL = ("stormer-verlet", "auto")
+"""Method and step that `granular.simulate` takes where nothing is said."""
 
 Reference = Setting | float | np.ndarray | None
 """A setting to take the true value from, the value, or None for `finest` or the exact one."""
@@ -144,9 +144,9 @@ class WorkPrecision:
         return min(sound, key=_cost, default=None)
 
     def usual(self) -> Point | None:
-        """The default setting, where it was tried and did not fail."""
+        """The default method and step, in the first form that was tried and did not fail."""
         ones = (one for one in self.points if not one.failed)
-        return next((one for one in ones if one.setting == USUAL), None)
+        return next((one for one in ones if one.setting[:2] == USUAL), None)
 
     def families(self) -> dict[str, tuple[Point, ...]]:
         """The points by family, from coarse to fine."""
@@ -254,7 +254,7 @@ def _plain_numbers(axes: Axes) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_xlim()
-    subs = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
+    subs = (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)
     axes.xaxis.set_major_locator(LogLocator(subs=subs))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
