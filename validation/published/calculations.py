@@ -6,12 +6,18 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from granular.scene import Scene, load_scene
+from granular.studies.cases import measure_name
 
 Numbers = dict[str, float]
+
+TIMED_SIZES = (368, 460, 552, 644, 736)
+TIMED = 0.1
+"""Time that is simulated [s]."""
 
 OSCILLATOR_SPAN = 30.0
 """Length of the record of the source's demonstration, which it does not print."""
@@ -101,16 +107,56 @@ def oscillator(_: bool) -> Numbers:
     return {"decay": lam, "frequency": math.sqrt(omega**2 - lam**2)}
 
 
+def step_times(_: bool) -> Numbers:
+    """Processor time of a step [us] in beds at full compression, with every pair and with the list.
+
+    The least of three runs, which is the least disturbed one.
+    """
+    import time
+
+    from granular.simulation import simulate
+
+    def of(count: int, method: str) -> float:
+        scene, least = _held_bed(count, method), math.inf
+        simulate(scene, t_end=1e-3, threads=1, progress=False)  # compiles
+        for _ in range(3):
+            begun = time.process_time()
+            run = simulate(scene, t_end=TIMED, threads=1, progress=False)
+            least = min(least, (time.process_time() - begun) / run.settings()["steps"])
+        return 1e6 * least
+
+    ways = (("direct", "direct"), ("list", "verlet-list"))
+    return {f"{way} {n}": of(n, method) for n in TIMED_SIZES for way, method in ways}
+
+
+def _held_bed(count: int, method: str) -> Scene:
+    size = math.sqrt(count / 368.0)
+    return load_scene("bed").replace(
+        **{
+            "grains.count": count,
+            "cell.width": f"{60.0 * size} D",
+            "piston.height": f"{20.0 * size} D",
+            "arrangement.height": f"{19.0 * size} D",
+            "effects.drag": None,
+            "effects.friction": True,
+            "pairs.method": method,
+            "protocol": [{"name": "hold", "kind": "hold", "duration": "10 s"}],
+            "output": {"scalars": 0.02, "frames": 0.1},
+        }
+    )
+
+
 CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
     one.__name__: one
-    for one in (default_grain, packing, single_particle, slab_exponent, oscillator)
+    for one in (default_grain, packing, single_particle, slab_exponent, oscillator, step_times)
 }
 
 
 def calculated(directory: Path, *, full: bool) -> None:
     """Make all calculations that ``directory`` does not keep yet.
 
-    What the single grain gives depends on ``full``, and is kept apart.
+    What the single grain gives depends on ``full``, and is kept apart. A calculation whose code
+    has changed is made anew.
     """
     place = directory / "calculations"
     place.mkdir(parents=True, exist_ok=True)
@@ -134,4 +180,7 @@ def kept(directory: Path) -> dict[str, Numbers]:
 
 
 def _path(directory: Path, name: str, full: bool) -> Path:
-    return directory / "calculations" / f"{name}-{'full' if full else 'quick'}.json"
+    calculation: Any = CALCULATIONS[name]
+    digest = measure_name(calculation).partition("#")[2]
+    length = "full" if full else "quick"
+    return directory / "calculations" / f"{name}-{length}-{digest}.json"

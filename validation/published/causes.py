@@ -39,6 +39,7 @@ class Comparison(NamedTuple):
 _FIGURES = {
     "force": ("piston force", "N"),
     "half_full_D": ("half mean distance", "D"),
+    "half_start_D": ("half mean distance at the start", "D"),
     "least_distance_D": ("least distance to the piston", "D"),
     "hexagons_full": ("share of hexagons", ""),
     "psi6_full": ("Psi6", ""),
@@ -72,6 +73,13 @@ def comparisons(results: Results) -> list[Comparison]:
         "direct 368",
         "direct 368, regularised friction",
         _BED_FIGURES,
+    )
+    found += _changes(
+        results,
+        "scale of the cell rounded to 0.70",
+        "direct 184",
+        "direct 184, scale 0.70",
+        ("half_full_D", "half_start_D"),
     )
     found += _changes(results, "drag instead of friction", "direct 368", "drag", _BED_FIGURES)
     for n in (368, 736):

@@ -134,16 +134,14 @@ def asymptote(direct: Line, listed: Line) -> Measure:
 
 
 def time_exponent(sizes: Sequence[int]) -> Measure:
-    """The b of seconds per step = a n^b with the list."""
+    """The b of time per step = a n^b with the list."""
 
     def measure(results: Results) -> Finding | None:
-        names = [f"list {n}" for n in sizes]
-        seconds, steps = (together(names, one, results) for one in ("seconds", "steps"))
-        if seconds is None or steps is None:
+        times = [results.number("step_times", f"list {n}") for n in sizes]
+        known = [one for one in times if one is not None]
+        if len(known) < len(times):
             return None
-        cost = [np.min(a.values / b.values) for a, b in zip(seconds, steps, strict=True)]
-        value = float(np.polyfit(np.log(sizes), np.log(cost), 1)[0])
-        return Line._finding(value, None, seconds)
+        return Finding(float(np.polyfit(np.log(sizes), np.log(known), 1)[0]), protocol="timed")
 
     return measure
 
@@ -152,14 +150,11 @@ def time_saving(count: int) -> Measure:
     """Share of the direct sum's time per step that the list saves."""
 
     def measure(results: Results) -> Finding | None:
-        names = [f"direct {count}", f"list {count}"]
-        seconds, steps = (together(names, one, results) for one in ("seconds", "steps"))
-        if seconds is None or steps is None:
+        direct = results.number("step_times", f"direct {count}")
+        listed = results.number("step_times", f"list {count}")
+        if direct is None or listed is None:
             return None
-        direct, listed = (
-            float(np.min(a.values / b.values)) for a, b in zip(seconds, steps, strict=True)
-        )
-        return Line._finding(1.0 - listed / direct, None, seconds)
+        return Finding(1.0 - listed / direct, protocol="timed")
 
     return measure
 

@@ -51,7 +51,7 @@ def mixture_name(aspect: float, ratio: float, big: float = 0.005) -> str:
 def quick_plan() -> list[Group]:
     """What fits into a quarter of an hour on two cores."""
     return [
-        Group("sizes", _sizes(QUICK)),
+        Group("sizes", [*_direct(QUICK), _listed(368, QUICK), _listed(736, QUICK)]),
         Group("damper", [fall(f"damper {mass:g} kg", mass, seeds=(1,)) for mass in MASSES[:1]]),
         Group("starts, speeds and friction", _cycle(QUICK, starts=3)),
         Group("mixtures at R = 0.5", _halves(QUICK)),
@@ -64,15 +64,16 @@ def full_plan() -> list[Group]:
         Group("sizes, quick protocol", _sizes(QUICK)),
         Group("mixtures at R = 0.5, quick protocol", _halves(QUICK)),
         Group("damper", [fall(f"damper {mass:g} kg", mass) for mass in MASSES]),
-        Group("sizes", _sizes(PUBLISHED)),
-        Group("starts, speeds and friction", _cycle(PUBLISHED, starts=10)),
+        Group("drag and friction, quick protocol", _cycle(QUICK, starts=3)),
         Group("mixtures over R, quick protocol", _scan(QUICK)),
         Group("radii of the list", _radii()),
+        Group("starts, speeds and friction", _cycle(PUBLISHED, starts=10)),
         Group("steps, and the source's friction", _causes()),
         Group("mixing rule and friction angle", _mixture_causes()),
-        Group("large beds, quick protocol", _large(QUICK)),
-        Group("mixtures at R = 0.5, short protocol", _halves(SHORT)),
         Group("variants, quick protocol", _variants(QUICK)),
+        Group("large beds, quick protocol", _large(QUICK)),
+        Group("sizes", _sizes(PUBLISHED)),
+        Group("mixtures at R = 0.5, short protocol", _halves(SHORT)),
         Group("mixtures over R, short protocol", _scan(SHORT)),
         Group("mixtures at R = 0.5, published protocol", _halves(PUBLISHED)),
         Group("large beds, with the list", _large(PUBLISHED, direct=False)),
@@ -82,8 +83,11 @@ def full_plan() -> list[Group]:
 
 
 def _sizes(protocol: Protocol) -> list[Series]:
-    direct = [mono(f"direct {n}", n, protocol) for n in SIZES]
-    return direct + [_listed(n, protocol) for n in LISTED]
+    return _direct(protocol) + [_listed(n, protocol) for n in LISTED]
+
+
+def _direct(protocol: Protocol) -> list[Series]:
+    return [mono(f"direct {n}", n, protocol) for n in SIZES]
 
 
 def _listed(count: int, protocol: Protocol) -> Series:
@@ -162,9 +166,20 @@ def _causes() -> list[Series]:
         mixture("mixture a = 0.6, R = 0.5, a third of the step", 0.6, 0.5, QUICK, step="auto*2"),
         mono("direct 368, regularised friction", 368, QUICK, step=2e-5,
              effects__friction=regularised),
+        _rounded_184(),
         mono("cut-off 368", 368, QUICK, pairs__method="cut-off"),
         mono("cut-off 736", 736, QUICK, pairs__method="cut-off"),
     ]  # fmt: skip
+
+
+def _rounded_184() -> Series:
+    """184 grains in a cell whose scale, sqrt(1/2), is rounded to 0.70."""
+    scale, height = 0.7, 75.0
+    start, end = scale * height * 0.006, scale * 20.0 * 0.006
+    return mono("direct 184, scale 0.70", 184, QUICK, cell__width="42 D",
+                piston__height=1.2 * start, arrangement__height=start,
+                protocol__relax__to=start, protocol__compress__to=end,
+                protocol__expand__to=start)  # fmt: skip
 
 
 def _mixture_causes() -> list[Series]:

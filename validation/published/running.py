@@ -108,7 +108,8 @@ class _Clock:
 
 _NOMINAL_RATE = 5e-10
 """Seconds of one process for a pair of grains in one step."""
-_NOMINAL_STEP = 6e-4
+_AUTOMATIC_STEP = 1e-4
+"""About, of a compressed bed [s]."""
 
 
 def _left(series: Series, directory: Path) -> float:
@@ -123,7 +124,8 @@ def _pair_steps(scene: Scene, step: float | str) -> float:
         span = stage.span(height)
         seconds += span if span is not None else 10.0
         height = stage.final_height() or height
-    length = step if isinstance(step, float) else _NOMINAL_STEP
+    factor = float(str(step).partition("*")[2] or 1.0)
+    length = step if isinstance(step, float) else factor * _AUTOMATIC_STEP
     return scene.grains.count**2 * seconds / length
 
 
