@@ -80,7 +80,6 @@ SHEETS: dict[str, Sheet] = {
         "What a method of summing pairs leaves, against the direct sum",
         (_plain("method"), _plain("grains"),
          _number("force error", ".1e", "largest force error / rms sum |f|"),
-         _number("piston force", "+.3f", "piston force [%]", 100.0),
          _number("energy drift", ".1e", "energy, over that turned over, in 2000 steps")),
     ),
     "threads": Sheet(

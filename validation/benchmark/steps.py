@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from functools import partial
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from granular import evaluate, simulate
 from granular.arrangement import initial_motion
+from granular.errors import EnergyError
 from granular.pairs.direct import PARTED_FROM
 from granular.scales import Scales
 from granular.scene import Scene
@@ -106,7 +108,6 @@ def method_errors(count: int) -> list[dict[str, Any]]:
         error = np.linalg.norm(found.force - exact.force, axis=1).max() / scale
         rows.append(
             {"method": name, "grains": count, "force error": float(error),
-             "piston force": found.piston_force / exact.piston_force - 1.0,
              "energy drift": _drift(scene)}
         )  # fmt: skip
     return rows
@@ -124,7 +125,10 @@ def _magnitude(scene: Scene, positions: np.ndarray) -> float:
 
 
 def _drift(scene: Scene) -> float:
-    """How far the ledger of a run without dissipation is off, over the energy turned over."""
+    """How far the ledger of a run without dissipation is off, over the energy turned over.
+
+    Of a run that was stopped for that, where it stopped.
+    """
     dt = 0.02 * Scales.of(scene.grains).time
     scene = scene.replace(
         **{
@@ -132,5 +136,11 @@ def _drift(scene: Scene) -> float:
             "output": {"scalars": 20.0 * dt, "frames": DRIFT_STEPS * dt},
         }
     )
-    run = simulate(scene, dt=dt, threads=1, progress=False)
+    with warnings.catch_warnings():
+        # What a poor sum does to the energy is measured here, not warned of.
+        warnings.simplefilter("ignore")
+        try:
+            run = simulate(scene, dt=dt, threads=1, progress=False)
+        except EnergyError as stop:
+            return math.nan if stop.value is None else stop.value
     return float(run.settings()["ledger_residual"])
