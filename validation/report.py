@@ -15,7 +15,13 @@ from validation.energy import EnergyStudy
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain, machine, measured
 from validation.programme import PARTS, part_named
-from validation.sections import SECTIONS, convergence_holds, measurements, stability_verdict
+from validation.sections import (
+    SECTIONS,
+    convergence_holds,
+    energy_holds,
+    measurements,
+    stability_verdict,
+)
 from validation.source_experiment import COMPENSATED, SourceExperiment
 
 Results = Mapping[str, Sequence[Plain]]
@@ -115,7 +121,7 @@ def _source_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 def _energy_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     found = [EnergyStudy.from_dict(one) for one in results]
-    right = sum(one.keeps == (one.trend.verdict() == "none") for one in found)
+    right = sum(map(energy_holds, found))
     words = f"{right} of {len(found)} energy runs are of their kind (no trend, or a control's)"
     return words, right == len(found)
 

@@ -20,10 +20,12 @@ from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExpe
 from validation.work_precision import USUAL, Point, Setting, WorkPrecision
 
 
-def result(problem: str, method: str, order: int, slope: float | None) -> ConvergenceResult:
+def result(
+    problem: str, method: str, order: int, slope: float | None, finest: float = 0.01
+) -> ConvergenceResult:
     fit = None if slope is None else Slope(slope, (slope, slope), 0, 1)
     return ConvergenceResult(
-        problem, method, order, True, (0.1, 0.01), (1.0, 0.1), 1e-3, fit, (0.1, 0.1)
+        problem, method, order, True, (0.1, finest), (1.0, 0.1), 1e-3, fit, (0.1, 0.1)
     )
 
 
@@ -43,6 +45,11 @@ def test_a_slope_holds_within_its_tolerance(
     method: str, order: int, slope: float | None, holds: bool
 ) -> None:
     assert convergence_holds(result("bounce", method, order, slope)) is holds
+
+
+def test_a_slope_over_less_than_a_decade_does_not_hold() -> None:
+    assert not convergence_holds(result("bounce", "pefrl", 4, 4.0, finest=0.02))
+    assert convergence_holds(result("bounce", "kahan-li-8", 8, 8.0, finest=0.02))
 
 
 def test_slopes_stand_in_rows_by_order() -> None:
