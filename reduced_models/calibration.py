@@ -105,9 +105,9 @@ def calibrate(
         raise InputError(f"seeds = {seeds!r}; give a whole number from 2 on, to see their scatter")
     if not parameters or len(set(parameters)) != len(parameters):
         raise InputError(f"parameters = {list(parameters)}; give at least one, each once")
+    _check_scene(scene)
     varied = tuple(parameter(scene, key) for key in parameters)
     check_run_options(RunOptions({}, dt, method, None, progress))
-    _check_scene(scene)
     force = record.force is not None
     wanted = features(record, law, force=force)
     target = prepared(out)

@@ -138,11 +138,14 @@ def estimated(centre: Point, slopes: np.ndarray, scatter: np.ndarray, wanted: Fe
     gain = (directions * inverse) @ directions.T @ (mean.T * weight)
     residual = np.log(wanted.values) - centre.mean
     step = gain @ residual
+    # Weights that few random starts tell are not the best ones; to first order, each feature beyond
+    # the known directions costs that much (C. R. Rao, Proc. 5th Berkeley Symp. 1 (1967) 355).
+    chosen = 1.0 + max(0, len(residual) - int(known.sum())) / (starts - 1)
     free = np.where(known, 0.0, 1.0 / np.maximum(strengths, 1e-12))
     return Estimate(
         step=step,
         noise=(gain * wanted.errors**2) @ gain.T,
-        scatter=(1.0 + 1.0 / starts) * gain @ scatter @ gain.T,
+        scatter=chosen * (1.0 + 1.0 / starts) * gain @ scatter @ gain.T,
         unknown=(directions * free) @ directions.T,
         information=information,
         gain=gain,

@@ -21,6 +21,7 @@ from reduced_models.law import Law
 
 LAW = "polynomial-spring"
 STARTS = 8
+_POOR = 0.5
 _ONE_SIGMA = math.erf(math.sqrt(0.5))
 
 
@@ -61,11 +62,18 @@ def features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False)
     Raises
     ------
     InputError
-        As `fit`; a `RecordError` where a figure is not above 0 or the law has no level of rest.
+        As `fit`; a `RecordError` where a figure is not above 0, the law has no level of rest, or
+        it leaves more than half of the swing unexplained.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = fit(record, law, holdout=0.0, starts=STARTS, confidence=_ONE_SIGMA)
+    if model.quality.relative > _POOR:
+        raise RecordError(
+            f"the law {model.law.name!r} leaves {100.0 * model.quality.relative:.3g} % of the "
+            f"record's rms swing unexplained, {100.0 * _POOR:g} % is the limit; give a record that "
+            "swings about rest and settles, or another law"
+        )
     if model.at_rest is None:
         raise RecordError(
             f"the law {model.law.name!r} finds no level of rest in the record; give a record that "

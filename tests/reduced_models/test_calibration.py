@@ -44,7 +44,11 @@ class MadeUp:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, force: bool = False) -> None:
         self.used = slice(None if force else 3)
         self.calls = 0
-        monkeypatch.setattr(Bench, "points", lambda bench, places: self.points(bench, places))
+
+        def points(bench: Bench, places: Sequence[np.ndarray]) -> list[Point]:
+            return self.points(bench, places)
+
+        monkeypatch.setattr(Bench, "points", points)
         monkeypatch.setattr("reduced_models.calibration.features", lambda *_, **__: self.wanted)
 
     def lab(self, seed: int, **values: float) -> None:
@@ -300,14 +304,15 @@ def test_bad_arguments(act: Callable[[], Any], words: str) -> None:
         (("nothing.parquet", "damper"), "there is no file"),
         (("damper", "damper"), "is a scene; give a record"),
         (("still.csv", "damper"), "a motion is needed"),
-        (("grows.csv", "damper", "--law", "linear"), "damping ratio is -"),
+        (("grows.csv", "damper"), "unexplained, 50 % is the limit"),
+        (("grows.csv", "damper", "--law", "z'' + 2*c*z' + k*z = g"), "damping ratio is -"),
         (("lab.csv", "dampr"), "did you mean 'damper'"),
         (("lab.csv", "damper", "--parameter", "piston.weight"), "unknown key 'weight'"),
         (("lab.csv", "damper", "--seeds", "1"), "from 2 on"),
         (("lab.csv", "damper", "--seeds", "few"), "invalid int value"),
         (("lab.csv", "damper", "-o", "lab.csv"), "is a file; give a directory"),
         (("lab.csv", "damper", "--set", "piston.mass=0"), "must be above 0"),
-        (("lab.csv", "single-particle"), "holds no piston.mass"),
+        (("lab.csv", "single-particle"), "has no piston"),
     ],
 )
 def test_bad_words(
