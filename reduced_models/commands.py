@@ -87,7 +87,7 @@ def fit_sources(options: Any) -> None:
         bounds=bounds_from(options.bounds),
         holdout=options.holdout,
         starts=options.starts,
-        intervals="bootstrap" if options.bootstrap else "linear",
+        intervals="bootstrap" if options.bootstrap else options.intervals,
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:
@@ -96,10 +96,10 @@ def fit_sources(options: Any) -> None:
 
 
 def discover_source(options: Any) -> None:
-    """Discover a law in the record of a source."""
+    """Discover a law in the records of some sources."""
     from reduced_models.discovery.discovering import discover
 
-    found = discover(_records([options.source], options)[0], method=options.method)
+    found = discover(_records(options.sources, options), method=options.method)
     text = f"{found}\n\n{found.model}"
     if options.out is not None:
         text += f"\nmodel: {_saved(found.model, options.out)}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +32,7 @@ NAME = "discovered"
 
 def polished(
     candidate: Candidate,
-    record: PistonRecord,
+    records: Sequence[PistonRecord],
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
@@ -42,10 +43,11 @@ def polished(
     ----------
     candidate : Candidate
         Of z''.
-    record : PistonRecord
+    records : sequence of PistonRecord
+        That share all numbers but their initial states.
     height_map : HeightMap
     column : str, optional
-        Of the record, that is the input.
+        Of the records, that is the input.
     seed : int
     """
     template, values = parametrised(candidate.expression)
@@ -53,19 +55,19 @@ def polished(
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
         )
-    law = law_of(smoothed(template, record, height_map), values, column)
+    law = law_of(smoothed(template, records, height_map), values, column)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
-            model = fit(record, law, map=height_map, starts=STARTS, holdout=0.0, seed=seed)
+            models = fit(records, law, map=height_map, starts=STARTS, holdout=0.0, seed=seed)
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
     import sympy
 
-    numbers = {sympy.Symbol(name): sympy.Float(model.parameters[name]) for name in values}
+    numbers = {sympy.Symbol(name): sympy.Float(models[0].parameters[name]) for name in values}
     expression = template.xreplace(numbers)
     return dataclasses.replace(
-        candidate, expression=expression, complexity=complexity(expression), model=model
+        candidate, expression=expression, complexity=complexity(expression), models=models
     )
 
 
@@ -90,12 +92,15 @@ def parametrised(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     return expression.xreplace(symbol_of), {symbol_of[one].name: float(one) for one in floats}
 
 
-def smoothed(template: sympy.Expr, record: PistonRecord, height_map: HeightMap) -> sympy.Expr:
+def smoothed(
+    template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
+) -> sympy.Expr:
     """An expression with a steep tanh(z') for sign(z'), which no solver can step across."""
     import sympy
 
     _, v, _ = symbols()
-    speed = float(np.abs(np.gradient(record.height, record.time)).std()) / abs(height_map.scale)
+    fastest = max(float(np.gradient(each.height, each.time).std()) for each in records)
+    speed = fastest / abs(height_map.scale)
     # A power of ten, so that records of one kind share compiled code.
     steepness = 10.0 ** round(math.log10(_STEEPNESS / speed))
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))
