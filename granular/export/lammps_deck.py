@@ -165,7 +165,7 @@ def _drag(deck: Deck) -> Iterator[str]:
     drag = deck.scene.effects.drag
     stretch = "1.0"
     if drag is not None and drag.coefficient > 0.0:
-        yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the rate of decay, a step with"
+        yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the decay rate, a step with"
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
         yield f"variable rate equal {drag.coefficient / deck.scales.mass!r}"
         stretch = "v_rate*dt/(1.0-exp(-v_rate*dt))"
