@@ -235,7 +235,7 @@ def test_mass_and_drag_of_a_bed(tmp_path: Path) -> None:
         for one in found.parameters:
             assert one.interval[0] < truth[one.key] < one.interval[1]
             assert one.value == pytest.approx(truth[one.key], rel=0.1)
-            assert one.step < 0.05
+            assert one.step < 0.5 * math.log(one.interval[1] / one.interval[0])
         assert found.simulations <= 40
 
 
