@@ -142,8 +142,12 @@ def discover(
         candidates = [_candidate(one) for one in ranked]
     else:
         candidates, judge = _symbolic_candidates(weak, terms, method, seed)
+    name = f"discovered by {_words(method, form, ensemble)}"
     front, chosen = _polished(
-        candidates, lambda one: polished(one, records, height_map, input, seed), polish, judge
+        candidates,
+        lambda one: polished(one, records, height_map, input, seed, name),
+        polish,
+        judge,
     )
     return Discovery(
         _words(method, form, ensemble),

@@ -13,7 +13,7 @@ import numpy as np
 from granular.errors import GranularError
 from granular.record import PistonRecord
 from reduced_models.discovery.result import Candidate
-from reduced_models.discovery.terms import INPUT, complexity, symbols, terms_of, text_of
+from reduced_models.discovery.terms import complexity, symbols, terms_of, text_of
 from reduced_models.estimates import Estimates
 from reduced_models.fitting import fit
 from reduced_models.law import Law
@@ -36,6 +36,7 @@ def polished(
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
+    name: str = NAME,
 ) -> Candidate:
     """A candidate with its numbers fitted by `fit`, or with a note that says why there are none.
 
@@ -49,13 +50,15 @@ def polished(
     column : str, optional
         Of the records, that is the input.
     seed : int
+    name : str
+        Of the law.
     """
     template, values = parametrised(candidate.expression)
     if len(values) > _MOST_NUMBERS:
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
         )
-    law = law_of(smoothed(template, records, height_map), values, column)
+    law = law_of(smoothed(template, records, height_map), values, column, name)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
@@ -106,7 +109,9 @@ def smoothed(
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))
 
 
-def law_of(template: sympy.Expr, values: dict[str, float], column: str | None = None) -> Law:
+def law_of(
+    template: sympy.Expr, values: dict[str, float], column: str | None = None, name: str = NAME
+) -> Law:
     """The law z'' = template, whose fit starts near the given values."""
     import sympy
 
@@ -120,7 +125,7 @@ def law_of(template: sympy.Expr, values: dict[str, float], column: str | None = 
         template = template.xreplace({symbols()[2]: sympy.Symbol(column)})
     inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
     return Law(
-        name=NAME,
+        name=name,
         equation=f"z'' = {text_of(template)}",
         start=start,
         mapped=True,
@@ -128,6 +133,3 @@ def law_of(template: sympy.Expr, values: dict[str, float], column: str | None = 
         inputs=inputs,
         resolution=_RESOLUTION if template.has(sympy.tanh) else 1,
     )
-
-
-__all__ = ["INPUT", "NAME", "law_of", "parametrised", "polished"]
