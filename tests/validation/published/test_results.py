@@ -69,8 +69,10 @@ def test_the_best_protocol_that_is_whole_counts() -> None:
 
 def test_figures_of_several_beds_are_of_one_protocol() -> None:
     direct = series("direct 368", force=[16.0] * 3)
-    both = [series(f"{way} 368", "quick", force=[f] * 3) for way, f in (("direct", 15.3),
-                                                                        ("list", 15.0))]
+    both = [
+        series(f"{way} 368", "quick", force=[f] * 3)
+        for way, f in (("direct", 15.3), ("list", 15.0))
+    ]
     finding = row(results(direct, *both), "piston_force_verlet.percent_difference[0]").found
     assert finding is not None
     assert finding.value == pytest.approx(100.0 * (15.0 - 15.3) / 15.0)
@@ -133,8 +135,7 @@ def test_the_published_curve_is_found_again() -> None:
 
 
 def test_deviations_anywhere_in_the_cycle() -> None:
-    base = np.linspace(0.0, 10.0, 5)
-    down = [list(base), list(base + [0.0, 0.0, 1.0, 0.0, 0.0])]
+    down = [[0.0, 2.5, 5.0, 7.5, 10.0], [0.0, 2.5, 6.0, 7.5, 10.0]]
     found = results(series("starts", planned=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
     one = row(found, "independence_of_start.std_over_mean_anywhere")
     assert one.found is not None
