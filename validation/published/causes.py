@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from validation.published.entry import DEVIATIONS, Finding
+from validation.published.entry import Finding
 from validation.published.plan import ASPECTS, RADII, mixture_name
 from validation.published.protocols import BEST_FIRST
 from validation.published.results import Results
@@ -28,12 +28,23 @@ class Comparison(NamedTuple):
     with_it: Finding
 
     @property
-    def matters(self) -> bool:
-        """Whether the change moves the figure by more than the scatter of the starts."""
-        spreads = [one.spread for one in (self.without, self.with_it) if one.spread is not None]
-        # Of the difference of two means.
-        error = math.hypot(*(s / math.sqrt(3.0) for s in spreads)) if spreads else 0.0
-        return abs(self.with_it.value - self.without.value) > DEVIATIONS * error
+    def matters(self) -> bool | None:
+        """Whether the means differ beyond Student's interval of 95 %.
+
+        None where neither bed was run from several starts. A bed with one start is taken to
+        scatter like the other one.
+        """
+        from scipy.special import stdtrit
+
+        both = (self.without, self.with_it)
+        known = [(one.starts - 1, one.spread) for one in both if one.spread is not None]
+        if not known:
+            return None
+        free = sum(number for number, _ in known)
+        pooled = math.sqrt(sum(number * spread**2 for number, spread in known) / free)
+        error = pooled * math.sqrt(sum(1.0 / one.starts for one in both))
+        difference = abs(self.with_it.value - self.without.value)
+        return bool(difference > stdtrit(free, 0.975) * error)
 
 
 _FIGURES = {
