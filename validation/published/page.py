@@ -86,14 +86,14 @@ def _how_to_read(made: Page) -> None:
 
 
 def _entries(made: Page, rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool) -> None:
-    header = ["what", "published", "ours", "protocol", "verdict"]
+    header = ["what", "published", "ours", "verdict", "protocol"]
     header += ["quick run", "its verdict"] if with_quick else []
     cells, notes = [], []
     for row, other in rows:
         found = row.found
         cells.append(
-            [row.entry.what, _published(row), _ours(found, row.entry.unit),
-             "" if found is None else found.protocol, row.verdict.words]
+            [row.entry.what, _published(row), _ours(found, row.entry.unit), row.verdict.words,
+             "" if found is None else found.protocol]
         )  # fmt: skip
         if other is not None:
             cells[-1] += [_ours(other.found, row.entry.unit), other.verdict.words]
