@@ -81,6 +81,7 @@ class Change(NamedTuple):
 
 
 _MIXTURES = (mixture_name(0.6, 0.0), *(mixture_name(a, 0.5) for a in ASPECTS))
+_CREEPING = (*_MIXTURES, mixture_name(0.6, 1.0))
 _MIDDLE = mixture_name(0.6, 0.5)
 _STEP, _FRICTION = "a third of the step", "the source's friction law at its step, 1e-6 T"
 _WIDE = ("half_start_D", "half_full_D")
@@ -93,7 +94,7 @@ def changes() -> list[Change]:
         Change(_STEP, _MIDDLE, f"{_MIDDLE}, {_STEP}", _MIXTURE_FIGURES),
         Change(_FRICTION, "direct 368", "direct 368, source's friction", _BED_FIGURES),
         *(Change(_FRICTION, bed, f"source's friction, {bed}", _MIXTURE_FIGURES)
-          for bed in _MIXTURES),
+          for bed in _CREEPING),
         Change("drag instead of friction", "direct 368", "drag", _BED_FIGURES),
         *(Change("friction with the misprinted angle (42 times)", mixture_name(a, 0.5),
                  f"misprinted angle, a = {a:g}", _MIXTURE_FIGURES) for a in ASPECTS),

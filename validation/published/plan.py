@@ -197,7 +197,7 @@ def _regularised(period: float, diameter: float) -> dict[str, Any]:
 def _source_friction() -> list[Series]:
     """Mixtures with the source's friction at the source's step, 1e-6 T of its own compression."""
     friction = _regularised(MIXTURE_PERIOD, 0.005)
-    beds = [(0.6, 0.0), *((a, 0.5) for a in ASPECTS)]
+    beds = [(0.6, 0.0), *((a, 0.5) for a in ASPECTS), (0.6, 1.0)]
     return [
         mixture(f"source's friction, {mixture_name(a, r)}", a, r, QUICK, seeds=(1, 2),
                 step=1e-6 * MIXTURE_PERIOD, effects__friction=friction)
