@@ -48,8 +48,7 @@ def limits_in_words(declaration: str) -> str:
         said.append("optional")
     else:
         said.append(f"default {given['default']}")
-    words = ", ".join(said)
-    return f"*{words[0].upper()}{words[1:]}.*"
+    return f"*({', '.join(said)})*"
 
 
 def written(value: ast.expr) -> str:
@@ -57,6 +56,11 @@ def written(value: ast.expr) -> str:
     if isinstance(value, ast.Constant) and isinstance(value.value, float):
         return f"{value.value:g}"
     return ast.unparse(value).replace(" ** ", "^").replace("math.pi", "pi")
+
+
+def joined(found: list[str]) -> str:
+    """The words for keys that share a description; once where they are alike."""
+    return found[0] if len(set(found)) == 1 else " ".join(filter(None, found))
 
 
 def with_limits(docstring: str, words: dict[str, str]) -> str:
@@ -69,7 +73,6 @@ def with_limits(docstring: str, words: dict[str, str]) -> str:
             lines.append(f"    {pending}")
             pending = ""
         if header:
-            found = {words.get(name, "") for name in header["names"].split(", ")}
-            pending = found.pop() if len(found) == 1 else ""
+            pending = joined([words.get(name, "") for name in header["names"].split(", ")])
         lines.append(line)
     return "\n".join(lines).rstrip()
