@@ -102,7 +102,7 @@ def simulate(
     _check_cadence(step, scene)
     _check_end(scene, t_end)
     count = _thread_count(scene, threads)
-    system = natural_system(scene, threads=count)
+    system = natural_system(scene, threads=count, method=plan)
     numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
     settings = _settings(scene, dt, method)
     if resume and out is None:
@@ -290,7 +290,7 @@ def _check_end(scene: Scene, t_end: float | None) -> None:
 def _thread_count(scene: Scene, threads: int | None) -> int:
     available = int(numba.config.NUMBA_NUM_THREADS)
     if threads is None:
-        parted = scene.pairs.chosen == "direct" and scene.grains.count > PARTED_FROM
+        parted = scene.pair_method == "direct" and scene.grains.count > PARTED_FROM
         return min(available, PARTS) if parted else 1
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
@@ -311,7 +311,7 @@ def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
         "scene_digest": scene.digest(),
         "dt": dt,
         "method": method,
-        "pairs": scene.pairs.chosen,
+        "pairs": scene.pair_method,
         "versions": versions(),
     }
 

@@ -49,10 +49,13 @@ class CutOff(NamedTuple):
         [D]
     charged : bool
         Whether the grains' moments differ.
+    smooth : bool or None
+        None where pairs just end; else the far part of their law is taken off, for a far field.
     """
 
     radius: float
     charged: bool
+    smooth: bool | None
 
 
 class Stripes(NamedTuple):
@@ -240,7 +243,7 @@ def _moved(near: Stripes, x: Array, y: Array, grains: int) -> bool:
 
 
 @compiled
-def _finite(x: Array, y: Array, grains: int) -> bool:
+def finite(x: Array, y: Array, grains: int) -> bool:
     total = 0.0
     for i in range(grains):
         total += 0.0 * x[i] + 0.0 * y[i]
@@ -269,11 +272,11 @@ def _make_ready(
 
 @compiled
 def _cut_sum(
-    near: Stripes, radius: float, grains: int, x: Array, y: Array, fx: Array, fy: Array,
-    charge: Array | None, stiffness: Array | None, extremes: Array | None,
+    near: Stripes, radius: float, smooth: bool | None, grains: int, x: Array, y: Array, fx: Array,
+    fy: Array, charge: Array | None, stiffness: Array | None, extremes: Array | None,
     load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
-    if not _finite(x, y, grains):
+    if not finite(x, y, grains):
         fx[:grains] = np.nan
         fy[:grains] = np.nan
         return
@@ -294,7 +297,7 @@ def _cut_sum(
         extremes[:] = 0.0
     sweep_runs(
         near.x, near.y, near.fx, near.fy, near.charge, sums, extremes, near.load, near.weight,
-        near.runs, 0, end, radius,
+        near.runs, 0, end, radius, smooth,
     )  # fmt: skip
     for i in range(grains):
         fx[i] = STRENGTH * SCALE * near.fx[near.place[i]]
@@ -317,6 +320,8 @@ Parameters
 near : Stripes
 radius : float
     Cut-off radius [D]. The energy of a pair is taken as zero there.
+smooth : bool or None
+    As in `CutOff`.
 grains : int
 x, y, fx, fy, charge, stiffness, extremes, load, weight
     As in `granular.pairs.direct.direct_sum`.
