@@ -45,7 +45,8 @@ examples:
 examples:
   python -m granular export runs/bed --format gsd -o bed.gsd          (for OVITO)
   python -m granular export runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
-  python -m granular export runs/bed --format source -o dat           (posPart.dat and the rest)""",
+  python -m granular export runs/bed --format source -o dat           (posPart.dat and the rest)
+  python -m granular export bed --format lammps -o deck               (also of a scene)""",
     "sweep": """\
 example:
   python -m granular sweep study.toml -o studies/mass      (again: goes on where it was)
@@ -124,16 +125,18 @@ def _add_sweep(one: Parser) -> None:
 
 
 def _add_export(one: Parser) -> None:
-    one.add_argument("run", metavar="RUN", help="directory that a run was written to")
+    add_scene(one, "run", "directory that a run was written to; for 'lammps' also a scene")
     one.add_argument(
         "--format",
         required=True,
-        choices=("gsd", "extxyz", "source"),
-        help="GSD, extended XYZ, or the .dat files of the source's program",
+        choices=("gsd", "extxyz", "source", "lammps"),
+        help="GSD, extended XYZ, the .dat files of the source's program, or a LAMMPS input deck",
     )
     one.add_argument(
-        "-o", "--out", metavar="PATH", required=True, help="file, or directory for 'source'"
-    )
+        "-o", "--out", metavar="PATH", required=True,
+        help="file, or directory for 'source' and 'lammps'",
+    )  # fmt: skip
+    one.add_argument("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2")
     one.add_argument("--force", action="store_true", help="replace what is there")
     add_output(one)
 
@@ -216,9 +219,36 @@ def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
 
 
 def _export(options: Any) -> None:
+    if options.format == "lammps":
+        _export_deck(options)
+    else:
+        _export_frames(options)
+
+
+def _export_deck(options: Any) -> None:
+    from granular.export import to_lammps
+    from granular.store import is_run
+
+    at_run = is_run(Path(options.run))
+    if at_run and options.changes:
+        raise InputError(f"--set changes a scene; {options.run} is a run, whose scene is fixed")
+    options.scene = options.run
+    files = to_lammps(
+        options.run if at_run else _scene(options),
+        options.out,
+        dt=time_step(options.dt or "auto"),
+        overwrite=options.force,
+    )
+    text = f"LAMMPS deck written to {options.out}; there: mpirun -np 2 lmp -in in.granular"
+    emit({"format": "lammps", "files": [str(one) for one in files]}, text, options.json)
+
+
+def _export_frames(options: Any) -> None:
     from granular.export import to_extxyz, to_gsd, to_source_files
     from granular.trajectory import load_trajectory
 
+    if options.changes or options.dt:
+        raise InputError("--set and --dt are for --format lammps; leave them out")
     run, progress = load_trajectory(options.run), not options.quiet
     if options.format == "source":
         files = to_source_files(run, options.out, overwrite=options.force, progress=progress)

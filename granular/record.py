@@ -1,24 +1,21 @@
-"""The piston record: its motion as plain arrays in SI, from a run or from a CSV file."""
+"""The piston record: its motion as plain arrays in SI, from a run or from a file."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
-import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from granular.errors import RecordError, SceneError
 from granular.schema import unknown
+from granular.tables import PARQUET, Table, read_csv, read_parquet, write_parquet
 from granular.units import unit_size
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
-_HEADER = re.compile(r"\s*([^\[\(]*?)\s*(?:[\[\(]\s*([^\]\)]*?)\s*[\]\)])?\s*")
 _LEAST_SAMPLES = 2
-_LONGEST_SHOWN = 80  # characters of a path in a message
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,6 +89,18 @@ class PistonRecord:
         return len(self.time)
 
     @classmethod
+    def from_file(cls, path: str | Path, units: Mapping[str, str] | None = None) -> PistonRecord:
+        """Read a record from a Parquet file (``.parquet``, ``.pq``), or from a CSV file.
+
+        Raises
+        ------
+        RecordError
+            As `from_csv` and `from_parquet`.
+        """
+        parquet = Path(path).suffix.lower() in PARQUET
+        return cls.from_parquet(path, units) if parquet else cls.from_csv(path, units)
+
+    @classmethod
     def from_csv(cls, path: str | Path, units: Mapping[str, str] | None = None) -> PistonRecord:
         """Read a record from a CSV file.
 
@@ -112,23 +121,42 @@ class PistonRecord:
         RecordError
             If the file cannot be read as such; the message names line and column.
         """
-        table = _read_table(Path(path))
-        columns = table.cells
-        for name in units or {}:
-            if name not in columns:
-                raise RecordError(unknown(name, tuple(columns), "column"))
+        return cls._of_table(Path(path), read_csv(Path(path), tuple(UNITS)), units or {})
+
+    @classmethod
+    def from_parquet(cls, path: str | Path, units: Mapping[str, str] | None = None) -> PistonRecord:
+        """Read a record from a Parquet file (needs the extra ``parquet``).
+
+        Parameters
+        ----------
+        path : str or Path
+            A file with the columns that `from_csv` reads. A unit stands behind a name,
+            ``height [mm]``, or in the metadata of its field as ``units`` (or ``unit``); SI without.
+            ``time``, ``height``, ``velocity`` and ``force`` must hold finite numbers in every row;
+            any other column that does not is left out.
+        units : mapping of str to str, optional
+            Units of the columns, instead of those in the file.
+
+        Raises
+        ------
+        RecordError
+            If the file cannot be read as such, or pyarrow is not there.
+        """
+        return cls._of_table(Path(path), read_parquet(Path(path), tuple(UNITS)), units or {})
+
+    @classmethod
+    def _of_table(cls, path: Path, table: Table, units: Mapping[str, str]) -> PistonRecord:
+        for name in units:
+            if name not in table.names:
+                raise RecordError(unknown(name, table.names, "column"))
         for name in ("time", "height"):
-            if name not in columns:
-                found = ", ".join(map(repr, columns)) or "none with a name"
-                raise RecordError(
-                    f"{path}: no column {name!r}; found: {found}; name the columns in the first "
-                    "line, such as 'time [s], height [mm]'"
-                )
-        written = table.units | dict(units or {})
+            if name not in table.names:
+                found = ", ".join(map(repr, table.names)) or "none with a name"
+                raise RecordError(f"{path}: no column {name!r}; found: {found}; {table.remedy}")
+        written = table.units | dict(units)
         values = {
             name: numbers * _size(name, written.get(name))
-            for name, cells in columns.items()
-            if (numbers := _numbers(Path(path), name, cells)) is not None
+            for name, numbers in table.columns.items()
         }
         try:
             return cls(
@@ -144,14 +172,29 @@ class PistonRecord:
     def to_csv(self, path: str | Path) -> None:
         """Write the record to a CSV file that `from_csv` reads back to the same bits."""
         columns = {
-            f"{name} [{unit}]": getattr(self, name)
-            for name, unit in UNITS.items()
-            if getattr(self, name) is not None
-        } | dict(self.extra)
+            f"{name} [{UNITS[name]}]" if name in UNITS else name: values
+            for name, values in self.columns.items()
+        }
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(columns)
             writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+
+    def to_parquet(self, path: str | Path) -> None:
+        """Write the record to a Parquet file that `from_parquet` reads back to the same bits.
+
+        Raises
+        ------
+        RecordError
+            If pyarrow is not there.
+        """
+        write_parquet(Path(path), self.columns, UNITS)
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """All columns by their names."""
+        own = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
+        return own | dict(self.extra)
 
     def between(self, start: float, stop: float) -> PistonRecord:
         """The samples with start <= time <= stop [s]."""
@@ -191,74 +234,3 @@ def _size(name: str, unit: str | None) -> float:
     if dimension != unit_size(wanted)[1]:
         raise RecordError(f"{name}: the unit {unit!r} does not fit; one of {wanted} is wanted")
     return size
-
-
-class _Table(NamedTuple):
-    """A CSV file taken apart: the cells of each named column, and the units in the header."""
-
-    cells: dict[str, list[str]]
-    units: dict[str, str]
-
-
-def _read_table(path: Path) -> _Table:
-    lines = [line for line in _read_text(path).splitlines() if line.strip()]
-    lines = [line for line in lines if not line.startswith("#")]
-    if not lines:
-        raise RecordError(f"{path}: is empty; a header and samples are wanted")
-    try:
-        delimiter = max(",;\t", key=lambda mark: len(_rows(lines[:1], mark)[0]))
-        header, *rows = _rows(lines, delimiter)
-    except csv.Error as error:
-        raise RecordError(f"{path}: cannot be read as CSV: {error}") from None
-    named = [_name_and_unit(cell) for cell in header]
-    names = [name for name, _ in named]
-    for name in filter(None, names):
-        if names.count(name) > 1:
-            raise RecordError(f"{path}: the column {name!r} is there twice; names must differ")
-    for index, cells in enumerate(rows):
-        if len(cells) != len(names):
-            raise RecordError(
-                f"{path}: sample {index} has {len(cells)} values for {len(names)} columns; "
-                "separate all lines like the first"
-            )
-    return _Table(
-        {name: [cells[k] for cells in rows] for k, name in enumerate(names) if name},
-        {name: unit for name, unit in named if name and unit},
-    )
-
-
-def _read_text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise RecordError(f"there is no file {str(path)!r}; check the path") from None
-    except OSError as error:
-        name = str(path) if len(str(path)) < _LONGEST_SHOWN else f"{str(path)[:_LONGEST_SHOWN]}..."
-        raise RecordError(f"{name}: cannot be read: {error.strerror}; check the path") from None
-    except UnicodeDecodeError as error:
-        raise RecordError(f"{path}: cannot be read as text: {error}; save it as UTF-8") from None
-
-
-def _rows(lines: list[str], delimiter: str) -> list[list[str]]:
-    return list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
-
-
-def _name_and_unit(cell: str) -> tuple[str, str | None]:
-    """Name and unit of a column; a header that is not ``name [unit]`` is a name as a whole."""
-    match = _HEADER.fullmatch(cell)
-    return (match[1].lower(), match[2] or None) if match else (cell.strip().lower(), None)
-
-
-def _numbers(path: Path, name: str, cells: list[str]) -> np.ndarray | None:
-    """The values of a column; None for a further column that holds something else."""
-    values = np.empty(len(cells))
-    for index, cell in enumerate(cells):
-        try:
-            values[index] = float(cell)
-        except ValueError:
-            if name not in UNITS:
-                return None
-            raise RecordError(
-                f"{path}: {name} of sample {index} is {cell!r}, not a number; correct or drop it"
-            ) from None
-    return values if name in UNITS or np.isfinite(values).all() else None

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.drive import base_motion, outer_force
 from granular.errors import RecordError, StoreError
+from granular.protocol import Push
 from granular.record import PistonRecord
 from granular.scene import Scene
 from granular.schema import unknown
@@ -80,7 +82,12 @@ class Trajectory:
         raise RecordError(unknown(name, tuple(one.name for one in self.stages), "stage"))
 
     def piston(self, stage: str | None = None) -> PistonRecord:
-        """The piston's motion.
+        """The piston's motion, with what drives it as further columns.
+
+        Where the cell is shaken, these are ``base_height`` [m], ``base_velocity`` [m/s] and
+        ``base_acceleration`` [m/s^2], and where the piston is pushed, ``outer_force`` [N]; see
+        `granular.drive`. Heights are those above the moving cell. A piston whose path is given
+        has its drive in ``height`` and ``velocity``.
 
         Parameters
         ----------
@@ -106,13 +113,28 @@ class Trajectory:
             for name in ("height", "velocity", "force")
             if f"piston_{name}" in data
         }
-        return PistonRecord(time=time[last], **columns)
+        places = np.asarray(data["stage"].values[chosen][last])
+        if name is not None:  # the first of its records ends the stage before
+            places = np.full_like(places, self._place(name))
+        drive = self._drive(time[last], places)
+        return PistonRecord(time=time[last], **columns, extra=drive)
+
+    def _drive(self, time: np.ndarray, places: np.ndarray) -> dict[str, np.ndarray]:
+        """What drives the run at some times [s], in stages by their places in the protocol."""
+        shaking, protocol = self.scene.effects.shaking, self.scene.protocol
+        columns = {} if shaking is None else base_motion(shaking, time)
+        if any(isinstance(protocol[place], Push) for place in np.unique(places).astype(int)):
+            starts = [one.start for one in self.stages]
+            columns["outer_force"] = outer_force(protocol, starts, places, time)
+        return columns
+
+    def _place(self, name: str) -> int:
+        return [one.name for one in self.scene.protocol].index(name)
 
     def _records_of(self, name: str) -> slice:
         """The records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
-        index = [one.name for one in self.scene.protocol].index(name)
-        inside = np.flatnonzero(self.dataset["stage"].values == index)
+        inside = np.flatnonzero(self.dataset["stage"].values == self._place(name))
         times = self.dataset["time"].values
         first = int(inside[0]) if len(inside) else len(times)
         if first > 0 and times[first - 1] == stage.start:

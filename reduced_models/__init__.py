@@ -24,6 +24,8 @@ _HOMES = {
     "Comparison": "reduced_models.comparison",
     "roll_out": "reduced_models.judging",
     "forced_law": "reduced_models.response",
+    "calibrate": "reduced_models.calibration",
+    "Calibration": "reduced_models.calibrated",
     "LawEstimator": "reduced_models.estimator",
 }
 

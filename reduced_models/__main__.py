@@ -31,12 +31,18 @@ example:
     "compare": """\
 example:
   python -m reduced_models compare a.csv b.csv --law all --held-out c.csv -o out""",
+    "calibrate": """\
+examples:
+  python -m reduced_models calibrate lab.csv damper -o out
+  python -m reduced_models calibrate lab.csv my-damper.toml --parameter piston.mass
+  python -m reduced_models calibrate forced.csv damper --parameter piston.mass \\
+      --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
     "simulate": """\
 examples:
   python -m reduced_models simulate model.json --until 3 -o motion.csv
   python -m reduced_models simulate model.json --until 3 --height "60 mm" --velocity 0""",
 }
-_SOURCE = "a scene (name or TOML file), a run directory, or a CSV file with time, height"
+_SOURCE = "a scene (name or TOML file), a run directory, or a CSV or Parquet file with time, height"
 _LAW = (
     "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable)"
 )
@@ -66,6 +72,7 @@ def parser() -> Parser:
     _add_fit(add("fit", "fit one law to one record, or to several at once"))
     _add_discover(add("discover", "find the structure of the law in a record"))
     _add_compare(add("compare", "judge laws on held-out stretches and records"))
+    _add_calibrate(add("calibrate", "fit numbers of a scene to a record, by simulations"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
     return top
 
@@ -121,6 +128,29 @@ def _add_compare(one: Parser) -> None:
     add_output(one)
 
 
+def _add_calibrate(one: Parser) -> None:
+    one.add_argument("record", metavar="RECORD", help="CSV or Parquet file, or a run directory")
+    add_scene(one, "scene", "name of a packaged scene, or TOML file: all that is not fitted")
+    one.add_argument(
+        "--parameter", dest="parameters", action="append", metavar="KEY",
+        help="number of the scene to fit, such as piston.mass, effects.drag.coefficient or "
+        "grains.remanence; the first two without (repeatable)",
+    )  # fmt: skip
+    one.add_argument("--seeds", type=int, default=4, help="random starts of the bed")
+    one.add_argument(
+        "--law", default="polynomial-spring", metavar="LAW",
+        help="law whose rest, period and damping are compared: name or equation",
+    )  # fmt: skip
+    one.add_argument("--no-checks", action="store_true", help="skip the run with half the step")
+    one.add_argument(
+        "-o", "--out", metavar="DIR",
+        help="directory for report, scene and simulations; the same one again goes on",
+    )  # fmt: skip
+    one.add_argument("--dt", default="auto", help="time step [s], 'auto' or a multiple of it")
+    one.add_argument("--method", default="stormer-verlet", help="integration method")
+    add_output(one)
+
+
 def _add_simulate(one: Parser) -> None:
     one.add_argument("model", metavar="MODEL", help="JSON file of a model")
     one.add_argument("--until", required=True, metavar="T", help="end of the motion [s]")
@@ -141,6 +171,7 @@ def main(arguments: Sequence[str]) -> None:
         "fit": commands.fit_sources,
         "discover": commands.discover_source,
         "compare": commands.compare_sources,
+        "calibrate": commands.calibrate_scene,
         "simulate": commands.simulate_model,
     }[options.command](options)
 

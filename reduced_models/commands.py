@@ -129,6 +129,35 @@ def compare_sources(options: Any) -> None:
     emit(table.to_plain(), text, options.json)
 
 
+def calibrate_scene(options: Any) -> None:
+    """Fit numbers of a scene to a record."""
+    from granular.scene import Scene, load_scene
+    from reduced_models.calibration import calibrate
+    from reduced_models.sources import opened
+
+    source = opened(options.record)
+    if isinstance(source, Scene):
+        raise InputError(f"{options.record!r} is a scene; give a record, a CSV or Parquet file")
+    record = source if isinstance(source, PistonRecord) else source.piston()
+    chosen = {} if options.parameters is None else {"parameters": options.parameters}
+    found = calibrate(
+        record,
+        load_scene(options.scene).replace(**changes_from(options.changes)),
+        **chosen,
+        seeds=options.seeds,
+        law=options.law,
+        dt=time_step(options.dt),
+        method=options.method,
+        out=options.out,
+        checks=not options.no_checks,
+        progress=not options.quiet,
+    )
+    text = str(found)
+    if options.out is not None:
+        text += f"\nreport: {options.out}/report.html"
+    emit(found.to_plain(), text, options.json)
+
+
 def simulate_model(options: Any) -> None:
     """Predict a motion by a saved model."""
     from granular.units import si_value

@@ -24,18 +24,29 @@ from reduced_models.estimates import Estimates, estimates
 from reduced_models.inputs import column_names, drive_on_grid
 from reduced_models.law import Law, law_from_text
 from reduced_models.laws import law_named
-from reduced_models.layout import joint_normal, layout_of
+from reduced_models.layout import Layout, Normal, joint_normal, layout_of
 from reduced_models.model import HeightMap, ReducedModel
 from reduced_models.problem import Problem, problem_of, theta_bounds
 from reduced_models.refinement import Joint, grid_of, problem_equations, solution
 from reduced_models.rollout import grid_steps
-from reduced_models.search import BLOWN_UP, Bounds, Prior, means_on_grid, search
-from reduced_models.starts import start_vectors
+from reduced_models.search import (
+    BLOWN_UP,
+    TIE,
+    Bounds,
+    Prior,
+    Samples,
+    agreement,
+    means_on_grid,
+    search,
+)
+from reduced_models.starts import free_entries, start_vectors, started, swing_draws, swing_problem
 
 STARTS = 16
 HOLDOUT = 0.3
 _FIRST_SWINGS = 2.0
-_TIE = 1e-7  # residuals below this fraction of the amplitude are not told apart
+_FIRST_TRIALS, _FIRST_TOLERANCE = 60, 1e-4
+_RIVAL_TRIALS = 20  # of a law as it stands, beside its fit with a map
+_HOPELESS = 4.0  # times the cost of the fit with a map
 COARSE_STEPS, FINE_STEPS = 16, 64
 """Grid steps of a period: the phase error of a period is then 4e-6 and 1e-9."""
 
@@ -148,10 +159,7 @@ def fit(
     chosen = law_of(law, records[0])
     _check_names(chosen, own, bounds or {})
     case = _case(records, holdout, own, bounds or {})
-    candidates = [
-        _candidate(chosen, height_map, case, starts, seed) for height_map in _maps(chosen, map)
-    ]
-    best = min(candidates, key=_information)
+    best = _best(chosen, map, case, starts, seed)
     if not math.isfinite(_information(best)):
         raise InputError(
             f"no start led to a solution of {chosen.name!r} that stays finite over the record; try "
@@ -211,12 +219,6 @@ def _check_names(law: Law, own: Sequence[str], bounds: Pairs) -> None:
             )
 
 
-def _maps(law: Law, wanted: HeightMap | str) -> list[HeightMap | None]:
-    if not law.mapped or isinstance(wanted, HeightMap):
-        return [wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()]
-    return [None] if wanted == "fitted" else [HeightMap(), None]
-
-
 class _Data(NamedTuple):
     """A record from time 0 on, the stretch of it that a fit may see first, and a glance at that."""
 
@@ -269,6 +271,8 @@ class _Candidate(NamedTuple):
         Of the training stretches; starts that led to this fit.
     cost : float
         Sum of the squared training residuals; infinite where the solution blows up.
+    coarse_cost : float
+        The same of the means on the search's coarse grid.
     """
 
     joint: Joint
@@ -276,36 +280,139 @@ class _Candidate(NamedTuple):
     samples: int
     converged: int
     cost: float
+    coarse_cost: float
 
 
-def _candidate(
-    law: Law, height_map: HeightMap | None, case: _Case, starts: int, seed: int
-) -> _Candidate:
-    """Search from random starts, then sharpen the best one."""
-    leader = case.leader
+def _best(law: Law, wanted: HeightMap | str, case: _Case, starts: int, seed: int) -> _Candidate:
+    """The law with the map that is asked for, or that the data ask for."""
+    if not law.mapped or isinstance(wanted, HeightMap):
+        given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
+        return _refined(case, _searched(law, given, case, starts, seed))
+    found = _refined(case, _searched(law, None, case, starts, seed))
+    if wanted == "fitted":
+        return found
+    limit = _HOPELESS * found.coarse_cost
+    rival = _searched(law, HeightMap(), case, starts, seed, limit)
+    if rival.costs.min() > limit:
+        return found
+    return min(_refined(case, rival), found, key=_information)
+
+
+class _Search(NamedTuple):
+    """Where the starts led to on coarse grids: vectors (s, p) and costs (s,)."""
+
+    problem: Problem
+    layout: Layout
+    bounds: Bounds
+    theta: np.ndarray
+    costs: np.ndarray
+
+
+def _searched(
+    law: Law,
+    height_map: HeightMap | None,
+    case: _Case,
+    starts: int,
+    seed: int,
+    limit: float = math.inf,
+) -> _Search:
+    """Search from random starts: on the first swings, then on whole training stretches.
+
+    The second is left out where even the first swings alone cost more than the limit.
+    """
     # First of all: a record with too many periods is refused before any search.
-    steps = [
-        grid_steps(float(data.record.time[-1]), data.guess.period, law.resolution * FINE_STEPS)
-        for data in case.data
-    ]
-    problem = problem_of(law, height_map, leader.guess, leader.training)
+    _fine_steps(law, case)
+    problem = problem_of(law, height_map, case.leader.guess, case.leader.training)
     layout = layout_of(problem, len(case.data), case.own)
     bounds = Bounds(*(layout.joined(edge) for edge in theta_bounds(problem, case.bounds)))
-    theta = layout.merged(_start_vectors(problem, case, starts, seed))
-    theta, costs = _searched(problem, case, theta, bounds)
-    grids = [
-        grid_of(problem, data.record, count) for data, count in zip(case.data, steps, strict=True)
+    coarse = [_coarse(problem, data) for data in case.data]
+    theta = _swung(problem, layout, case, coarse, starts, seed)
+    if theta is None:
+        theta = layout.merged(_start_vectors(problem, case, starts, seed))
+        normal, prior = _coarse_normal(problem, layout, case, coarse, _FIRST_SWINGS)
+        trials = _FIRST_TRIALS if math.isinf(limit) else _RIVAL_TRIALS
+        theta, costs = search(normal, theta, prior, _FIRST_TOLERANCE, bounds, trials=trials)
+        if costs.min() > limit:
+            return _Search(problem, layout, bounds, theta, costs)
+    normal, prior = _coarse_normal(problem, layout, case, coarse, math.inf)
+    return _Search(problem, layout, bounds, *search(normal, theta, prior, bounds=bounds))
+
+
+def _swung(
+    problem: Problem,
+    layout: Layout,
+    case: _Case,
+    coarse: Sequence[Samples],
+    starts: int,
+    seed: int,
+) -> np.ndarray | None:
+    """Start vectors of a mapped law where random starts of its swing form lead to."""
+    form, leader = problem.law.swing_form, case.leader
+    if form is None or problem.map is not None or case.own or case.bounds:
+        return None
+    random = np.random.default_rng(seed)
+    draws = swing_draws(form, leader.guess, leader.training, starts, random)
+    if draws is None:
+        return None
+    swinging = swing_problem(problem, form, draws)
+    free = free_entries(swinging, draws)
+    theta = layout.merged([started(swinging, data.guess, free) for data in case.data])
+    for swings in (_FIRST_SWINGS, math.inf):
+        normal, prior = _coarse_normal(swinging, layout, case, coarse, swings)
+        theta, _ = search(normal, theta, prior, _FIRST_TOLERANCE, trials=_FIRST_TRIALS)
+    values = swinging.physical(theta[:, layout.places[0]].T)[0]
+    mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
+    theta[:, : free.shape[1]] = free_entries(problem, mapped)
+    return theta
+
+
+def _fine_steps(law: Law, case: _Case) -> list[int]:
+    """Steps of the fine grid over each record."""
+    wanted = law.resolution * FINE_STEPS
+    return [
+        grid_steps(float(data.record.time[-1]), data.guess.period, wanted) for data in case.data
     ]
-    joint = Joint(tuple(grids), layout, bounds)
+
+
+def _coarse(problem: Problem, data: _Data) -> Samples:
+    """Means of a training stretch on a coarse grid."""
+    training = data.training
+    wanted = problem.law.resolution * COARSE_STEPS
+    steps = grid_steps(float(training.time[-1]), data.guess.shortest_period, wanted)
+    drive = drive_on_grid(training, problem.law.inputs, steps)
+    return means_on_grid(training.time, training.height, steps, drive)
+
+
+def _coarse_normal(
+    problem: Problem, layout: Layout, case: _Case, coarse: Sequence[Samples], swings: float
+) -> tuple[Normal, Prior]:
+    """The normal equations of the first swings, and the prior about the starts."""
+    normals, total = [], 0.0
+    for data, means in zip(case.data, coarse, strict=True):
+        seen = means.step * np.arange(len(means.weight)) <= swings * data.guess.period
+        weight = means.weight * seen
+        total += float((weight**2).sum())
+        seen_means = means._replace(weight=weight)
+        normals.append(problem_equations(problem).of(seen_means, problem.scales))
+    return joint_normal(normals, layout), Prior(layout.joined(problem.prior), total)
+
+
+def _refined(case: _Case, found: _Search) -> _Candidate:
+    """The best start of a search, sharpened on fine grids."""
+    grids = [
+        grid_of(found.problem, data.record, steps)
+        for data, steps in zip(case.data, _fine_steps(found.problem.law, case), strict=True)
+    ]
+    joint = Joint(tuple(grids), found.layout, found.bounds)
     count = sum(case.samples)
-    converged = int((costs <= float(costs.min()) * 1.01 + count * _TIE**2).sum())
-    best = joint.sharpened(theta[int(costs.argmin())], case.samples)
+    converged = int((found.costs <= agreement(found.costs, count)).sum())
+    best = joint.sharpened(found.theta[int(found.costs.argmin())], case.samples)
     residuals = np.concatenate(
         [each[:size] for each, size in zip(joint.residuals(best), case.samples, strict=True)]
     )
     finite = bool((np.abs(residuals) < BLOWN_UP).all())
     cost = float(residuals @ residuals) if finite else math.inf
-    return _Candidate(joint, best, count, converged, cost)
+    return _Candidate(joint, best, count, converged, cost, float(found.costs.min()))
 
 
 def _start_vectors(problem: Problem, case: _Case, starts: int, seed: int) -> list[np.ndarray]:
@@ -324,34 +431,7 @@ def _start_vectors(problem: Problem, case: _Case, starts: int, seed: int) -> lis
     return found
 
 
-def _searched(
-    problem: Problem, case: _Case, theta: np.ndarray, bounds: Bounds
-) -> tuple[np.ndarray, np.ndarray]:
-    """Search vectors and costs of all starts, on the first swings, then on whole stretches."""
-    equations = problem_equations(problem)
-    layout = layout_of(problem, len(case.data), case.own)
-    coarse = []
-    for data in case.data:
-        training, guess = data.training, data.guess
-        duration = float(training.time[-1])
-        wanted = problem.law.resolution * COARSE_STEPS
-        steps = grid_steps(duration, guess.shortest_period, wanted)
-        drive = drive_on_grid(training, problem.law.inputs, steps)
-        coarse.append(means_on_grid(training.time, training.height, steps, drive))
-    costs = np.full(len(theta), math.inf)
-    for swings in (_FIRST_SWINGS, math.inf):
-        normals, total = [], 0.0
-        for data, means in zip(case.data, coarse, strict=True):
-            seen = means.step * np.arange(len(means.weight)) <= swings * data.guess.period
-            weight = means.weight * seen
-            total += float((weight**2).sum())
-            normals.append(equations.of(means._replace(weight=weight), problem.scales))
-        prior = Prior(layout.joined(problem.prior), total)
-        theta, costs = search(joint_normal(normals, layout), theta, prior, bounds=bounds)
-    return theta, costs
-
-
 def _information(found: _Candidate) -> float:
     """Bayesian information criterion; residuals below the tie level count as equal."""
-    mean = max(found.cost / found.samples, _TIE**2)
+    mean = max(found.cost / found.samples, TIE**2)
     return found.samples * math.log(mean) + len(found.theta) * math.log(found.samples)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import re
 from collections.abc import Callable, Collection, Mapping
 from tokenize import TokenError
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from reduced_models.estimates import Estimates
 
 Starts = Callable[["Estimates", np.random.Generator, int], dict[str, np.ndarray]]
-MappedStarts = Callable[
+SwingStarts = Callable[
     [np.ndarray, np.ndarray, "Estimates", np.random.Generator, int], dict[str, np.ndarray] | None
 ]
 
@@ -50,10 +51,8 @@ class Law:
         The law does not keep its form when the height is shifted or scaled, so it holds for
         z = (height - shift)/scale with a map of its own. Its z is a pure number and its time unit
         is fixed at 1 s.
-    mapped_start : callable, optional
-        For a mapped law: ``mapped_start(time, swing, estimates, random, count)`` gives random start
-        values also of ``shift`` and ``scale``, for a swing about the level of rest in amplitudes;
-        None where the record does not tell.
+    swing_form : SwingForm, optional
+        Of a mapped law: the same law without a map, for the swing about the level of rest.
     source : str
     inputs : tuple of str
         Names in the equation that stand for columns of the record, such as the motion of a base or
@@ -68,7 +67,7 @@ class Law:
     positive: tuple[str, ...] = ()
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     mapped: bool = False
-    mapped_start: MappedStarts | None = None
+    swing_form: SwingForm | None = None
     source: str = ""
     inputs: tuple[str, ...] = ()
     resolution: int = 1
@@ -121,6 +120,29 @@ class Law:
         numbers = {sympy.Symbol(name): number for name, number in (values or {}).items()}
         motion = {parsed.symbol_v: z.diff(t), parsed.symbol_z: z}
         return {name: rate.subs(numbers).subs(motion) for name, rate in parsed.hidden.items()}
+
+
+@dataclasses.dataclass(frozen=True)
+class SwingForm:
+    """A mapped law as one of the swing u about the level of rest, in amplitudes.
+
+    A search is quick where no map bends its valleys.
+
+    Attributes
+    ----------
+    law : Law
+        In u.
+    start : callable
+        ``start(time, swing, estimates, random, count)`` gives random start values of that law; None
+        where the record does not tell.
+    mapped : callable
+        From its parameters, arrays (s,), to those of the mapped law with ``shift`` and ``scale`` of
+        the map from the level of rest, in amplitudes.
+    """
+
+    law: Law
+    start: SwingStarts
+    mapped: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,8 +260,13 @@ def compiled_field(
 
 
 @functools.cache
-def compiled_slopes(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., Any]:
-    """Derivatives of z'' by z and by z', as a NumPy function of the same arguments."""
+def compiled_slopes(
+    equation: str, inputs: tuple[str, ...] = ()
+) -> Callable[..., tuple[float, float]]:
+    """Derivatives of z'' by z and by z', as a function of the same numbers.
+
+    Where z'' jumps, as dry friction does at z' = 0, there are none: both are NaN.
+    """
     import sympy
 
     parsed = parse(equation, inputs)
@@ -247,7 +274,17 @@ def compiled_slopes(equation: str, inputs: tuple[str, ...] = ()) -> Callable[...
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
     acceleration = parsed.acceleration.subs(real)
     slopes = [acceleration.diff(real[by]) for by in (parsed.symbol_z, parsed.symbol_v)]
-    return sympy.lambdify(list(real.values()), slopes, "numpy", cse=True)
+    # The derivative of a sign is an impulse.
+    names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
+    found = sympy.lambdify(list(real.values()), slopes, names, cse=True)
+
+    def both(*values: float) -> tuple[float, float]:
+        by_height, by_speed = found(*values)
+        if math.isnan(by_height + by_speed):
+            return math.nan, math.nan
+        return float(by_height), float(by_speed)
+
+    return both
 
 
 def law_from_text(equation: str, columns: Collection[str] = ()) -> Law:

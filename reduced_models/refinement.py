@@ -30,6 +30,8 @@ SOLVER_LIMIT, SOLVER_SHARE = 1e-6, 0.05
 """Greatest error of the fitted solution, in amplitudes and in standard deviations of the residual;
 the larger of the two counts."""
 
+_NEAR = 1e-6  # first damping of a search that starts near its end
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Grid:
@@ -123,7 +125,8 @@ class Joint:
         normals = [grid.normal(count) for grid, count in zip(self.grids, counts, strict=True)]
         prior = Prior(self.layout.joined(self.problem.prior), float(sum(counts)))
         normal = joint_normal(normals, self.layout)
-        return np.asarray(search(normal, theta[None], prior, tolerance, self.bounds)[0][0])
+        found, _ = search(normal, theta[None], prior, tolerance, self.bounds, damping=_NEAR)
+        return np.asarray(found[0])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -85,33 +85,39 @@ def finer_grid(steps: int) -> int | None:
 
 
 def on_grid(
-    field: Callable[..., Any], start: tuple[Any, ...], values: Any, drive: Any, step: Any
+    field: Callable[..., Any], start: Sequence[Any], values: Any, drive: Any, step: Any
 ) -> tuple[Any, Any, Any]:
     """z, its velocity and its acceleration at the points of a uniform grid (for JAX).
 
-    ``start`` holds z, its velocity and the hidden states; ``drive`` (points, stages, inputs) the
-    inputs at the stages of each step.
+    ``start`` holds z, its velocity and the hidden states, each of a shape (...) that the three
+    (points, ...) keep; ``drive`` (points, stages, inputs) the inputs at the stages of each step.
     """
 
     def advance(state: Any, inputs: Any) -> Any:
-        slopes: list[tuple[Any, ...]] = []
+        slopes: list[Any] = []
         for stage, row in enumerate(_STAGES):
-            z, v, *hidden = _moved(state, row, slopes, step)
+            place = _moved(state, row, slopes, step)
             given = [inputs[stage, k] for k in range(inputs.shape[1])]
-            slopes.append((v, *field(z, v, *hidden, *given, *values)))
-        return _moved(state, _WEIGHTS, slopes, step), (*state[:2], slopes[0][1])
+            rates = (place[1], *field(*place, *given, *values))
+            slopes.append(_stacked(rates, place[0]))
+        return _moved(state, _WEIGHTS, slopes, step), (state[0], state[1], slopes[0][1])
 
-    _, (z, v, a) = jax.lax.scan(advance, start, drive)
+    # One array for all of the state: each of the compiled operations costs more than its numbers.
+    _, (z, v, a) = jax.lax.scan(advance, _stacked(start, start[0]), drive)
     return z, v, a
 
 
-def _moved(state: Any, weights: Sequence[float], slopes: Any, step: Any) -> tuple[Any, ...]:
+def _stacked(parts: Sequence[Any], like: Any) -> Any:
+    """Numbers or arrays as the rows of one array."""
+    return jnp.stack([jnp.broadcast_to(part, jnp.shape(like)) for part in parts])
+
+
+def _moved(state: Any, weights: Sequence[float], slopes: Sequence[Any], step: Any) -> Any:
     """A state moved along some slopes."""
-    found = list(state)
     for weight, slope in zip(weights, slopes, strict=True):
         if weight:
-            found = [each + weight * step * rate for each, rate in zip(found, slope, strict=True)]
-    return tuple(found)
+            state = state + weight * step * slope
+    return state
 
 
 def between(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:

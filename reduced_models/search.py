@@ -22,7 +22,12 @@ jnp = jax.numpy
 BLOWN_UP = 1e3
 """Residual of a sample that a solution does not reach, in amplitudes."""
 _MOST_TRIALS = 120
-_PATIENCE = 4  # trials without a gain after which a start counts as done
+_PATIENCE = 3  # trials without a gain after which a start counts as done
+TIE = 1e-7
+"""Residuals below this, in amplitudes, are not told apart."""
+_AGREE = 0.01  # costs that differ by less than this fraction are those of the same fit
+_ENOUGH = 0.9  # share of the starts that lead to the best fit, behind which a search ends
+_DAMPING = (1e-6, 1e12)  # a weaker one would only have to be raised again in a bent valley
 
 
 class Samples(NamedTuple):
@@ -118,24 +123,36 @@ def equations(equation: str, inputs: tuple[str, ...], physical: Callable[..., An
     field = compiled_field(equation, inputs)
     hidden = len(parse(equation, inputs).hidden)
 
-    def residual(theta: Any, samples: Any, scales: Any) -> Any:
+    def residuals(vectors: Any, samples: Any, scales: Any) -> Any:
+        """Residuals (n, s) of search vectors that are columns (p, s)."""
         step, place, share, height, weight, drive = samples
-        values, shift, scale, z0, v0 = physical(theta, scales)
+        values, shift, scale, z0, v0 = physical(vectors, scales)
         start = (z0, v0, *(jnp.zeros_like(z0) for _ in range(hidden)))
         grid = on_grid(field, start, values, drive, step)
-        residuals = (shift + scale * between(*grid, step, place, share) - height) / scales[1]
-        return weight * jnp.where(jnp.abs(residuals) < BLOWN_UP, residuals, BLOWN_UP)
+        z = between(*grid, step, place, share[:, None])
+        found = (shift + scale * z - height[:, None]) / scales[1]
+        return weight[:, None] * jnp.where(jnp.abs(found) < BLOWN_UP, found, BLOWN_UP)
+
+    def residual(theta: Any, samples: Any, scales: Any) -> Any:
+        return residuals(theta[:, None], samples, scales)[:, 0]
 
     def normal(theta: Any, samples: Any, scales: Any) -> Any:
-        def twice(vector: Any) -> Any:
-            residuals = residual(vector, samples, scales)
-            return residuals, residuals
+        # Starts side by side in the last axis, directions before them: that vectorises best.
+        vectors = theta.T
+        directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
 
-        jacobian, residuals = jax.jacfwd(twice, has_aux=True)(theta)
+        def slope(direction: Any) -> Any:
+            return jax.jvp(lambda each: residuals(each, samples, scales), (vectors,), (direction,))
+
+        left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
         jacobian = jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
-        return residuals @ residuals, jacobian.T @ residuals, jacobian.T @ jacobian
+        return (
+            (left**2).sum(axis=0),
+            jnp.einsum("pns,ns->sp", jacobian, left),
+            jnp.einsum("pns,qns->spq", jacobian, jacobian),
+        )
 
-    return Equations(jax.jit(jax.vmap(normal, in_axes=(0, None, None))), jax.jit(residual))
+    return Equations(jax.jit(normal), jax.jit(residual))
 
 
 class Prior(NamedTuple):
@@ -175,8 +192,14 @@ def search(
     prior: Prior,
     tolerance: float = 1e-6,
     bounds: Bounds | None = None,
+    *,
+    trials: int = _MOST_TRIALS,
+    damping: float = 1e-2,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg-Marquardt on a batch.
+
+    It ends when nine tenths of the batch have come to rest at the same least cost, or all of it
+    somewhere: the last few may follow a bent valley for as long as all the others together.
 
     Parameters
     ----------
@@ -187,10 +210,14 @@ def search(
     prior : Prior
         About the start vectors.
     tolerance : float
-        Stop when no trial changes a cost by this fraction any more.
+        A start comes to rest when no trial changes its cost by this fraction any more.
     bounds : Bounds, optional
         An entry that lies at its bound and would leave it rests there for the step (projected
         Levenberg-Marquardt; Kanzow, Yamashita, Fukushima 2004, doi:10.1016/j.cam.2004.02.013).
+    trials : int
+        At most.
+    damping : float
+        Of the first step, in the diagonal of the matrix.
 
     Returns
     -------
@@ -199,11 +226,11 @@ def search(
     if bounds is None:
         bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
     best = _point(normal, np.clip(start, *bounds))
-    damping = np.full(len(start), 1e-2)
+    dampings = np.full(len(start), damping)
     idle = np.zeros(len(start), dtype=int)
-    for _ in range(_MOST_TRIALS):
+    for _ in range(trials):
         precision = best.cost[:, None] / prior.samples * prior.precision
-        moved = best.theta - _step(best, start, precision, damping, bounds)
+        moved = best.theta - _step(best, start, precision, dampings, bounds)
         trial = _point(normal, np.clip(moved, *bounds))
         total = best.cost + (precision * (best.theta - start) ** 2).sum(axis=1)
         trial_total = trial.cost + (precision * (trial.theta - start) ** 2).sum(axis=1)
@@ -211,10 +238,17 @@ def search(
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
         best = Point(*map(functools.partial(_chosen, better), trial, best))
-        damping = np.clip(np.where(better, 0.2 * damping, 5.0 * damping), 1e-12, 1e12)
-        if (idle >= _PATIENCE).all():
+        dampings = np.clip(np.where(better, 0.1 * dampings, 10.0 * dampings), *_DAMPING)
+        resting = idle >= _PATIENCE
+        agreeing = resting & (best.cost <= agreement(best.cost, prior.samples))
+        if resting.all() or agreeing.sum() >= _ENOUGH * len(start):
             break
     return best.theta, best.cost
+
+
+def agreement(cost: np.ndarray, samples: float) -> float:
+    """The cost up to which starts have led to the best fit."""
+    return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 
 
 def _point(normal: Callable[[np.ndarray], Any], theta: np.ndarray) -> Point:

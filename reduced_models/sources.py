@@ -1,4 +1,4 @@
-"""Where a record comes from: a scene to be run, a run, a CSV file, or one of these as an object."""
+"""Where a record comes from: a scene to be run, a run, a CSV or Parquet file, or an object."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ def record_of(
     InputError, RunError
         If the source cannot be read or run, or an option does not apply to it.
     """
-    _check_options(options)
-    opened = _opened(source) if isinstance(source, str | Path) else source
-    if isinstance(opened, Scene):
-        run = _simulated(opened, out, options)
+    check_run_options(options)
+    found = opened(source) if isinstance(source, str | Path) else source
+    if isinstance(found, Scene):
+        run = _simulated(found, out, options)
         return run.piston(), run
     _refuse_run_options(options)
-    if isinstance(opened, PistonRecord):
-        return opened, None
-    missing = {"dt", "method", "steps"} - set(opened.settings())
+    if isinstance(found, PistonRecord):
+        return found, None
+    missing = {"dt", "method", "steps"} - set(found.settings())
     if missing:
         raise StoreError(
-            f"the settings of the run in {opened.path} lack {', '.join(sorted(missing))}; run the "
+            f"the settings of the run in {found.path} lack {', '.join(sorted(missing))}; run the "
             "scene again"
         )
-    return opened.piston(), opened
+    return found.piston(), found
 
 
 def prepared(out: str | Path | None) -> Path | None:
@@ -84,7 +84,14 @@ def shown(path: Path, most: int = 80) -> str:
     return text if len(text) <= most else f"{text[:most]}..."
 
 
-def _opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
+def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
+    """What a path or a scene's name stands for.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
     from granular.store import is_run
 
     path = Path(source)
@@ -94,7 +101,7 @@ def _opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
 
             return load_trajectory(path)
         if path.suffix not in ("", ".toml") or (path.is_file() and path.suffix != ".toml"):
-            return PistonRecord.from_csv(path)
+            return PistonRecord.from_file(path)
         return load_scene(source)
     except OSError as error:
         raise InputError(
@@ -102,7 +109,8 @@ def _opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
         ) from None
 
 
-def _check_options(options: RunOptions) -> None:
+def check_run_options(options: RunOptions) -> None:
+    """Raise `InputError` unless method and time step are such."""
     from granular.methods import method_named
     from granular.simulation import checked_step
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
+
 import numpy as np
 
 from granular.errors import InputError
 from granular.record import PistonRecord
 from reduced_models.estimates import Estimates
+from reduced_models.law import SwingForm
 from reduced_models.matching import drawn
+from reduced_models.model import HeightMap
 from reduced_models.problem import Problem
 
 
@@ -19,38 +24,62 @@ def start_vectors(
     random: np.random.Generator,
 ) -> np.ndarray:
     """Start vectors (count, p) of a search, from a record and its first guesses."""
-    law = problem.law
     if problem.map is not None:
         shift, scale = problem.map.shift, problem.map.scale
         seen = guess.seen_as(shift, scale)
-        draws = drawn(law, seen, record.mapped(shift, scale), random, count)
-        mapping: list[np.ndarray] = []
+        draws = drawn(problem.law, seen, record.mapped(shift, scale), random, count)
     else:
-        draws = _mapped_draws(problem, guess, record, count, random)
-        mapping = [draws["shift"], np.log(draws["scale"])]
-    parameters = [
-        np.log(draws[name]) if name in law.positive else draws[name] / unit
-        for name, unit in zip(law.parameters, problem.units, strict=True)
-    ]
-    height = np.full(count, (guess.height - guess.rest) / guess.amplitude)
+        draws = _mapped_draws(problem, guess, count, random)
+    return started(problem, guess, free_entries(problem, draws))
+
+
+def started(problem: Problem, guess: Estimates, free: np.ndarray) -> np.ndarray:
+    """Parameters and map (count, k) with the initial state of a record behind them."""
+    count = len(free)
+    height = np.full(count, (guess.height - problem.rest) / problem.amplitude)
     velocity = np.full(count, guess.velocity / problem.speed)
-    return np.stack([*parameters, *mapping, height, velocity], axis=1)
+    return np.column_stack([free, height, velocity])
 
 
-def _mapped_draws(
-    problem: Problem,
+def free_entries(problem: Problem, draws: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
+    found = [
+        np.log(draws[name]) if name in problem.law.positive else draws[name] / unit
+        for name, unit in zip(problem.law.parameters, problem.units, strict=True)
+    ]
+    if problem.map is None:
+        found += [draws["shift"], np.log(draws["scale"])]
+    return np.stack(found, axis=1)
+
+
+def swing_draws(
+    form: SwingForm,
     guess: Estimates,
     record: PistonRecord,
     count: int,
     random: np.random.Generator,
+) -> dict[str, np.ndarray] | None:
+    """Random parameters (count,) of a swing form; None where it does not hold for the record."""
+    swing = (record.height - guess.rest) / guess.amplitude
+    seen = guess.seen_as(guess.rest, guess.amplitude)
+    return form.start(record.time, swing, seen, random, count)
+
+
+def swing_problem(problem: Problem, form: SwingForm, draws: Mapping[str, np.ndarray]) -> Problem:
+    """The problem of a swing form, in units that some draws tell."""
+    units = tuple(
+        1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0
+        for name in form.law.parameters
+    )
+    swing = HeightMap(problem.rest, problem.amplitude)
+    return dataclasses.replace(problem, law=form.law, map=swing, units=units)
+
+
+def _mapped_draws(
+    problem: Problem, guess: Estimates, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Parameters with a shift (from the rest level) and a scale, both in amplitudes."""
     seen = guess.seen_as(guess.rest, guess.amplitude)
-    if problem.law.mapped_start is not None:
-        swing = (record.height - guess.rest) / guess.amplitude
-        found = problem.law.mapped_start(record.time, swing, seen, random, count)
-        if found is not None:
-            return found
     start = problem.law.start
     if start is None:
         raise InputError(

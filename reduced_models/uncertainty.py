@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -108,7 +108,7 @@ def interval_analysis(
     return Analysis(
         intervals=intervals,
         at_rest=_at_rest(problem, theta, covariance, quantile),
-        undetermined=_open_directions(names, information),
+        undetermined=open_directions(names, information),
     )
 
 
@@ -189,7 +189,8 @@ def _information(
     return np.asarray(left * np.outer(relative, relative)) / max(variance, 1e-300)
 
 
-def _open_directions(names: list[str], information: np.ndarray) -> tuple[Direction, ...]:
+def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:
+    """Directions that an information matrix (p, p) on logarithms leaves open."""
     strengths, directions = np.linalg.eigh(information)
     found = []
     for strength, direction in zip(strengths, directions.T, strict=True):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from granular.console import Parser, add_output, add_scene, changes_from, emit, launch
+from validation.published.command import add_published, run_published
 
 _PARTS = {
     "convergence": "orders of convergence against exact solutions",
@@ -27,7 +28,8 @@ def parser() -> Parser:
     for name, words in _PARTS.items():
         one = commands.add_parser(name, help=words)
         _add_measuring(one, None)
-    _add_measuring(commands.add_parser("benchmark", help="speed, side by side"), None)
+    _add_benchmark(commands.add_parser("benchmark", help="speed, side by side"))
+    add_published(commands)
     one = commands.add_parser(
         "cheapest", help="the setting that reaches a tolerance in the least time"
     )
@@ -37,6 +39,18 @@ def parser() -> Parser:
     one.add_argument("--t-end", type=float, metavar="S", help="stop each run at this time [s]")
     add_output(one)
     return top
+
+
+def _add_benchmark(one: argparse.ArgumentParser) -> None:
+    from validation.benchmark import PARTS
+
+    one.epilog = "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
+    one.formatter_class = argparse.RawDescriptionHelpFormatter
+    one.add_argument(
+        "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
+        help="measure this part only; see below (repeatable)",
+    )  # fmt: skip
+    _add_measuring(one, None)
 
 
 def _add_measuring(one: argparse.ArgumentParser, out: str | None) -> None:
@@ -56,6 +70,8 @@ def main(arguments: Sequence[str]) -> None:
     options = parser().parse_args(arguments)
     if options.command == "cheapest":
         _cheapest(options)
+    elif options.command == "published":
+        run_published(options)
     elif options.command == "benchmark":
         _benchmark(options)
     else:
@@ -89,10 +105,18 @@ def _text(found: dict[str, Any], out: str | None) -> str:
 
 
 def _benchmark(options: Any) -> None:
-    from validation.benchmark.programme import benchmark, benchmark_text
+    from validation.benchmark import PARTS
+    from validation.benchmark.page import benchmark_text
+    from validation.benchmark.programme import benchmark
 
-    found = benchmark(options.out, full=options.full, progress=not options.quiet)
-    emit(found, benchmark_text(found), options.json)
+    found = benchmark(
+        options.out,
+        parts=options.parts or tuple(PARTS),
+        full=options.full,
+        progress=not options.quiet,
+    )
+    where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
+    emit(found, benchmark_text(found) + where, options.json)
 
 
 def _cheapest(options: Any) -> None:

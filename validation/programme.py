@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granular.methods import COMPENSATED, METHODS, method_named
 from granular.scene import Scene, load_scene
 from validation.convergence import HIGH_ORDER
 from validation.parts import Part, Piece, Plain
+
+if TYPE_CHECKING:
+    from validation.outcomes import HardCase
 
 QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
 """On every problem; they share their compiled code."""
@@ -143,8 +146,10 @@ def frictionless_bed() -> Scene:
 OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 """Of the outside references; for the bed the first and the third, which take seconds."""
 
-DAMPER_METHODS = ("stormer-verlet", "blanes-moan-4")
-DAMPER_STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2")
+DAMPER_STEPS = {
+    "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
+    "blanes-moan-4": ("auto*8", "auto*4", "auto*2"),
+}
 """Fewer than for the others: the damper's runs are long, and soon within the scatter of starts."""
 
 
@@ -164,7 +169,7 @@ def work_precision_pieces(full: bool) -> list[Piece]:
         (squeezed, ("piston force", "mean distance"), candidates(squeezed), {"seeds": 4}),
     ]
     if full:
-        damper = [Setting(name, dt) for name in DAMPER_METHODS for dt in DAMPER_STEPS]
+        damper = [Setting(name, dt) for name, steps in DAMPER_STEPS.items() for dt in steps]
         quantities = ("rest height", "period", "damping ratio")
         options: dict[str, Any] = {
             "seeds": 4,
@@ -203,31 +208,49 @@ def _weigh(
 
 # Hard cases -------------------------------------------------------------------------------------
 
-STABILITY_METHODS = ("stormer-verlet", f"stormer-verlet{COMPENSATED}", "adaptive-verlet")
-STABILITY_STEPS = ("auto*4", "auto/4")
+VARIATIONS = (
+    (f"stormer-verlet{COMPENSATED}", "auto", 1.0),
+    ("adaptive-verlet", "auto", 10.0),
+    ("blanes-moan-4", "auto", 10.0),
+    ("stormer-verlet", "auto*4", 16.0),
+    ("stormer-verlet", "auto/4", 1.0),
+)
+"""Other methods and steps for the hard cases, and how many times the case's own error they may
+leave: a step four times as long leaves sixteen times the error, and methods differ in theirs."""
 
 
 def stability_pieces(full: bool) -> list[Piece]:
-    """The catalogue at its own settings; in full also with other methods and steps."""
+    """The catalogue at its own settings; in full up to late times, and by methods and steps."""
     from validation.hard_cases import catalogue
-    from validation.outcomes import HardCase, outcome
+    from validation.outcomes import outcome
 
-    def piece(case: HardCase, method: str, dt: float | str | None) -> Piece:
+    def piece(case: HardCase, method: str, dt: float | str | None, *, late: bool) -> Piece:
         return Piece(
             case.name,
-            {"case": case.name, "method": method, "dt": str(dt), "full": full},
-            lambda: outcome(case, method, dt, full=full).to_dict(),
+            {"case": case.name, "method": method, "dt": str(dt), "full": late},
+            lambda: outcome(case, method, dt, full=late).to_dict(),
         )
 
     cases = catalogue()
-    pieces = [piece(case, "stormer-verlet", None) for case in cases]
+    pieces = [piece(case, "stormer-verlet", None, late=full) for case in cases]
     if full:
-        automatic = [case for case in cases if case.dt == "auto"]
-        pieces += [piece(case, name, None) for case in automatic for name in STABILITY_METHODS[1:]]
         pieces += [
-            piece(case, "stormer-verlet", dt) for case in automatic for dt in STABILITY_STEPS
+            piece(_varied(case, times), method, dt, late=False)
+            for method, dt, times in VARIATIONS
+            for case in cases
+            if case.dt == "auto"
         ]
     return pieces
+
+
+def _varied(case: HardCase, times: float) -> HardCase:
+    """The case with other settings than its own, which may end it, but never silently."""
+    from validation.hard_cases import BROKEN
+
+    return dataclasses.replace(
+        case, limit=case.limit * times, may_degrade=True,
+        errors=(*case.errors, *BROKEN, "InputError"),
+    )  # fmt: skip
 
 
 PARTS: Sequence[Part] = (

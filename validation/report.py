@@ -15,7 +15,13 @@ from validation.energy import EnergyStudy
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain, machine, measured
 from validation.programme import PARTS, part_named
-from validation.sections import SECTIONS, convergence_holds, stability_verdict
+from validation.sections import (
+    SECTIONS,
+    convergence_holds,
+    energy_holds,
+    measurements,
+    stability_verdict,
+)
 from validation.source_experiment import COMPENSATED, SourceExperiment
 
 Results = Mapping[str, Sequence[Plain]]
@@ -71,9 +77,16 @@ def report(
 
 def page(results: Results, *, full: bool) -> Page:
     """The report as a page."""
-    shown = Page("Proof of the numbers", "; ".join(summary(results)["verdicts"].values()))
+    found = summary(results)
+    shown = Page("Proof of the numbers", "All holds." if found["holds"] else "Not all holds.")
+    words = {True: "yes", False: "NO"}
+    shown.table(
+        ("part", "holds", "what was found"),
+        [(name, words[found["held"][name]], one) for name, one in found["verdicts"].items()],
+    )
     for name, ones in results.items():
         SECTIONS[name](shown, ones)
+    measurements(shown, results)
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if full else "quick"
     shown.footer(
@@ -83,15 +96,15 @@ def page(results: Results, *, full: bool) -> Page:
 
 
 def summary(results: Results) -> dict[str, Any]:
-    """A verdict for each part, and whether all of them hold."""
-    verdicts, holds = {}, True
+    """A verdict for each part, whether it holds, and whether all of them do."""
+    verdicts, held = {}, {}
     for name, ones in results.items():
-        verdicts[name], held = _VERDICTS[name]([one for one in ones if FAILED not in one])
+        verdicts[name], sound = _VERDICTS[name]([one for one in ones if FAILED not in one])
         failed = sum(FAILED in one for one in ones)
         if failed:
             verdicts[name] += f" ({failed} could not be measured)"
-        holds = holds and held and not failed
-    return {"verdicts": verdicts, "holds": holds}
+        held[name] = sound and not failed
+    return {"verdicts": verdicts, "held": held, "holds": all(held.values())}
 
 
 def _convergence_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
@@ -108,7 +121,7 @@ def _source_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 def _energy_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     found = [EnergyStudy.from_dict(one) for one in results]
-    right = sum(one.keeps == (one.trend.verdict() == "none") for one in found)
+    right = sum(map(energy_holds, found))
     words = f"{right} of {len(found)} energy runs are of their kind (no trend, or a control's)"
     return words, right == len(found)
 

@@ -3,7 +3,8 @@
 One grain of 5 mm falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to
 1e-8 s. The source integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), judges
 the error at the end against its finest step, and prints a greatest difference of two peaks of
-6.8e-9 m. In the position form h^2 a is added to a number 1e10 times as large, so most of its digits
+6.8e-9 m. Errors relative to the finest step h_f fall like h^2 - h_f^2, which bends the line a
+little. In the position form h^2 a is added to a number 1e10 times as large, so most of its digits
 are lost. The same sequence in increments, d_n = d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both
 sums compensated (Kahan 1965, doi:10.1145/363707.363723), has the truncation without the rounding;
 what the two differ by is rounding. The toolkit's own compensated sums are run beside them.
@@ -33,18 +34,23 @@ PRINTED_PEAKS = 6.8e-9
 """Greatest difference of two peaks as the source prints it [m]."""
 
 _PEAKS = 16
+_SAMPLES = 200
 
 
 @numba.njit
 def _position_form(
-    start: float, weight: float, h: float, steps: int, peaks: np.ndarray
+    start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
     """The end, and how many peaks were found, by the position form from rest."""
     square = h * h
+    every = max(1, steps // path.size)
     before = start
     now = start + 0.5 * square * (force(start) - weight)
     found = 0
-    for _ in range(steps - 1):
+    path[0] = start
+    for step in range(1, steps):
+        if step % every == 0 and step < every * path.size:
+            path[step // every] = now
         later = 2.0 * now - before + square * (force(now) - weight)
         if now >= before and now > later and found < peaks.size:
             peaks[found] = now
@@ -55,16 +61,19 @@ def _position_form(
 
 @numba.njit
 def _compensated_form(
-    start: float, weight: float, h: float, steps: int, peaks: np.ndarray
+    start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
     """The same sequence in compensated increments."""
     square = h * h
+    every = max(1, steps // path.size)
     gain = 0.5 * square * (force(start) - weight)
     now, lost = start, 0.0
     gain_lost = 0.0
     found = 0
     rising = False
     for step in range(steps):
+        if step % every == 0 and step < every * path.size:
+            path[step // every] = now
         if step > 0:
             add = square * (force(now) - weight) - gain_lost
             total = gain + add
@@ -93,18 +102,27 @@ class SourceRun:
         [s]
     end, error : float
         Height after 2 s, and its error against the exact one [m].
-    peaks : float or None
-        Greatest difference of two peaks, the start included [m].
     seconds : float
         Wall time.
+    peaks : tuple of float
+        Height of each peak over the start, which is the first one [m]; empty where none was looked
+        for.
+    path : tuple of float
+        Heights at equal distances of time over the 2 s [m]; empty where none were kept.
     """
 
     form: str
     step: float
     end: float
     error: float
-    peaks: float | None
     seconds: float
+    peaks: tuple[float, ...] = ()
+    path: tuple[float, ...] = ()
+
+    @property
+    def peak_difference(self) -> float | None:
+        """Greatest difference of two peaks, the start included [m]."""
+        return float(np.ptp((0.0, *self.peaks))) if self.peaks else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,6 +145,14 @@ class SourceExperiment:
         *runs, last = self.of(form)
         return _slope([one.step for one in runs], [abs(one.end - last.end) for one in runs])
 
+    def scatter_to_finest(self, form: str) -> float:
+        """Greatest distance of those errors from their line, over what the line gives."""
+        *runs, last = self.of(form)
+        steps = np.log([one.step for one in runs])
+        errors = np.log([abs(one.end - last.end) for one in runs])
+        away = errors - np.polynomial.Polynomial.fit(steps, errors, 1)(steps)
+        return float(np.expm1(np.abs(away).max()))
+
     def rounding(self) -> dict[float, float]:
         """What rounding does to the position form at each step [m]."""
         clean = {one.step: one.end for one in self.of(COMPENSATED)}
@@ -148,7 +174,8 @@ class SourceExperiment:
             (
                 one.form, f"{one.step:g}", f"{one.error:.2e}",
                 f"{rounding[one.step]:.1e}" if one.form == PLAIN else "",
-                "" if one.peaks is None else f"{one.peaks:.1e}", f"{one.seconds:.2g}",
+                "" if one.peak_difference is None else f"{one.peak_difference:.1e}",
+                f"{one.seconds:.2g}",
             )
             for one in self.runs
         ]  # fmt: skip
@@ -158,14 +185,56 @@ class SourceExperiment:
         return table(header, rows)
 
     def plot(self, axes: Axes) -> None:
-        """Draw the errors of each form over the step."""
-        for form in dict.fromkeys(one.form for one in self.runs):
+        """Draw the errors of each form over the step, and those relative to the finest step."""
+        from granular.plotting import COLOURS
+
+        for k, form in enumerate(dict.fromkeys(one.form for one in self.runs)):
             runs = self.of(form)
-            axes.loglog([one.step for one in runs], [one.error for one in runs], marker="o",
-                        markersize=3.5, label=form)  # fmt: skip
+            steps = [one.step for one in runs]
+            axes.loglog(
+                steps, [one.error for one in runs], marker="o", markersize=3.5,
+                linestyle=":" if form == TOOLKIT else "-", color=COLOURS[k], label=form,
+            )  # fmt: skip
+            if form != TOOLKIT:
+                away = [abs(one.end - runs[-1].end) for one in runs[:-1]]
+                axes.loglog(
+                    steps[:-1], away, marker="o", markersize=7.0, markerfacecolor="none",
+                    linestyle="none", color=COLOURS[k], label=f"{form}, relative to the finest",
+                )  # fmt: skip
         axes.set_xlabel("time step [s]")
         axes.set_ylabel("error after 2 s [m]")
-        axes.legend()
+
+    def plot_path(self, axes: Axes) -> None:
+        """Draw the height over time at the finest step, beside free fall."""
+        from granular.plotting import COLOURS, GREY
+
+        run = self.of(COMPENSATED)[-1]
+        time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
+        axes.plot(time, 1e3 * np.array(run.path), color=COLOURS[0], label=f"step {run.step:g} s")
+        gravity = bounce.problem().scene.effects.gravity
+        assert gravity is not None
+        fallen = run.path[0] - 0.5 * gravity.acceleration * time**2
+        axes.plot(time[fallen > 0.0], 1e3 * fallen[fallen > 0.0], "--", color=GREY, linewidth=2.5,
+                  zorder=0, label="free fall")  # fmt: skip
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("height [mm]")
+
+    def plot_peaks(self, axes: Axes) -> None:
+        """Draw how far each peak is from the start's height, at the finest step."""
+        from granular.plotting import COLOURS
+
+        for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
+            run = self.of(form)[-1]
+            away = np.abs(run.peaks)
+            axes.semilogy(1 + np.arange(len(away)), np.where(away > 0.0, away, np.nan), "o",
+                          color=colour, label=form)  # fmt: skip
+        axes.axhline(PRINTED_PEAKS, color="#333333", linewidth=0.8, linestyle=":")
+        axes.annotate("printed by the source", (0.99, PRINTED_PEAKS),
+                      xycoords=("axes fraction", "data"), xytext=(0, 3),
+                      textcoords="offset points", ha="right", fontsize=8)  # fmt: skip
+        axes.set_xlabel("bounce")
+        axes.set_ylabel("peak off the start [m]")
+        axes.set_xticks(range(1, 1 + len(self.of(PLAIN)[-1].peaks)))
 
     def to_dict(self) -> dict[str, Any]:
         """The experiment as plain data."""
@@ -174,7 +243,13 @@ class SourceExperiment:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> SourceExperiment:
         """The experiment from what `to_dict` made, also by way of JSON."""
-        return cls(tuple(SourceRun(**one) for one in plain["runs"]))
+        lists = ("peaks", "path")
+        return cls(
+            tuple(
+                SourceRun(**{**one, **{name: tuple(one[name]) for name in lists}})
+                for one in plain["runs"]
+            )
+        )
 
 
 def _slope(steps: list[float], errors: list[float]) -> float:
@@ -187,13 +262,13 @@ def source_experiment(*, full: bool = True) -> SourceExperiment:
     Parameters
     ----------
     full : bool
-        All seven steps, and the toolkit up to 5e-8 s; without, steps down to 1e-7 s.
+        All seven steps; without, steps down to 1e-7 s, and two of them by the toolkit.
     """
     steps = STEPS if full else STEPS[:4]
     problem = bounce.problem()
     exact = float(problem.exact(bounce.TIME).positions[0, 1])
     runs = [_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
-    runs += [_toolkit(step, exact) for step in (steps[:5] if full else steps[:2])]
+    runs += [_toolkit(step, exact) for step in (steps if full else steps[:2])]
     return SourceExperiment(tuple(runs))
 
 
@@ -203,15 +278,19 @@ def _form(form: str, step: float, exact: float) -> SourceRun:
     assert scene.effects.gravity is not None
     weight = scene.effects.gravity.acceleration / scales.acceleration
     loop = _position_form if form == PLAIN else _compensated_form
-    peaks = np.zeros(_PEAKS)
+    peaks, path = np.zeros(_PEAKS), np.zeros(_SAMPLES)
     h, count = step / scales.time, round(bounce.TIME / step)
-    loop(float(bounce.START), weight, h, 2, peaks)  # compiles
+    start = float(bounce.START)
+    loop(start, weight, h, 2, peaks, path)  # compiles
     begun = time.perf_counter()
-    end, found = loop(float(bounce.START), weight, h, count, peaks)
+    end, found = loop(start, weight, h, count, peaks, path)
     seconds = time.perf_counter() - begun
-    heights = np.append(peaks[:found], float(bounce.START)) * scales.length
     end *= scales.length
-    return SourceRun(form, step, end, abs(end - exact), float(np.ptp(heights)), seconds)
+    return SourceRun(
+        form, step, end, abs(end - exact), seconds,
+        tuple(((peaks[:found] - start) * scales.length).tolist()),
+        tuple((path * scales.length).tolist()),
+    )  # fmt: skip
 
 
 def _toolkit(step: float, exact: float) -> SourceRun:
@@ -224,4 +303,4 @@ def _toolkit(step: float, exact: float) -> SourceRun:
     )  # fmt: skip
     end = float(run.dataset["position"].values[-1, 0, 1])
     seconds = time.perf_counter() - begun
-    return SourceRun(TOOLKIT, step, end, abs(end - exact), None, seconds)
+    return SourceRun(TOOLKIT, step, end, abs(end - exact), seconds)

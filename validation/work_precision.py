@@ -63,8 +63,12 @@ class Setting(NamedTuple):
     @property
     def family(self) -> str:
         """What settings that differ in their step alone have in common."""
-        return ", ".join([self.method, *(f"{key} = {one}" for key, one in self.changes.items())])
+        changes = (f"{key.rpartition('.')[2]} {one}" for key, one in self.changes.items())
+        return ", ".join([self.method, *changes])
 
+
+USUAL = ("stormer-verlet", "auto")
+"""Method and step that `granular.simulate` takes where nothing is said."""
 
 Reference = Setting | float | np.ndarray | None
 """A setting to take the true value from, the value, or None for `finest` or the exact one."""
@@ -139,6 +143,11 @@ class WorkPrecision:
         sound = [one for family in own for one in _sound(family, tolerance)]
         return min(sound, key=_cost, default=None)
 
+    def usual(self) -> Point | None:
+        """The default method and step, in the first form that was tried and did not fail."""
+        ones = (one for one in self.points if not one.failed)
+        return next((one for one in ones if one.setting[:2] == USUAL), None)
+
     def families(self) -> dict[str, tuple[Point, ...]]:
         """The points by family, from coarse to fine."""
         found: dict[str, list[Point]] = {}
@@ -199,6 +208,7 @@ class WorkPrecision:
             low, high = axes.get_ylim()
             axes.axhspan(low, self.floor, color=GREY, alpha=0.2, linewidth=0.0)
             axes.set_ylim(low, max(high, 1.2 * self.floor))
+        _plain_numbers(axes)
         axes.set_xlabel("wall time [s]")
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
@@ -237,6 +247,17 @@ class WorkPrecision:
             for row in plain["points"]
         )  # fmt: skip
         return cls(**{**plain, "points": points})
+
+
+def _plain_numbers(axes: Axes) -> None:
+    """Label seconds as they are read: 0.02, 0.05, 0.1; fewer of them over many decades."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_xlim()
+    subs = (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=subs))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _finite(value: float) -> float | None:

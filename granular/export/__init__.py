@@ -1,4 +1,5 @@
-"""Runs as files for other programs: GSD and extended XYZ for OVITO, the source's ``.dat`` files.
+"""Runs as files for other programs: GSD and extended XYZ for OVITO, the source's ``.dat`` files,
+and input decks of LAMMPS.
 
 >>> from granular.export import to_gsd
 >>> to_gsd("runs/light-piston", "bed.gsd")
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 from granular.export.extxyz import to_extxyz
 from granular.export.gsd_file import to_gsd
+from granular.export.lammps import to_lammps
 from granular.export.source_files import SourceCadence, source_cadence, to_source_files
 
-__all__ = ["SourceCadence", "source_cadence", "to_extxyz", "to_gsd", "to_source_files"]
+__all__ = ["SourceCadence", "source_cadence", "to_extxyz", "to_gsd", "to_lammps", "to_source_files"]

@@ -32,9 +32,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.export.frames import BedFrame, bed_frames, opened
-from granular.export.target import check_target, replacing
+from granular.export.target import check_target, make_directory, replacing
 from granular.observables import force_magnitudes, source_pair_distance
 from granular.protocol import Move
 from granular.scales import Scales
@@ -121,7 +120,7 @@ def to_source_files(
         **_constants(run, cadence),
     }
     paths = {name: directory / f"{name}.dat" for name in contents}
-    _make(directory)
+    make_directory(directory)
     for path in paths.values():
         check_target(path, overwrite)
     _warn_of_coarse_frames(run, cadence)
@@ -131,13 +130,6 @@ def to_source_files(
             with part.open("w", encoding="utf-8") as file:
                 file.writelines(lines)
     return tuple(paths.values())
-
-
-def _make(directory: Path) -> None:
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{directory} cannot be made: {error.strerror}") from None
 
 
 def _warn_of_coarse_frames(run: Trajectory, cadence: SourceCadence) -> None:

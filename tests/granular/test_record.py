@@ -1,7 +1,8 @@
-"""Piston records: to CSV and back, and clear errors."""
+"""Piston records: to CSV and Parquet and back, and clear errors."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +17,15 @@ from granular.errors import RecordError
 FINITE = st.floats(-1e300, 1e300, allow_nan=False)
 
 
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
 @settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     steps=arrays(float, st.integers(1, 30), elements=st.floats(1e-6, 1e3)),
     data=st.data(),
     velocity=st.booleans(),
 )
-def test_csv_round_trip(
-    tmp_path: Path, steps: np.ndarray, data: st.DataObject, velocity: bool
+def test_round_trip(
+    tmp_path: Path, ending: str, steps: np.ndarray, data: st.DataObject, velocity: bool
 ) -> None:
     time = np.concatenate([[0.0], np.cumsum(steps)])
     column = arrays(float, len(time), elements=FINITE)
@@ -33,12 +35,12 @@ def test_csv_round_trip(
         velocity=data.draw(column) if velocity else None,
         extra={"temperature": data.draw(column)},
     )
-    record.to_csv(tmp_path / "record.csv")
-    back = PistonRecord.from_csv(tmp_path / "record.csv")
-    assert np.array_equal(back.time, record.time)
-    assert np.array_equal(back.height, record.height)
-    assert (back.velocity is None) == (record.velocity is None)
-    assert np.array_equal(back.extra["temperature"], record.extra["temperature"])
+    path = tmp_path / f"record{ending}"
+    (record.to_csv if ending == ".csv" else record.to_parquet)(path)
+    back = PistonRecord.from_file(path)
+    assert list(back.columns) == list(record.columns)
+    for name, column_values in record.columns.items():
+        assert np.array_equal(back.columns[name], column_values)
 
 
 def write(path: Path, text: str) -> Path:
@@ -120,6 +122,97 @@ def test_bad_files(tmp_path: Path, text: str, words: str) -> None:
         PistonRecord.from_csv(write(tmp_path / "bad.csv", text))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def parquet(path: Path, columns: dict[str, object], units: dict[str, str] | None = None) -> Path:
+    """A Parquet file, units in the metadata of its fields."""
+    import pyarrow
+    import pyarrow.parquet
+
+    made = {name: pyarrow.array(values) for name, values in columns.items()}
+    fields = [
+        pyarrow.field(
+            name, values.type,
+            metadata={"units": units[name]} if units and name in units else None,
+        )
+        for name, values in made.items()
+    ]  # fmt: skip
+    table = pyarrow.Table.from_arrays(list(made.values()), schema=pyarrow.schema(fields))
+    pyarrow.parquet.write_table(table, path)
+    return path
+
+
+def test_parquet_units_and_further_columns(tmp_path: Path) -> None:
+    """Units in names or in metadata, integers, and columns that hold something else."""
+    columns = {
+        "time [ms]": [0, 2, 4],
+        "Height": [59.0, 60.0, 61.0],
+        "who": ["Ada", "Ben", "Ada"],
+        "gaps": [1.0, None, 2.0],
+        "load": np.array([1.0, 2.0, 3.0], dtype=np.float32),
+    }
+    path = parquet(tmp_path / "lab.parquet", columns, {"Height": "mm"})
+    record = PistonRecord.from_file(path)
+    assert record.time.tolist() == [0.0, 0.002, 0.004]
+    assert record.height.tolist() == pytest.approx([0.059, 0.060, 0.061])
+    assert {name: values.tolist() for name, values in record.extra.items()} == {
+        "load": [1.0, 2.0, 3.0]
+    }
+    assert PistonRecord.from_parquet(path, {"height": "m"}).height.tolist() == [59.0, 60.0, 61.0]
+
+
+def test_a_frame_of_pandas_is_a_record(tmp_path: Path) -> None:
+    import pandas
+
+    frame = pandas.DataFrame({"time": [0.0, 1.0, 2.0], "height": [1.0, 2.0, 4.0]})
+    frame.to_parquet(tmp_path / "frame.pq")
+    assert PistonRecord.from_file(tmp_path / "frame.pq").height.tolist() == [1.0, 2.0, 4.0]
+
+
+BAD_TABLES = [
+    ({"time": [0.0, 1.0]}, {}, "no column 'height'; found: 'time'; rename"),
+    ({"time": [], "height": []}, {}, "time holds null, not numbers"),
+    ({"time": [0.0], "height": [1.0]}, {}, "1 samples"),
+    ({"time": [0.0, 1.0], "height": ["a", "b"]}, {}, "height holds string, not numbers"),
+    ({"time": [0.0, 1.0], "height": [1.0, None]}, {}, "height of sample 1 is missing"),
+    ({"time": [0.0, 1.0], "height": [1.0, np.nan]}, {}, "height of sample 1 is nan"),
+    ({"time": [1.0, 0.0], "height": [1.0, 2.0]}, {}, "comes after 1 s"),
+    ({"time": [0.0, 0.0], "height": [1.0, 2.0]}, {}, "is there twice"),
+    ({"time": [0.0, 1.0], "height": [1.0, 2.0]}, {"height": "kg"}, "'kg' does not fit"),
+    ({"time": [0.0, 1.0], "height [mm]": [1.0, 2.0]}, {"height [mm]": "m"}, "in its metadata"),
+    ({"time": [0.0, 1.0], "height": [1.0, 2.0], "Height": [1.0, 2.0]}, {}, "is there twice"),
+]
+
+
+@pytest.mark.parametrize(("columns", "units", "words"), BAD_TABLES)
+def test_bad_parquet(
+    tmp_path: Path, columns: dict[str, object], units: dict[str, str], words: str
+) -> None:
+    path = parquet(tmp_path / "bad.parquet", columns, units)
+    with pytest.raises(RecordError) as caught:
+        PistonRecord.from_parquet(path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RecordError, match="there is no file"):
+        PistonRecord.from_file(tmp_path / "nothing.parquet")
+    (tmp_path / "folder.pq").mkdir()
+    with pytest.raises(RecordError, match="cannot be read"):
+        PistonRecord.from_file(tmp_path / "folder.pq")
+    path = write(tmp_path / "text.parquet", "time,height\n0,1\n1,2\n" * 10)
+    with pytest.raises(RecordError, match="cannot be read as Parquet") as caught:
+        PistonRecord.from_file(path)
+    assert "\n" not in str(caught.value)
+    cut = parquet(tmp_path / "cut.parquet", {"time": [0.0, 1.0], "height": [1.0, 2.0]})
+    cut.write_bytes(cut.read_bytes()[:-20])
+    with pytest.raises(RecordError, match="cannot be read as Parquet"):
+        PistonRecord.from_file(cut)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(RecordError, match=r"pip install 'granular-damper\[parquet\]'"):
+        PistonRecord.from_file(cut)
 
 
 def test_missing_and_binary_files(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from granular import PistonRecord
 from granular.errors import InputError, RecordError
 from reduced_models import ReducedModel, fit, forced_law, load_model
-from reduced_models.law import law_from_text, parse
+from reduced_models.law import compiled_slopes, law_from_text, parse
 from reduced_models.laws import LAWS
 from reduced_models.rollout import motion
 
@@ -172,3 +172,19 @@ def test_laws_are_well_declared(name: str) -> None:
     assert set(law.positive) <= set(law.parameters)
     assert law.source
     assert parse(law.equation).parameters == law.parameters
+
+
+def test_dry_friction_by_its_sign(made: Any) -> None:
+    """It is fitted as it stands; where the piston sticks there is no small swing to tell of."""
+    law = "z'' + friction*sign(z') + k*z = g0"
+    model = fit(made("coulomb").first(1200), law, holdout=0.0)
+    true = made.true["coulomb"]
+    assert model.parameters["friction"] == pytest.approx(true["friction"], rel=0.05)
+    assert model.parameters["k"] == pytest.approx(true["omega"] ** 2, rel=0.01)
+    assert model.at_rest is None
+
+
+def test_slopes_of_a_law_that_jumps() -> None:
+    slopes = compiled_slopes("z'' + mu*sign(z') + c*z' + k*z = 0")
+    assert slopes(0.3, 0.5, 2.0, 0.1, 3.0) == (-3.0, -0.1)
+    assert all(map(math.isnan, slopes(0.3, 0.0, 2.0, 0.1, 3.0)))

@@ -154,7 +154,6 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
         # Errors of order eight are rounding before they have fallen for half a decade of steps.
         assert min(result.errors) < 1e-14
         return
-    tolerance = 0.05 if METHODS[method].variable else TOLERANCE[order]
-    assert result.holds(tolerance), summary([result]).text()
+    assert result.holds(TOLERANCE[order]), summary([result]).text()
     if order <= 6 and not result.exact:
         assert result.decades > 0.99

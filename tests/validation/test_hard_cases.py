@@ -6,7 +6,7 @@ import pytest
 
 from granular import simulate
 from granular.errors import EnergyError
-from validation.hard_cases import catalogue, near_limit
+from validation.hard_cases import catalogue, near_limit, verlet_swing
 from validation.outcomes import CRASHED, SILENT, HardCase, outcome
 
 CASES = catalogue()
@@ -27,6 +27,14 @@ def test_case_ends_as_it_may(case: HardCase) -> None:
     found = outcome(case)
     assert found.kind not in (SILENT, CRASHED), f"{found.error} {found.said}"
     assert found.allowed, f"{found.kind}: {found.error} {found.said}"
+
+
+def test_only_a_share_of_the_limit_tells_the_swing() -> None:
+    """Negative control: the same run is nowhere near the swing of a slightly shorter step."""
+    scene, step = near_limit(0.95)
+    run = simulate(scene(), step, 384 * step, progress=False)
+    assert verlet_swing(0.95, step)(run) < 1e-4
+    assert verlet_swing(0.949, step)(run) > 0.1
 
 
 def test_a_wide_swing_near_the_stability_limit_is_stopped() -> None:

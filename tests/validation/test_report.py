@@ -87,9 +87,15 @@ def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
     good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
     assert summary({"energy": good})["holds"] is True
     assert "unlike its kind" not in page({"energy": good}, full=False).render()
-    bad = [study("stormer-verlet", True, 0.1)]
-    assert summary({"energy": bad})["holds"] is False
-    assert "unlike its kind" in page({"energy": bad}, full=False).render()
+    for method, keeps, drift in (
+        ("stormer-verlet", True, 0.1),
+        ("explicit-euler", False, 0.0),
+        ("explicit-euler", False, -0.1),
+        ("runge-kutta-4", False, 0.1),
+    ):
+        bad = [study(method, keeps, drift)]
+        assert summary({"energy": bad})["holds"] is False
+        assert "unlike its kind" in page({"energy": bad}, full=False).render()
 
 
 SYMPLECTIC = tuple(run for run in energy_runs() if METHODS[run.method].symplectic)

@@ -39,7 +39,7 @@ def coarse() -> SourceExperiment:
 
 def test_compensated_increments_have_order_two(coarse: SourceExperiment) -> None:
     assert coarse.slope(COMPENSATED) == pytest.approx(2.0, abs=0.01)
-    assert all(one.peaks is not None and one.peaks < 1e-12 for one in coarse.of(COMPENSATED))
+    assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.of(COMPENSATED))
 
 
 def test_the_position_form_is_rounding(coarse: SourceExperiment) -> None:
@@ -49,6 +49,18 @@ def test_the_position_form_is_rounding(coarse: SourceExperiment) -> None:
     assert coarse.of(PLAIN)[-1].error > 1e4 * coarse.of(COMPENSATED)[-1].error
 
 
+def test_peaks_and_path_are_those_of_the_exact_motion(coarse: SourceExperiment) -> None:
+    """Four peaks within 2 s, as high as the start; the path is the exact one all along."""
+    problem = bounce.problem()
+    for one in coarse.runs:
+        assert len(one.peaks) == 4
+        assert np.abs(one.peaks).max() < 1e-8
+        for k in (0, 19, 42, 137):
+            exact = problem.exact(k * bounce.TIME / len(one.path)).positions[0, 1]
+            clear = 1e-9 if one.form == COMPENSATED else 1e-5  # rounding of the position form
+            assert one.path[k] == pytest.approx(exact, abs=clear)
+
+
 def test_experiment_survives_json(coarse: SourceExperiment) -> None:
     again = SourceExperiment.from_dict(json.loads(json.dumps(coarse.to_dict())))
     assert again == coarse
@@ -56,7 +68,7 @@ def test_experiment_survives_json(coarse: SourceExperiment) -> None:
 
 
 def test_slopes_of_known_errors() -> None:
-    runs = tuple(SourceRun(PLAIN, h, 1.0 + h**2, h**2, None, 0.0) for h in (1e-1, 1e-2, 1e-3))
+    runs = tuple(SourceRun(PLAIN, h, 1.0 + h**2, h**2, 0.0) for h in (1e-1, 1e-2, 1e-3))
     one = SourceExperiment(runs)
     assert one.slope(PLAIN, finest=1e-3) == pytest.approx(2.0)
     assert one.slope_to_finest(PLAIN) == pytest.approx(2.0, abs=0.01)
@@ -72,8 +84,8 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
     gravity = problem.scene.effects.gravity
     assert gravity is not None
     start = (float(bounce.START), gravity.acceleration / scales.acceleration)
-    plain, _ = _position_form(*start, step / scales.time, count, np.zeros(4))
-    clean, _ = _compensated_form(*start, step / scales.time, count, np.zeros(4))
+    plain, _ = _position_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
+    clean, _ = _compensated_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
     exact = float(problem.exact(problem.time).positions[0, 1])
     for method, height in (("stormer-verlet", plain), ("stormer-verlet+compensated", clean)):
         run = simulate(problem.scene, step, problem.time, method, progress=False)
@@ -97,8 +109,9 @@ def test_the_whole_experiment() -> None:
         assert found.slope(form) == pytest.approx(2.0, abs=0.01)
     finest = found.of(COMPENSATED)[-1]
     assert finest.step == 1e-8
-    assert finest.peaks is not None
-    assert finest.peaks <= 1e-12
-    printed = found.of(PLAIN)[-1].peaks
+    assert finest.peak_difference is not None
+    assert finest.peak_difference <= 1e-12
+    assert found.of(TOOLKIT)[-1].step == 1e-8
+    printed = found.of(PLAIN)[-1].peak_difference
     assert printed is not None
     assert 1e-9 < printed < 1e-7  # rounding, of the size that the source prints

@@ -1,1 +1,16 @@
 """Speed, side by side on the same arrangement in one run, and growth with the number of grains."""
+
+PARTS = {
+    "sums": "all pairs: ours, a plain loop, a C kernel, JAX, OpenMM, LAMMPS",
+    "lists": "pairs within 11.26 D, lists made anew as grains move",
+    "methods": "whole steps by each method of summing pairs, and growth with N",
+    "errors": "force error and energy drift of each method of summing pairs",
+    "threads": "one thread and two",
+    "effects": "what each effect adds to a step",
+    "absent": "what effects that are left out cost",
+    "memory": "peak memory against N",
+    "start": "cold and warm start",
+    "protocol": "the published compression of 368 grains, from start to end",
+    "fits": "fits of laws: cold, later, and again",
+}
+"""What can be measured, by the name of each part."""

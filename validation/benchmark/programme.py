@@ -1,136 +1,199 @@
-"""What ``python -m validation benchmark`` measures, writes and prints."""
+"""The parts of the benchmark and their pieces, each of which is kept on disk when it is done."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from granular.console import finite
-from granular.plotting import figure
-from validation.benchmark import c_kernel
-from validation.benchmark.absent import cost_of_absence
-from validation.benchmark.sums import cut_off_sums, direct_sums, exponent
-from validation.parts import machine
-from validation.table import Table, table
-
-_LINEAR_FROM = 1000
-"""Grains from which the growth of the time is fitted."""
+from granular.errors import InputError
+from validation.benchmark import PARTS, c_kernel, lammps, openmm
+from validation.parts import Part, Piece, machine, measured
 
 _Rows = list[dict[str, Any]]
+_Work = Iterator[tuple[dict[str, Any], Callable[[], _Rows]]]
+
+COUNTS, LARGE_COUNTS = (92, 368, 1472, 2944, 5888, 11776), (23552, 94208)
+MILLION = 1_000_000
 
 
-def _measurements(full: bool) -> Iterator[tuple[str, str, Callable[[], _Rows]]]:
-    """Which table each adds to, what it is called, and how it is measured."""
-    rounds = 100 if full else 40
+def _rounds(full: bool) -> int:
+    return 100 if full else 40
+
+
+def _sums(full: bool) -> _Work:
+    from validation.benchmark.sums import direct_sums
+
     for count in (92, 368, 1472, 5888) if full else (92, 368, 1472):
-        yield "direct", f"all pairs of {count}", partial(direct_sums, count, rounds)
+        yield {"grains": count}, partial(direct_sums, count, _rounds(full))
+
+
+def _lists(full: bool) -> _Work:
+    from validation.benchmark.sums import cut_off_sums
+
     for count in (368, 1472, 5888, 23552, 94208) if full else (368, 1472, 5888):
-        yield "cut-off", f"near pairs of {count}", partial(cut_off_sums, count, rounds // 4)
-    yield "absent", "absent effects", partial(cost_of_absence, rounds=rounds // 2)
+        yield {"grains": count}, partial(cut_off_sums, count, _rounds(full) // 4)
+
+
+def _methods(full: bool) -> _Work:
+    from validation.benchmark.steps import method_steps
+
+    for count in COUNTS:
+        yield {"grains": count}, partial(method_steps, count, _rounds(full) // 4)
+    for count in LARGE_COUNTS if full else ():
+        yield {"grains": count}, partial(method_steps, count, 3)
+
+
+def _errors(full: bool) -> _Work:
+    from validation.benchmark.steps import method_errors
+
+    for count in (368, 2208, 5888) if full else (368, 2208):
+        yield {"grains": count}, partial(method_errors, count)
+
+
+def _threads(full: bool) -> _Work:
+    from validation.benchmark.steps import thread_steps
+
+    for count in (368, 1472, 5888, 23552) if full else (368, 1472, 5888):
+        yield {"grains": count}, partial(thread_steps, count, _rounds(full) // 4)
+
+
+def _effects(full: bool) -> _Work:
+    from validation.benchmark.steps import effect_steps
+
+    for count in (92, 368) if full else (368,):
+        yield {"grains": count}, partial(effect_steps, count, _rounds(full) // 4)
+
+
+def _absent(full: bool) -> _Work:
+    from validation.benchmark.absent import cost_of_absence
+
+    yield {}, partial(cost_of_absence, rounds=_rounds(full) // 2)
+
+
+def _memory(full: bool) -> _Work:
+    from validation.benchmark.engine import PAIR_METHODS
+    from validation.benchmark.fresh import peak_memory
+
+    for method in PAIR_METHODS:
+        for count in (5888, *LARGE_COUNTS) if full else (5888, 23552):
+            yield {"method": method, "grains": count}, partial(peak_memory, count, method)
+        if full and method != "direct":
+            yield {"method": method, "grains": MILLION}, partial(peak_memory, MILLION, method)
+
+
+def _start(full: bool) -> _Work:
+    from validation.benchmark.fresh import starts
+
+    yield {}, starts
+
+
+def _protocol(full: bool) -> _Work:
+    from validation.benchmark.compression import SPEED, compression
+
+    # Twelve times the published speed takes a twelfth of the time.
+    speed = SPEED if full else 0.1
+    for seed in (1, 2, 3) if full else (1,):
+        yield {"seed": seed, "speed": speed}, partial(compression, seed, speed)
+
+
+def _fits(full: bool) -> _Work:
+    from validation.benchmark.fits import TRUTHS, fits
+
+    for law in TRUTHS if full else ("van-der-pol-like",):
+        for samples in (1_000, 100_000):
+            yield {"law": law, "samples": samples}, partial(fits, law, samples)
+
+
+_WORK: dict[str, Callable[[bool], _Work]] = {
+    "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "threads": _threads,
+    "effects": _effects, "absent": _absent, "memory": _memory, "start": _start,
+    "protocol": _protocol, "fits": _fits,
+}  # fmt: skip
+
+
+def part_named(name: str) -> Part:
+    """A part of the benchmark."""
+
+    def pieces(full: bool) -> Sequence[Piece]:
+        return [_piece(name, key, full, measure) for key, measure in _WORK[name](full)]
+
+    return Part(f"benchmark-{name}", pieces)
+
+
+def _piece(name: str, key: dict[str, Any], full: bool, measure: Callable[[], _Rows]) -> Piece:
+    label = ", ".join(f"{word} {value}" for word, value in key.items()) or name
+    return Piece(label, key | {"full": full}, lambda: {"rows": measure()})
 
 
 def _missing() -> list[dict[str, str]]:
-    """What was not measured here, and why."""
+    """What is not measured here, and why."""
     from importlib.util import find_spec
 
-    reason = c_kernel.missing()
-    found = [] if reason is None else [{"what": "C kernel", "why": reason}]
-    if find_spec("jax") is None:
-        found.append({"what": "plain JAX", "why": "JAX is not installed"})
-    return found
+    reasons = {
+        "C kernel": c_kernel.missing(),
+        "OpenMM": openmm.missing(),
+        "LAMMPS": lammps.missing(),
+        "plain JAX": None if find_spec("jax") else "JAX is not installed",
+    }
+    return [{"what": what, "why": why} for what, why in reasons.items() if why is not None]
 
 
-def _growth(rows: _Rows) -> _Rows:
-    """Exponents of time against the number of grains, with two standard errors."""
-    found = []
-    for name in dict.fromkeys(row["sum"] for row in rows):
-        chosen = [row for row in rows if row["sum"] == name and row["grains"] >= _LINEAR_FROM]
-        if len(chosen) > 2:
-            counts = np.array([row["grains"] for row in chosen], dtype=np.float64)
-            slope, error = exponent(counts, np.array([row["seconds"] for row in chosen]))
-            found.append({"sum": name, "exponent": slope, "interval": 2.0 * error})
-    return found
+def benchmark(
+    out: str | None, *, parts: Sequence[str] = tuple(PARTS), full: bool = False,
+    progress: bool = True,
+) -> dict[str, Any]:  # fmt: skip
+    """Measure; a page with tables and plots, and a JSON file, go to ``out`` where it is given.
 
-
-def benchmark(out: str | None, *, full: bool = False, progress: bool = True) -> dict[str, Any]:
-    """Measure everything; a table, a plot and a JSON file go to ``out`` where it is given.
+    What was measured before with the same sources, on the same machine, is read from
+    ``out``/pieces.
 
     Parameters
     ----------
     out : str, optional
-        Directory for ``benchmark.json``, ``benchmark.txt`` and ``benchmark.svg``.
+        Directory for ``benchmark.html`` and ``benchmark.json``.
+    parts : sequence of str
+        Which of `PARTS`.
     full : bool
-        More grains and more repeats: some minutes instead of about one.
-    """
-    from tqdm import tqdm
+        More grains and more repeats: an hour or so instead of some minutes.
+    progress : bool
+        Show a progress bar on standard error.
 
-    found: dict[str, Any] = {"direct": [], "cut-off": [], "absent": []}
-    for part, name, measure in (bar := tqdm(list(_measurements(full)), disable=not progress)):
-        bar.set_description(name)
-        found[part] += measure()
-    found["growth"] = _growth(found["direct"] + found["cut-off"])
-    found["missing"], found["machine"] = _missing(), machine()
-    if out is not None:
-        folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "benchmark.json").write_text(json.dumps(finite(found)), encoding="utf-8")
-        (folder / "benchmark.txt").write_text(benchmark_text(found) + "\n", encoding="utf-8")
-        _draw(found, folder / "benchmark.svg")
+    Returns
+    -------
+    dict
+        The results of each part, growth with the number of grains, what is missing, the machine.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be written.
+    """
+    from validation.benchmark.page import growth
+
+    where = None if out is None else Path(out)
+    results = {
+        name: measured(part_named(name), where, full=full, progress=progress) for name in parts
+    }
+    found: dict[str, Any] = {
+        "parts": results, "growth": growth(results), "missing": _missing(), "machine": machine(),
+        "full": full,
+    }  # fmt: skip
+    if where is not None:
+        _save(found, where)
     return found
 
 
-def _sums_table(rows: _Rows) -> Table:
-    return table(
-        ("sum", "grains", "us", "ns per pair", "times plain", "error / sum |f|"),
-        [
-            (row["sum"], row["grains"], f"{1e6 * row['seconds']:.2f}",
-             f"{row['ns per pair']:.3f}", f"{row['times plain']:.2f}",
-             f"{row['error']:.1e}" if "error" in row else "")
-            for row in rows
-        ],
-    )  # fmt: skip
+def _save(found: dict[str, Any], where: Path) -> None:
+    from validation.benchmark.page import page
 
-
-def benchmark_text(found: dict[str, Any]) -> str:
-    """The tables, for people."""
-    absent = table(
-        ("effects that act", "grains", "by hand [us]", "engine [us]", "ratio"),
-        [
-            (row["effects"], row["grains"], f"{1e6 * row['by hand']:.2f}",
-             f"{1e6 * row['engine']:.2f}", f"{row['ratio']:.3f}")
-            for row in found["absent"]
-        ],
-    )  # fmt: skip
-    growth = table(
-        ("sum", "time ~ grains^"),
-        [(row["sum"], f"{row['exponent']:.3f} +- {row['interval']:.3f}")
-         for row in found["growth"]],
-    )  # fmt: skip
-    parts = [
-        ("All pairs, one sum", _sums_table(found["direct"]).text()),
-        ("Pairs within 11.26 D, lists made anew as grains move", _sums_table(
-            found["cut-off"]).text()),
-        ("A step of the engine and by hand, without the effects left out", absent.text()),
-        ("Growth", growth.text()),
-    ]  # fmt: skip
-    lines = [f"{title}\n{text}\n" for title, text in parts if text.count("\n")]
-    lines += [f"not measured: {one['what']}: {one['why']}" for one in found["missing"]]
-    return "\n".join([*lines, ", ".join(f"{key} {val}" for key, val in found["machine"].items())])
-
-
-def _draw(found: dict[str, Any], path: Path) -> None:
-    with figure() as (drawing, axes):
-        rows = found["direct"] + found["cut-off"]
-        for name in dict.fromkeys(row["sum"] for row in rows):
-            chosen = [row for row in rows if row["sum"] == name]
-            counts = [row["grains"] for row in chosen]
-            axes.loglog(counts, [1e6 * row["seconds"] for row in chosen], "o-", label=name)
-        axes.set_xlabel("grains")
-        axes.set_ylabel("time of a sum [us]")
-        axes.legend(fontsize=7)
-        drawing.savefig(path)
+    try:
+        where.mkdir(parents=True, exist_ok=True)
+        page(found).save(where / "benchmark.html")
+        text = json.dumps(finite(found))
+        (where / "benchmark.json").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{where} cannot be written: {error.strerror}; give another -o") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from granular.pairs.direct import (
 )
 from granular.pairs.stripes import Stripes, cut_sum, stripes_room
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
-from validation.benchmark import c_kernel
+from validation.benchmark import c_kernel, lammps, openmm
 from validation.benchmark.peers import (
     VerletList,
     jax_forces,
@@ -39,6 +40,9 @@ STEP = 2e-3
 
 BATCH = 250
 """Sums timed together, so that they share the lists' making."""
+
+_LAMMPS_PAIRS = 2e6
+"""About how many pairs LAMMPS sums in one run, in five steps at least."""
 
 _JAX_MOST = 3000
 """Grains beyond which the matrix of all pairs fills the memory."""
@@ -143,12 +147,17 @@ def _list_steps(
         plain_verlet_list(known, radius, SKIN, x, y, sums[0], sums[1], start.shape[1])
 
 
+def _ways(count: int) -> np.ndarray:
+    """Way of each grain from sum to sum (n, 2) [D]."""
+    angle = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, count)
+    return STEP * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
 def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> Entry:
     grains = Grains(positions)
     sums, at = grains.sums(), iter(range(0, 10**12, BATCH))
     start = np.stack([grains.x, grains.y])[:, : grains.count].copy()
-    angle = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, grains.count)
-    way = STEP * np.stack([np.cos(angle), np.sin(angle)])
+    way = _ways(grains.count).T.copy()
     return grains.entry(
         sums,
         lambda: steps(lists, SOURCE_RADIUS, grains.x, grains.y, sums, start, way, next(at)),
@@ -179,29 +188,42 @@ def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return force, magnitude
 
 
+def in_openmm(grains: Grains, platform: str) -> Entry:
+    """A step, which is little more than the sum."""
+    return Entry(*openmm.steps(grains.positions, platform))
+
+
 def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     """All pairs, summed by each: time [s], and largest error over a grain's sum of |f|."""
     grains = Grains(arrangement(count))
     entries = {"plain numba loop": plain(grains), "direct sum": direct(grains)}
     if c_kernel.missing() is None:
         entries["C kernel with intrinsics"] = in_c(grains)
-    if count <= _JAX_MOST:
+    if count <= _JAX_MOST and importlib.util.find_spec("jax") is not None:
         entries["plain JAX"] = in_jax(grains)
+    if openmm.missing() is None:
+        entries |= {f"OpenMM, {one}": in_openmm(grains, one) for one in openmm.PLATFORMS}
     entries["plain numba loop, with friction load"] = plain(grains, load=True)
     entries["direct sum, with friction load"] = direct(grains, load=True)
     if count >= PARTED_FROM and numba.config.NUMBA_NUM_THREADS > 1:
         entries[f"direct sum, {numba.get_num_threads()} threads"] = direct(grains, threaded=True)
     calls = {name: one.call for name, one in entries.items()}
     seconds = least_seconds(calls, rounds=rounds, seconds=0.002)
+    forces = {name: one.force() for name, one in entries.items()}
+    if lammps.missing() is None:
+        for style in (lammps.TABLE, lammps.EXACT):
+            steps = max(5, round(_LAMMPS_PAIRS / count**2))
+            seconds[style], forces[style] = lammps.steps(grains.positions, style, count=steps)
     force, magnitude = exact_forces(grains.positions)
     rows = []
-    for name, one in entries.items():
-        error = np.abs(one.force() - force).max(axis=1) / magnitude
+    for name, found in forces.items():
+        error = np.abs(found - force).max(axis=1) / magnitude
         base = "plain numba loop" + (", with friction load" if "load" in name else "")
         rows.append(
             {"sum": name, "grains": count, "seconds": seconds[name],
              "ns per pair": 2e9 * seconds[name] / (count * (count - 1)),
-             "times plain": seconds[base] / seconds[name], "error": float(error.max())}
+             "times plain": seconds[base] / seconds[name],
+             "over direct": seconds[name] / seconds["direct sum"], "error": float(error.max())}
         )  # fmt: skip
     return rows
 
@@ -216,17 +238,26 @@ def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     calls = {name: one.call for name, one in entries.items()}
     found = least_seconds(calls, rounds=rounds, seconds=0.0)
     seconds = {name: time / BATCH for name, time in found.items()}
+    if lammps.missing() is None:
+        seconds[lammps.TABLE] = lammps.steps(
+            positions, lammps.TABLE, count=BATCH, cut=SOURCE_RADIUS, velocities=_ways(count) / 0.02,
+            dt=0.02,
+        ).seconds  # fmt: skip
     return [
-        {"sum": name, "grains": count, "seconds": seconds[name],
-         "ns per pair": 1e9 * seconds[name] / pairs,
-         "times plain": seconds["plain Verlet list"] / seconds[name]}
-        for name in entries
+        {"sum": name, "grains": count, "seconds": time, "ns per pair": 1e9 * time / pairs,
+         "times plain": seconds["plain Verlet list"] / time}
+        for name, time in seconds.items()
     ]  # fmt: skip
 
 
 def exponent(counts: np.ndarray, seconds: np.ndarray) -> tuple[float, float]:
-    """Exponent of the growth of the time with the number of grains, and its standard error."""
+    """Exponent of the growth of the time with the number of grains, and half its 95 % interval.
+
+    From at least three counts, whose logarithms' scatter about the line counts as normal.
+    """
+    from scipy.stats import t as student
+
     line, covariance = np.polyfit(np.log(counts), np.log(seconds), 1, cov="unscaled")
-    rest = np.log(seconds) - np.polyval(line, np.log(counts))
-    spread = float(rest @ rest) / max(1, len(counts) - 2)
-    return float(line[0]), float(np.sqrt(covariance[0, 0] * spread))
+    rest, free = np.log(seconds) - np.polyval(line, np.log(counts)), len(counts) - 2
+    error = np.sqrt(covariance[0, 0] * float(rest @ rest) / free)
+    return float(line[0]), float(error * student.ppf(0.975, free))

@@ -1,0 +1,247 @@
+"""A scene as an input deck of LAMMPS, which runs it on many processors.
+
+Carried over: dipole repulsion and walls as tables (any number of species), gravity, viscous drag,
+shaking, and a prescribed piston. Refused, because LAMMPS has no match: dry friction, contact,
+slabs, a free piston, and stages that end at rest or at a force. See ``docs/large-scale.md``.
+
+The tables make the forces exact to some 1e-7; time steps are those of ``stormer-verlet`` here,
+drag included.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.arrangement import initial_motion
+from granular.export.frames import bed_frames, opened
+from granular.export.lammps_deck import Deck, pair_name, script, wall_name
+from granular.export.lammps_stages import Leg, check_scene, leg
+from granular.export.lammps_step import collision_frequency, stiffest_frequency
+from granular.export.lammps_tables import NEAREST_PAIR, NEAREST_WALL, pair_table, wall_table
+from granular.export.target import check_target, make_directory, replacing
+from granular.scales import Scales
+from granular.scene import Scene, load_scene
+from granular.store import is_run
+from granular.trajectory import Trajectory, load_trajectory
+
+
+class _Start(NamedTuple):
+    """Where the deck begins, in SI, and the stages from there on."""
+
+    time: float
+    height: float | None
+    grains: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    legs: tuple[Leg, ...]
+
+
+def to_lammps(
+    source: Scene | Trajectory | str | Path, directory: str | Path, *, dt: float | str = "auto",
+    overwrite: bool = False,
+) -> tuple[Path, ...]:  # fmt: skip
+    """Write a LAMMPS deck: ``in.granular``, ``bed.data``, and the tables of pairs and walls, in SI.
+
+    ``mpirun -np 2 lmp -in in.granular``, in that directory, runs the protocol and writes
+    ``piston.csv`` (which `PistonRecord.from_csv` reads) and ``frames.dump``. A scene begins at its
+    start; a run goes on from its last frame, with what is left of its protocol (nothing, if it is
+    complete: then only the forces are computed). ``pairs.method = "cut-off"`` sets where the pairs
+    end; otherwise all pairs are summed, at a cost that grows with the square of their number.
+
+    Parameters
+    ----------
+    source : Scene, Trajectory, str or path
+        A scene, a run, the name of a packaged scene, or the path of either.
+    directory : path
+        Is made if it does not exist.
+    dt : float or str
+        Longest time step [s]; each stage takes the next shorter one that divides it. "auto" follows
+        the stiffest mode of the bed as it stands and as it is squeezed evenly to the piston's
+        lowest height; "auto/2" is half of it.
+    overwrite : bool
+        Whether files of these names may be replaced.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        If LAMMPS cannot carry the scene, a file exists or cannot be written, or the source cannot
+        be read.
+    """
+    scene, run = _opened(source)
+    check_scene(scene)
+    start = _scene_start(scene) if run is None else _run_start(run)
+    deck = _deck(scene, start, dt)
+    directory = Path(directory)
+    contents = {
+        "in.granular": (f"{line}\n" for line in script(deck)),
+        "bed.data": _data(deck, start),
+        "pairs.table": _pair_tables(deck),
+        "walls.table": _wall_tables(deck),
+    }
+    return _write(directory, contents, overwrite)
+
+
+def _opened(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory | None]:
+    if isinstance(source, Scene):
+        return source, None
+    if not isinstance(source, Trajectory):
+        if not is_run(Path(source)):
+            return load_scene(source), None
+        source = load_trajectory(source)
+    return source.scene, opened(source)
+
+
+def _scene_start(scene: Scene) -> _Start:
+    height = None if scene.piston is None else scene.piston.height
+    everyone = np.arange(scene.grains.count)
+    return _Start(0.0, height, everyone, *initial_motion(scene), tuple(_legs(scene, 0, height)))
+
+
+def _run_start(run: Trajectory) -> _Start:
+    """The last frame, and the stages that it leaves."""
+    (frame,) = bed_frames(run, [run.dataset.sizes["frame"] - 1])
+    behind = [one for one in run.stages if one.reason != "cut" and one.end <= frame.time]
+    height, begun, place = frame.height, frame.time, len(behind)
+    if place < len(run.stages):
+        now = run.stages[place]
+        begun = now.start
+        if height is not None:
+            height = float(run.piston(now.name).height[0])
+    legs = tuple(_legs(run.scene, place, height, frame.time - begun))
+    return _Start(frame.time, frame.height, frame.grains, frame.position, frame.velocity, legs)
+
+
+def _legs(scene: Scene, place: int, height: float | None, done: float = 0.0) -> Iterator[Leg]:
+    """The stages from one on, which begins (or is under way) with the piston at a height [m]."""
+    for stage in scene.protocol[place:]:
+        one = leg(stage, height, done)
+        yield one
+        height, done = None if one.path is None else one.path.end, 0.0
+
+
+def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
+    scales = Scales.of(scene.grains)
+    paths = [one.path for one in start.legs if one.path is not None]
+    top = float(start.positions[:, 1].max()) if start.height is None else start.height
+    deck = Deck(
+        scene=scene,
+        scales=scales,
+        charges=tuple((one.diameter / scales.length) ** 2 for one in scene.grains.species),
+        legs=start.legs,
+        piston=start.height,
+        height=max([top, *(one.highest for one in paths)]),
+        step=math.inf,
+        time=start.time,
+    )
+    return deck._replace(step=_time_step(deck, start, dt))
+
+
+def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
+    """The time step [s] that is given, or that the bed's stiffest modes allow."""
+    from granular.simulation import checked_step
+
+    asked = checked_step(dt, deck.scene.grains.count)
+    if asked.seconds is not None:
+        return asked.seconds
+    highest = max(_squeezed(deck, start), _colliding(deck, start)) * deck.scales.rate
+    return min(deck.scene.output.scalars, asked.fraction / highest if highest else math.inf)
+
+
+def _squeezed(deck: Deck, start: _Start) -> float:
+    """Highest frequency of the bed as it stands, and evenly squeezed by the piston [1/tau]."""
+    unit = deck.scales.length
+    place, width = start.positions / unit, deck.scene.cell.width / unit
+    charge = np.array(deck.charges)[deck.scene.grains.assignment()[start.grains]]
+    if deck.cut is None:
+        charge *= 0.0
+    height = deck.height if start.height is None else start.height
+    heights = [one.path.lowest for one in deck.legs if one.path is not None]
+    shares = {1.0, *(low / height for low in heights)}
+    return max(
+        stiffest_frequency(place * [1.0, share], charge, deck.sides, width, height * share / unit)
+        for share in (1.0, min(shares))
+    )
+
+
+def _colliding(deck: Deck, start: _Start) -> float:
+    """Highest frequency of a collision at the speed that grains can reach [1/tau]."""
+    gravity = deck.scene.effects.gravity
+    fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
+    speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
+    speed += max((one.path.speed for one in deck.legs if one.path is not None), default=0.0)
+    return collision_frequency(
+        speed / deck.scales.velocity,
+        min(deck.charges),
+        set(deck.sides.values()),
+        pairs=deck.cut is not None,
+    )
+
+
+def _data(deck: Deck, start: _Start) -> Iterator[str]:
+    """Grains, in the order of the scene and counted from 1."""
+    species = deck.scene.grains.assignment()[start.grains] + 1
+    depth = deck.scene.cell.separation
+    yield f"Scene {deck.scene.name!r} at {start.time:.9g} s\n\n"
+    yield f"{len(species)} atoms\n{len(deck.charges)} atom types\n\n"
+    sizes = (deck.scene.cell.width, deck.height)
+    for axis, size, place in zip("xy", sizes, start.positions.T, strict=True):
+        low, high = _box(place, size, deck.scales.length)
+        yield f"{low!r} {high!r} {axis}lo {axis}hi\n"
+    yield f"{-depth / 2.0!r} {depth / 2.0!r} zlo zhi\n\nAtoms # atomic\n\n"
+    columns = (start.grains + 1, species, *start.positions.T)
+    for row in zip(*(one.tolist() for one in columns), strict=True):
+        yield "{} {} {!r} {!r} 0\n".format(*row)
+    yield "\nVelocities\n\n"
+    for row in zip(*(one.tolist() for one in (start.grains + 1, *start.velocities.T)), strict=True):
+        yield "{} {!r} {!r} 0\n".format(*row)
+
+
+def _box(place: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
+    """The cell along an axis, and grains that stand outside of it where it is open [m]."""
+    return min(0.0, float(place.min()) - margin), max(cell, float(place.max()) + margin)
+
+
+def _pair_tables(deck: Deck) -> Iterator[str]:
+    if deck.cut is None:
+        return
+    nearest = NEAREST_PAIR * math.sqrt(min(deck.charges))
+    for first, second in deck.pairs():
+        charge = deck.charges[first - 1] * deck.charges[second - 1]
+        name = pair_name(first, second)
+        yield from pair_table(name, charge, nearest, deck.cut, deck.scales).lines("FPRIME")
+
+
+def _wall_tables(deck: Deck) -> Iterator[str]:
+    # LAMMPS reads one row beyond the last distance.
+    nearest, farthest = NEAREST_WALL * math.sqrt(min(deck.charges)), 1.001 * deck.wall_cut
+    for law in dict.fromkeys(deck.sides.values()):
+        for number, charge in enumerate(deck.charges, start=1):
+            name = wall_name(law, number)
+            yield from wall_table(name, law, charge, nearest, farthest, deck.scales).lines("FP")
+
+
+def _write(
+    directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bool
+) -> tuple[Path, ...]:
+    """All files appear together when the last one is complete."""
+    paths = {name: directory / name for name in contents}
+    make_directory(directory)
+    for path in paths.values():
+        check_target(path, overwrite)
+    with contextlib.ExitStack() as stack:
+        for name, lines in contents.items():
+            part = stack.enter_context(replacing(paths[name], overwrite))
+            with part.open("w", encoding="utf-8") as file:
+                file.writelines(lines)
+    return tuple(paths.values())

@@ -1,0 +1,248 @@
+"""The input script of LAMMPS for a scene, as text."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from granular.export.lammps_stages import Leg
+from granular.export.lammps_tables import FARTHEST_WALL
+from granular.scales import Scales
+from granular.scene import Scene
+
+PAIR_BITS, WALL_ROWS = 16, 100_000
+"""Size of the tables that LAMMPS looks up: 2^16 rows spaced as floating-point numbers are, read by
+straight lines, for pairs; even steps, read by splines, for walls."""
+
+FACES = {"left": "xlo", "right": "xhi", "bottom": "ylo", "top": "yhi"}
+
+OPEN_MARGIN = 2.0
+"""Where a side is open, pairs are summed up to this many diagonals of the cell."""
+
+
+class Deck(NamedTuple):
+    """What the script is written from.
+
+    Attributes
+    ----------
+    scene : Scene
+    scales : Scales
+    charges : tuple of float
+        Moment and mass of each species over those of the first one.
+    legs : tuple of Leg
+    piston : float or None
+        Its height at the start [m].
+    height : float
+        Of the piston, or of the bed where there is none: the greatest of the run [m].
+    step : float
+        Longest time step [s].
+    time : float
+        Of the start [s].
+    """
+
+    scene: Scene
+    scales: Scales
+    charges: tuple[float, ...]
+    legs: tuple[Leg, ...]
+    piston: float | None
+    height: float
+    step: float
+    time: float
+
+    @property
+    def sides(self) -> dict[str, str]:
+        """The law of each wall that there is."""
+        walls = self.scene.effects.walls
+        if walls is None:
+            return {}
+        found = {side: getattr(walls, side) for side in FACES}
+        if self.scene.piston is None:
+            del found["top"]
+        return {side: wall.law for side, wall in found.items() if wall is not None}
+
+    @property
+    def cut(self) -> float | None:
+        """Where the pairs end [D]: the cut-off, or beyond the cell's diagonal."""
+        if self.scene.effects.dipole is None:
+            return None
+        radius = self.scene.pairs.radius(self.scales.length)
+        diagonal = math.hypot(self.scene.cell.width, self.height) / self.scales.length
+        closed = len(self.sides) == len(FACES)
+        return radius or diagonal * (1.0 if closed else OPEN_MARGIN)
+
+    @property
+    def wall_cut(self) -> float:
+        """Where the walls' force ends [D]."""
+        longest = max(self.scene.cell.width, self.height) / self.scales.length
+        return min(FARTHEST_WALL, longest * OPEN_MARGIN)
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """The pairs of species, counted from 1 as LAMMPS does."""
+        return list(itertools.combinations_with_replacement(range(1, len(self.charges) + 1), 2))
+
+
+def pair_name(first: int, second: int) -> str:
+    return f"PAIR_{first}_{second}"
+
+
+def wall_name(law: str, species: int) -> str:
+    return f"WALL_{law.upper()}_{species}"
+
+
+def script(deck: Deck) -> Iterator[str]:
+    """The lines of the input script."""
+    yield from _opening(deck)
+    yield from _pairs(deck)
+    yield from _walls(deck)
+    yield from _fields(deck)
+    yield from _output(deck)
+    for one in deck.legs:
+        yield from _stage(deck, one)
+
+
+def _opening(deck: Deck) -> Iterator[str]:
+    scene = deck.scene
+    yield f"# Scene {scene.name!r}: {scene.grains.count} grains, in SI. Run it in parallel with"
+    yield "#   mpirun -np 2 lmp -in in.granular"
+    yield "# which writes the piston's record to piston.csv and the grains to frames.dump."
+    yield "units si"
+    yield "dimension 2"
+    yield "boundary m m p"
+    yield "atom_style atomic"
+    yield "read_data bed.data"
+    yield f"reset_timestep 0 time {deck.time!r}"
+    for number in range(1, len(deck.charges) + 1):
+        yield f"group species{number} type {number}"
+    yield ""
+
+
+def _pairs(deck: Deck) -> Iterator[str]:
+    length, count = deck.scales.length, deck.scene.grains.count
+    if deck.cut is None:
+        yield f"pair_style zero {length!r}"
+        yield "pair_coeff * *"
+    else:
+        yield f"pair_style table bitmap {PAIR_BITS}"
+        for first, second in deck.pairs():
+            name = pair_name(first, second)
+            yield f"pair_coeff {first} {second} pairs.table {name} {deck.cut * length!r}"
+    yield f"neighbor {length!r} bin"
+    # With all pairs summed, every other grain is a neighbour.
+    most = max(2000, count)
+    yield f"neigh_modify every 1 delay 0 check yes one {most} page {max(100_000, 10 * most)}"
+    yield ""
+
+
+def _walls(deck: Deck) -> Iterator[str]:
+    if not deck.sides:
+        return
+    places = {"left": "0.0", "right": repr(deck.scene.cell.width), "bottom": "0.0"}
+    if "top" in deck.sides:
+        yield f"variable height equal {deck.piston!r}"
+    reach = deck.wall_cut * deck.scales.length
+    for number in range(1, len(deck.charges) + 1):
+        walls = " ".join(
+            f"{FACES[side]} {places.get(side, 'v_height')} walls.table "
+            f"{wall_name(law, number)} {reach!r}"
+            for side, law in deck.sides.items()
+        )
+        yield f"fix walls{number} species{number} wall/table spline {WALL_ROWS} {walls}"
+        yield f"fix_modify walls{number} energy yes"
+    for place, side in enumerate(deck.sides, start=1):
+        terms = "+".join(f"f_walls{k}[{place}]" for k in range(1, len(deck.charges) + 1))
+        # LAMMPS counts forces along the axes, the record outwards.
+        outwards = "" if side in ("right", "top") else "-"
+        yield f"variable force_{side} equal {outwards}({terms})"
+    yield ""
+
+
+def _fields(deck: Deck) -> Iterator[str]:
+    """Gravity, drag and shaking, and the masses that make the step of drag exact."""
+    effects, count = deck.scene.effects, len(deck.charges)
+    if effects.drag is not None:
+        yield "# The leapfrog step takes the drag of fix viscous exactly, as the flow of force and"
+        yield "# drag over a whole step, if masses are longer by c dt/(1 - exp(-c dt)); c: rate."
+        yield f"variable rate equal {effects.drag.coefficient / deck.scales.mass!r}"
+    rate = "v_rate" if effects.drag is not None and effects.drag.coefficient > 0.0 else None
+    stretch = f"{rate}*dt/(1.0-exp(-{rate}*dt))" if rate else "1.0"
+    yield f"variable stretch equal {stretch}"
+    for number, charge in enumerate(deck.charges, start=1):
+        yield f"variable mass{number} equal {charge * deck.scales.mass!r}*v_stretch"
+    yield "compute motion all ke"
+    yield "variable kinetic equal c_motion/v_stretch"
+    if effects.drag is not None:
+        shares = " ".join(f"scale {k + 1} {deck.charges[k]!r}" for k in range(1, count))
+        yield f"fix drag all viscous {effects.drag.coefficient!r} {shares}".rstrip()
+    if effects.gravity is not None:
+        yield f"variable weight equal {effects.gravity.acceleration!r}/v_stretch"
+        yield "fix gravity all gravity v_weight vector 0 -1 0"
+        yield "fix_modify gravity energy yes"
+    if effects.shaking is not None:
+        shaking = effects.shaking
+        omega = 2.0 * math.pi * shaking.frequency
+        size = shaking.amplitude * omega**2
+        yield f"variable swing equal {size!r}*sin({omega!r}*time)/v_stretch"
+        along = f"{math.cos(shaking.angle)!r} {math.sin(shaking.angle)!r} 0"
+        yield f"fix swing all gravity v_swing vector {along}"
+    yield "fix plane all enforce2d"
+    yield "fix motion all nve"
+    yield "fix share all balance 1000 1.1 shift xy 20 1.05"
+    yield ""
+
+
+def _records(deck: Deck) -> tuple[int, int]:
+    """Steps from record to record, and records from frame to frame."""
+    output = deck.scene.output
+    return max(1, math.ceil(output.scalars / deck.step - 1e-9)), output.frames_every
+
+
+def _output(deck: Deck) -> Iterator[str]:
+    every, frames = _records(deck)
+    columns = {"time [s]": "time"}
+    if "top" in deck.sides:
+        columns |= {"height [m]": "height", "force [N]": "force_top"}
+    columns |= {f"force_{side} [N]": f"force_{side}" for side in deck.sides if side != "top"}
+    values = ",".join(f"${{{name}}}" for name in columns.values())
+    yield "variable time equal time"
+    shown = " ".join(f"v_{name}" for name in list(columns.values())[1:])
+    yield f"thermo_style custom step time pe v_kinetic {shown}".rstrip()
+    yield f"thermo {every * frames}"
+    yield f"dump frames all custom {every * frames} frames.dump id type x y vx vy fx fy"
+    yield "dump_modify frames sort id format float %.17g time yes units yes"
+    yield "variable t equal 0.0"
+    yield f"timestep {_step(deck)!r}"
+    yield from _masses(deck)
+    yield "run 0"
+    yield f'print "{",".join(columns)}" file piston.csv screen no'
+    # With a number in place of v_next, records would come twice where two stages meet; the title
+    # is the record of the start.
+    yield f"variable next equal step+{every}"
+    yield f'fix record all print v_next "{values}" append piston.csv screen no title {values}'
+    yield ""
+
+
+def _masses(deck: Deck) -> Iterator[str]:
+    for number in range(1, len(deck.charges) + 1):
+        yield f"mass {number} ${{mass{number}}}"
+
+
+def _step(deck: Deck) -> float:
+    """The longest step that divides the distance of the records [s]."""
+    return deck.scene.output.scalars / _records(deck)[0]
+
+
+def _stage(deck: Deck, one: Leg) -> Iterator[str]:
+    yield f"# Stage {one.name}: {one.kind}, {one.left:g} s"
+    if one.path is not None and "top" in deck.sides:
+        yield f"variable height equal {one.path.formula}"
+    if one.left <= 0.0:
+        return
+    steps = max(1, math.ceil(one.left / _step(deck) - 1e-6))
+    begun = f"+{one.done!r}" if one.done else ""
+    yield f"variable t equal elapsed*dt{begun}"
+    yield f"timestep {one.left / steps!r}"
+    yield from _masses(deck)
+    yield f"run {steps}"
+    yield ""

@@ -1,0 +1,167 @@
+"""The stages of a protocol as formulas of LAMMPS, and what it cannot carry."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from granular.export.lammps_tables import WALL_EXPONENTS
+from granular.protocol import Descend, Follow, Lift, Move, Oscillate, Stage
+from granular.protocol.stage import Timed
+from granular.scene import Scene
+
+
+class PistonPath(NamedTuple):
+    """How a stage moves the piston.
+
+    Attributes
+    ----------
+    formula : str
+        Of its height [m] in ``v_t``, the time since the stage's start [s].
+    lowest, highest, end : float
+        Bounds of the height, and the height at the stage's end [m].
+    speed : float
+        Greatest speed [m/s].
+    """
+
+    formula: str
+    lowest: float
+    highest: float
+    end: float
+    speed: float
+
+
+class Leg(NamedTuple):
+    """A stage, or what is left of it.
+
+    Attributes
+    ----------
+    name, kind : str
+    path : PistonPath or None
+        None without a piston.
+    done, span : float
+        How much of the stage lies behind, and its whole length [s].
+    """
+
+    name: str
+    kind: str
+    path: PistonPath | None
+    done: float
+    span: float
+
+    @property
+    def left(self) -> float:
+        """What is left of the stage [s]."""
+        return max(0.0, self.span - self.done)
+
+
+def check_scene(scene: Scene) -> None:
+    """Refuse what a LAMMPS deck cannot carry.
+
+    Raises
+    ------
+    InputError
+    """
+    effects, walls = scene.effects, scene.effects.walls
+    if scene.grains.count == 0:
+        raise InputError("grains.count = 0; LAMMPS needs at least 1 grain")
+    for name, why in (
+        ("friction", "LAMMPS has no dry friction that lets grains stick under this load"),
+        ("contact", "the dashpot of a contact is no function of the distance alone"),
+    ):
+        if getattr(effects, name) is not None:
+            raise InputError(
+                f"effects.{name} cannot be exported to LAMMPS: {why}; leave it out "
+                f"(--set effects.{name}=none) or run the scene here"
+            )
+    for side in ("left", "right", "bottom", "top"):
+        wall = None if walls is None else getattr(walls, side)
+        if wall is not None and wall.law not in WALL_EXPONENTS:
+            raise InputError(
+                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: near its "
+                f"ends it depends on two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
+            )
+    if scene.pairs.chosen == "verlet-list":
+        raise InputError(
+            "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "
+            "take 'cut-off' with the same radius"
+        )
+
+
+def check_stage(stage: Stage) -> None:
+    """Refuse a stage that does not prescribe the piston for a known time.
+
+    Raises
+    ------
+    InputError
+    """
+    what, only = f"stage {stage.name!r} cannot be exported to LAMMPS", None
+    if stage.needs_mass:
+        only = "its piston is free, LAMMPS takes a prescribed one; drive it (follow) or hold it"
+    elif isinstance(stage, Timed) and stage.until is not None:
+        only = f"it ends at {stage.until}, at no known time; give it a duration instead of 'until'"
+    elif stage.limits_force:
+        only = "it ends at a force, at no known time; leave until_force out"
+    if only is not None:
+        raise InputError(f"{what}: {only}")
+
+
+def leg(stage: Stage, height: float | None, done: float = 0.0) -> Leg:
+    """A stage that begins with the piston at a height [m], and is ``done`` for so long [s].
+
+    Raises
+    ------
+    InputError
+        If LAMMPS cannot carry the stage.
+    """
+    check_stage(stage)
+    kind = type(stage).__name__.lower()
+    span = stage.span(0.0 if height is None else height)
+    if span is None:
+        raise InputError(
+            f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS"
+        )
+    path = None if height is None else _path(stage, height, span)
+    return Leg(stage.name, kind, path, done, span)
+
+
+def _path(stage: Stage, height: float, span: float) -> PistonPath:
+    if isinstance(stage, Move):
+        speed = (stage.to - height) / span if span else 0.0
+        formula = f"{height!r}+({speed!r})*v_t"
+        low, high = sorted((height, stage.to))
+        return PistonPath(formula, low, high, stage.to, abs(speed))
+    if isinstance(stage, Descend):
+        rate, whole = stage.steepness / span, math.expm1(stage.steepness)
+        reach = (height - stage.to) / whole
+        formula = f"{height!r}-({reach!r})*(exp({rate!r}*v_t)-1.0)"
+        speed = abs(reach) * rate * (whole + 1.0)
+        low, high = sorted((height, stage.to))
+        return PistonPath(formula, low, high, stage.to, speed)
+    if isinstance(stage, Oscillate):
+        omega, reach = 2.0 * math.pi * stage.frequency, stage.amplitude
+        formula = f"{height!r}+{reach!r}*sin({omega!r}*v_t)"
+        end = height + reach * math.sin(omega * span)
+        return PistonPath(formula, height - reach, height + reach, end, reach * omega)
+    if isinstance(stage, Follow):
+        return _table(stage)
+    if isinstance(stage, Lift):
+        height += stage.by
+    return PistonPath(repr(height), height, height, height, 0.0)
+
+
+def _table(stage: Follow) -> PistonPath:
+    """A sum over the rows: from each on, the slope changes."""
+    times, heights = stage.times, stage.heights
+    slopes = (np.diff(heights) / np.diff(times)).tolist()
+    changes = np.diff([0.0, *slopes]).tolist()
+    terms = [
+        f"({change!r})*(v_t>{time!r})*(v_t-{time!r})"
+        for change, time in zip(changes, times, strict=False)
+    ]
+    formula = "+".join([repr(heights[0]), *terms])
+    fastest = max(map(abs, slopes))
+    return PistonPath(formula, min(heights), max(heights), heights[-1], fastest)

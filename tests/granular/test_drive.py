@@ -1,0 +1,102 @@
+"""Records of driven runs carry what drives them, as the equations of motion have it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, simulate
+
+MASS, GRAVITY = 2.0, 9.8
+BASE = ("base_height", "base_velocity", "base_acceleration")
+
+
+def empty(*stages: dict[str, Any], **changes: Any) -> Scene:
+    """A heavy piston over a cell without grains."""
+    return Scene.from_plain(
+        {
+            "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
+            "cell": {"width": "60 mm"},
+            "piston": {"height": "120 mm", "mass": MASS},
+            "effects": {"gravity": {}},
+            "protocol": list(stages),
+            "output": {"scalars": 1e-4, "frames": 0.01},
+        }
+    ).replace(**changes)
+
+
+def acceleration(time: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """At the inner samples, by second differences; the samples are evenly spaced."""
+    return np.diff(height, 2) / np.diff(time)[0] ** 2
+
+
+def test_a_shaken_cell_lends_its_motion() -> None:
+    """Seen from the base, the piston falls and the base's motion is taken away: z'' = -g - b''."""
+    angle = 0.6
+    scene = empty(
+        {"kind": "free", "name": "fall", "duration": 0.05},
+        **{"effects.shaking": {"amplitude": 0.002, "frequency": 25.0, "angle": angle}},
+    )
+    record = simulate(scene, progress=False).piston()
+    assert tuple(record.extra) == BASE
+    found = acceleration(record.time, record.height)
+    assert found == pytest.approx(-GRAVITY - record.extra["base_acceleration"][1:-1], abs=2e-3)
+    assert record.extra["base_height"].max() == pytest.approx(0.002 * math.sin(angle), rel=1e-3)
+    for name, rate in itertools.pairwise(BASE):
+        slope = np.gradient(record.extra[name], record.time)[2:-2]
+        assert slope == pytest.approx(record.extra[rate][2:-2], abs=2e-4 * np.ptp(slope))
+
+
+def test_a_push_lends_its_force() -> None:
+    """M z'' = -M g + F, with a phase that counts from the stage's start; 0 in other stages."""
+    scene = empty(
+        {"kind": "hold", "name": "wait", "duration": 0.0123},
+        {"kind": "push", "name": "push", "mean": 3.0, "amplitude": 5.0, "frequency": 40.0,
+         "duration": 0.04},
+        {"kind": "free", "name": "fall", "duration": 0.01},
+    )  # fmt: skip
+    run = simulate(scene, progress=False)
+    record = run.piston("push")
+    assert record.extra["outer_force"][0] == pytest.approx(3.0)
+    found = acceleration(record.time[:300], record.height[:300])
+    force = record.extra["outer_force"][1:299]
+    assert found == pytest.approx(-GRAVITY + force / MASS, abs=1e-3)
+    whole = run.piston().extra["outer_force"]
+    stage = run.dataset["stage"].values
+    assert np.count_nonzero(whole) == pytest.approx(np.count_nonzero(stage == 1), abs=2)
+    assert "outer_force" not in run.piston("fall").extra
+
+
+def test_a_piston_that_is_not_driven_has_no_further_columns() -> None:
+    run = simulate(empty({"kind": "free", "name": "fall", "duration": 0.01}), progress=False)
+    assert run.piston().extra == {}
+
+
+def test_a_law_with_an_input_fits_a_shaken_damper(small_damper: Scene) -> None:
+    """The inertial force of the base is what the law lacks without the column."""
+    from reduced_models import fit
+
+    scene = small_damper.replace(
+        **{
+            "effects.shaking": {"amplitude": "0.05 D", "frequency": 5.0},
+            "protocol": [
+                {"kind": "free", "name": "settle", "duration": 3.0},
+                {"kind": "free", "name": "shaken", "duration": 3.0},
+            ],
+            "output.record": "shaken",
+        }
+    )
+    record = simulate(scene, progress=False).piston()
+    left = "z'' + 2*lam*z' + k*(z - rest) + b*(z - rest)**2 = "
+    model = fit(record, f"{left}-base_acceleration", holdout=0.3)
+    assert model.law.inputs == ("base_acceleration",)
+    assert model.quality.holdout < 0.05
+    # The frequency is that of the same damper let go, 6.2 Hz, not that of the shaker.
+    assert model.at_rest.period == pytest.approx(0.161, rel=0.03)
+    with pytest.warns(UserWarning, match="the law or the fit is not right"):
+        without = fit(record, f"{left}0*base_height", holdout=0.3)
+    assert without.quality.holdout > 5.0 * model.quality.holdout

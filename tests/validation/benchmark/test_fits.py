@@ -1,0 +1,27 @@
+"""What the benchmark of fits measures is a fit that found the truth."""
+
+from __future__ import annotations
+
+import pytest
+
+from validation.benchmark.fits import TRUTHS, FitError, fits, measured_here
+
+
+def test_a_measured_fit_is_a_good_one() -> None:
+    found = measured_here("linear", 500, 2)
+    assert len(found["warm"]) == 2
+    assert max(found["warm"]) < found["first"]
+    assert 0.0 < found["error"] < 0.01
+    assert found["converged"] > 0.8
+
+
+def test_truths_name_all_parameters() -> None:
+    from reduced_models.laws import law_named
+
+    for name, truth in TRUTHS.items():
+        assert set(truth.parameters) == set(law_named(name).parameters)
+
+
+def test_a_process_that_fails_says_why() -> None:
+    with pytest.raises(FitError, match="KeyError"):
+        fits("tea-leaves", 500, 0)

@@ -1,0 +1,121 @@
+"""The benchmark's parts can be chosen, go on where they stopped, and are shown as measured."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from granular.errors import InputError
+from granular.pairs.section import METHODS
+from validation.__main__ import parser
+from validation.benchmark import PARTS, programme
+from validation.benchmark.engine import PAIR_METHODS
+from validation.benchmark.page import SHEETS, benchmark_text, growth
+from validation.benchmark.process import ProcessError
+
+ROWS: dict[str, dict[str, Any]] = {
+    "sums": {"sum": "direct sum", "grains": 368, "seconds": 3e-5, "ns per pair": 0.44,
+             "times plain": 8.0, "over direct": 1.0, "error": 1e-15},
+    "lists": {"sum": "cut-off", "grains": 368, "seconds": 2e-5, "ns per pair": 0.8,
+              "times plain": 6.0},
+    "methods": {"method": "direct", "grains": 368, "seconds": 3e-5, "times direct": 1.0},
+    "errors": {"method": "cut-off", "grains": 368, "force error": 1e-3, "energy drift": 1e-7},
+    "threads": {"method": "direct", "grains": 1472, "threads": 2, "seconds": 3e-4,
+                "times one": 1.7, "same bits": True},
+    "effects": {"effect": "drag", "grains": 368, "seconds": 4e-5, "added": 1e-6, "share": 0.03},
+    "absent": {"effects": "dipole", "grains": 92, "by hand": 1e-6, "engine": 1e-6, "ratio": 1.0},
+    "memory": {"method": "direct", "grains": 5888, "bytes": 3e8, "of 92 grains": 2e8},
+    "start": {"start": "cold run", "seconds": 20.0},
+    "protocol": {"seed": 1, "speed": 8.33e-3, "seconds": 40.0, "simulated": 316.9,
+                 "steps": 633800, "force": 15.3, "half distance": 10.9},
+    "fits": {"law": "linear", "samples": 1000, "cold": 9.0, "next process": 3.0, "warm": 0.1,
+             "error": 1e-3, "converged": 1.0},
+}  # fmt: skip
+"""A row of each part, as it is measured."""
+
+
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Made-up measurements of direct sums at three counts; how many were made."""
+    made: list[int] = []
+
+    def piece(count: int) -> tuple[dict[str, Any], Callable[[], list[dict[str, Any]]]]:
+        def measure() -> list[dict[str, Any]]:
+            made.append(count)
+            if count == 8000:
+                raise ProcessError("LAMMPS ended with 1: too much")
+            return [ROWS["sums"] | {"grains": count, "seconds": 1e-9 * count**2}]
+
+        return {"grains": count}, measure
+
+    counts = (1000, 2000, 4000, 8000)
+    monkeypatch.setitem(programme._WORK, "sums", lambda full: map(piece, counts))
+    return made
+
+
+def test_every_part_is_planned_and_shown() -> None:
+    assert set(PARTS) == set(programme._WORK) == set(SHEETS) == set(ROWS)
+
+
+def test_results_are_written_and_found_again(measured: list[int], tmp_path: Path) -> None:
+    found = programme.benchmark(str(tmp_path), parts=["sums"], progress=False)
+    assert found["growth"][0]["exponent"] == pytest.approx(2.0)
+    assert found["growth"][0]["counts"] == 3
+    kept = json.loads((tmp_path / "benchmark.json").read_text())
+    assert [one["rows"][0]["grains"] for one in kept["parts"]["sums"][:3]] == [1000, 2000, 4000]
+    html = (tmp_path / "benchmark.html").read_text()
+    assert "direct sum" in html
+    assert "<svg" in html
+    assert "LAMMPS ended with 1: too much" in html
+    programme.benchmark(str(tmp_path), parts=["sums"], progress=False)
+    assert measured == [1000, 2000, 4000, 8000]
+
+
+def test_text_shows_the_rows_and_what_failed(measured: list[int]) -> None:
+    found = programme.benchmark(None, parts=["sums"], progress=False)
+    text = benchmark_text(found)
+    assert "grains 8000 failed: ProcessError: LAMMPS ended with 1: too much" in text
+    assert "2.000" in text
+    assert SHEETS["lists"].title not in text
+
+
+@pytest.mark.parametrize("part", ROWS)
+def test_every_part_has_a_table_and_a_place_on_the_page(part: str, tmp_path: Path) -> None:
+    results = {part: [{"rows": [ROWS[part]]}]}
+    found = {"parts": results, "growth": growth(results), "missing": [], "machine": {"cores": "2"},
+             "full": False}  # fmt: skip
+    assert SHEETS[part].title in benchmark_text(found)
+    programme._save(found, tmp_path)
+    assert SHEETS[part].title in (tmp_path / "benchmark.html").read_text()
+
+
+def test_growth_needs_three_large_counts() -> None:
+    rows = [ROWS["methods"] | {"grains": n, "seconds": 1e-8 * n} for n in (92, 368, 1000, 2000)]
+    assert growth({"methods": [{"rows": rows}]}) == []
+    rows.append(ROWS["methods"] | {"grains": 5000, "seconds": 5e-5})
+    (found,) = growth({"methods": [{"rows": rows}]})
+    assert found["exponent"] == pytest.approx(1.0)
+
+
+def test_every_method_of_pairs_takes_part() -> None:
+    assert set(PAIR_METHODS) == set(METHODS) - {"auto"}
+    planned = {key["method"] for key, _ in programme._WORK["memory"](True)}
+    assert planned == set(PAIR_METHODS)
+
+
+def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("here")
+    with pytest.raises(InputError, match="cannot be written"):
+        programme.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
+
+
+def test_command_line_chooses_parts() -> None:
+    options = parser().parse_args(["benchmark", "--part", "sums", "--part", "start", "--full"])
+    assert options.parts == ["sums", "start"]
+    assert options.full
+    with pytest.raises(InputError, match="invalid choice: 'nothing'"):
+        parser().parse_args(["benchmark", "--part", "nothing"])

@@ -1,0 +1,113 @@
+"""Tables of the report that answer at a glance, on results made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from granular.html import Page
+from validation.convergence import ConvergenceResult, Slope
+from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome
+from validation.sections import (
+    choices,
+    convergence_holds,
+    slopes,
+    source_section,
+    stability_matrix,
+)
+from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExperiment, SourceRun
+from validation.work_precision import USUAL, Point, Setting, WorkPrecision
+
+
+def result(
+    problem: str, method: str, order: int, slope: float | None, finest: float = 0.01
+) -> ConvergenceResult:
+    fit = None if slope is None else Slope(slope, (slope, slope), 0, 1)
+    return ConvergenceResult(
+        problem, method, order, True, (0.1, finest), (1.0, 0.1), 1e-3, fit, (0.1, 0.1)
+    )
+
+
+@pytest.mark.parametrize(
+    ("method", "order", "slope", "holds"),
+    [
+        ("stormer-verlet", 2, 2.019, True),
+        ("stormer-verlet", 2, 2.021, False),
+        ("adaptive-verlet", 2, 1.979, False),
+        ("pefrl", 4, 3.91, True),
+        ("pefrl", 4, 3.89, False),
+        ("yoshida-6", 6, None, False),
+        ("kahan-li-8", 8, None, True),
+    ],
+)
+def test_a_slope_holds_within_its_tolerance(
+    method: str, order: int, slope: float | None, holds: bool
+) -> None:
+    assert convergence_holds(result("bounce", method, order, slope)) is holds
+
+
+def test_a_slope_over_less_than_a_decade_does_not_hold() -> None:
+    assert not convergence_holds(result("bounce", "pefrl", 4, 4.0, finest=0.02))
+    assert convergence_holds(result("bounce", "kahan-li-8", 8, 8.0, finest=0.02))
+
+
+def test_slopes_stand_in_rows_by_order() -> None:
+    found = slopes([
+        result("bounce", "pefrl", 4, 4.001), result("bounce", "symplectic-euler", 1, 1.0),
+        result("drag", "symplectic-euler", 1, 1.5),
+    ])  # fmt: skip
+    assert found.header == ("method", "order", "bounce", "drag")
+    assert found.rows == (
+        ("symplectic-euler", "1", "1.000", "1.500 (!)"),
+        ("pefrl", "4", "4.001", ""),
+    )
+
+
+def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> Outcome:
+    said = "EnergyError: step 3: off" if kind == STOPPED else ""
+    return Outcome(case, "stormer-verlet", dt, kind, error, 0.1, said, allowed, 1.0)
+
+
+def test_outcomes_stand_in_a_row_a_case() -> None:
+    found = stability_matrix([
+        ended("drop", "auto", ACCURATE, 0.02), ended("limit", "0.5", STOPPED, math.nan),
+        ended("drop", "auto*4", DEGRADED, 0.5, allowed=False),
+        ended("drop", "auto/4", ACCURATE, 0.0),
+    ])  # fmt: skip
+    assert found.header == ("case", "its own settings", "auto*4", "auto/4")
+    assert found.rows == (
+        ("drop", "0.2", "degraded and said so (!)", "0"),
+        ("limit", "EnergyError", "", ""),
+    )
+
+
+def test_choices_say_their_share_of_the_default_time() -> None:
+    coarse = Point(Setting("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
+    usual = Point(Setting(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
+    study = WorkPrecision("bed", "energy", "1", None, (coarse, usual), 0.0, "the value 0")
+    good, none = choices([study]).rows
+    assert good[2:] == ("1 %", "stormer-verlet", "auto*4", "0.005", "1", "0.25")
+    assert none[2:4] == ("1e-6", "none reaches it")
+    (_, below) = choices(
+        [WorkPrecision("bed", "energy", "1", None, (coarse, usual), 1e-3, "")]
+    ).rows
+    assert below[3] == "below the scatter of starts"
+
+
+def test_source_section_tells_slope_scatter_and_peaks() -> None:
+    """Errors of h^2 without rounding: relative to the finest of 4, 2, 1 they are 15 and 3."""
+    runs = [
+        SourceRun(form, h, 0.1 + error * h * h, error * h * h, 1.0, (1e-9, -2e-9), (0.2, 0.1, 0.2))
+        for form, error in ((PLAIN, 1e4), (COMPENSATED, 1e3), (TOOLKIT, 1e3))
+        for h in (4e-6, 2e-6, 1e-6)
+    ]
+    one = SourceExperiment(tuple(runs))
+    assert one.slope(COMPENSATED) == pytest.approx(2.0)
+    assert one.slope_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
+    assert one.scatter_to_finest(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
+    page = Page("page")
+    source_section(page, [one.to_dict()])
+    assert "slope 2.0000" in page.render()
+    assert "makes a slope of 2.322" in page.render()
+    assert "difference of two peaks is 3.0e-09 m" in page.render()

@@ -1,0 +1,127 @@
+"""How long a fit takes: with nothing compiled, in a later process, and again in the same one.
+
+Each law is fitted to records of its own motion with noise, in processes of its own
+(``python -m validation.benchmark.fits``), the first of which finds an empty store of compiled code.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.errors import GranularError
+
+DURATION = 40.0
+"""Of a record, in the laws' own time unit: about seven periods."""
+NOISE = 0.01
+"""Of a record, in its standard deviations."""
+
+
+class FitError(GranularError):
+    """A process that fits has failed."""
+
+
+class Truth(NamedTuple):
+    """The motion of a law: its parameters, and z at the start, from rest."""
+
+    parameters: Mapping[str, float]
+    start: float
+
+
+TRUTHS = {
+    "van-der-pol-like": Truth({"alpha": 0.17, "omega": 1.05, "g0": -1.0}, 1.0),
+    "linear": Truth({"lam": 0.05, "omega": 1.05, "g0": -1.0}, 1.0),
+    "duffing": Truth({"lam": 0.05, "omega": 1.05, "rest": 0.5, "beta": 0.8}, 2.0),
+    "polynomial-spring": Truth({"lam": 0.05, "k1": 1.1, "rest": 0.5, "k2": -0.3, "k3": 0.3}, 2.5),
+}
+
+
+def fits(law: str, samples: int, rounds: int = 7) -> list[dict[str, Any]]:
+    """Seconds of the first fit, of the first one in a later process, and of further ones.
+
+    Parameters
+    ----------
+    law : str
+        One of `TRUTHS`.
+    samples : int
+        Of a record.
+    rounds : int
+        Further fits, each of another record.
+
+    Returns
+    -------
+    list of one dict
+        ``cold``, ``next process``, ``warm`` (the median) [s]; ``error``, the greatest relative
+        error of a parameter in the median of the records; ``converged``, the least share of random
+        starts that led to a fit.
+
+    Raises
+    ------
+    FitError
+        If a process fails.
+    """
+    with tempfile.TemporaryDirectory() as store:
+        cold = _measured(law, samples, rounds, store)
+        later = _measured(law, samples, 0, store)
+    return [
+        {
+            "law": law,
+            "samples": samples,
+            "cold": cold["first"],
+            "next process": later["first"],
+            "warm": statistics.median(cold["warm"]),
+            "error": cold["error"],
+            "converged": cold["converged"],
+        }
+    ]
+
+
+def _measured(law: str, samples: int, rounds: int, store: str) -> dict[str, Any]:
+    command = [sys.executable, "-m", "validation.benchmark.fits", law, str(samples), str(rounds)]
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": store}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        complaint = done.stderr.strip().splitlines()
+        raise FitError(f"the fit of {law} failed: {complaint[-1] if complaint else 'no words'}")
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
+    """Seconds of the first fit and of some further ones in this process, and how good they are."""
+    from granular.record import PistonRecord
+    from reduced_models.fitting import fit
+    from reduced_models.laws import law_named
+    from reduced_models.rollout import motion
+
+    truth, shape = TRUTHS[law], law_named(law)
+    values = [truth.parameters[name] for name in shape.parameters]
+    times = np.linspace(0.0, DURATION, samples)
+    clean = motion(shape, times, truth.start, 0.0, values, 1.0).z
+    seconds, errors, converged = [], [], []
+    for seed in range(1 + rounds):
+        noise = np.random.default_rng(seed).normal(0.0, NOISE * clean.std(), samples)
+        record = PistonRecord(times, clean + noise)
+        begun = time.perf_counter()
+        model = fit(record, law)
+        seconds.append(time.perf_counter() - begun)
+        errors.append([model.parameters[name] / truth.parameters[name] - 1.0
+                       for name in shape.parameters])  # fmt: skip
+        converged.append(model.quality.converged / model.quality.starts)
+    worst = float(np.abs(np.median(np.abs(errors), axis=0)).max())
+    return {
+        "first": seconds[0], "warm": seconds[1:], "error": worst, "converged": min(converged),
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    print(json.dumps(measured_here(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))))

@@ -1,0 +1,64 @@
+"""Measurements that need a process of their own: peak memory, and starts with and without a cache.
+
+``python -m validation.benchmark.fresh GRAINS METHOD`` prints the peak memory of a few steps.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from validation.benchmark.process import finished
+
+WORDS = ("-m", "granular", "run", "bed", "--t-end", "0.01", "--dt", "2.5e-5", "--quiet")
+"""A short run of the packaged bed on the command line: 400 steps."""
+
+
+def peak_memory(count: int, method: str) -> list[dict[str, Any]]:
+    """Largest memory [bytes] of a process that makes and advances a bed."""
+    command = [sys.executable, "-m", "validation.benchmark.fresh", str(count), method]
+    return [{"method": method, "grains": count, **json.loads(finished(command))}]
+
+
+def starts() -> list[dict[str, Any]]:
+    """Wall time [s] of a process that imports, of one that compiles, and of one that need not."""
+    with tempfile.TemporaryDirectory() as cache:
+        store = {"NUMBA_CACHE_DIR": cache}
+        timed = {
+            "import granular": _seconds(("-c", "import granular"), {}),
+            "cold run: everything is compiled": _seconds(WORDS, store),
+            "warm run: compiled code is on disk": _seconds(WORDS, store),
+        }
+    return [{"start": name, "seconds": seconds} for name, seconds in timed.items()]
+
+
+def _seconds(words: Sequence[str], environment: Mapping[str, str]) -> float:
+    begun = time.perf_counter()
+    finished([sys.executable, *words], environment)
+    return time.perf_counter() - begun
+
+
+def _measure(count: int, method: str) -> dict[str, int]:
+    import resource
+
+    from validation.benchmark.engine import EngineSteps, bed_of
+
+    def peak() -> int:
+        # Linux counts in KiB, macOS in bytes.
+        unit = 1 if sys.platform == "darwin" else 1024
+        return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    small = EngineSteps(bed_of(92, {"pairs.method": method}))
+    small.make(16)
+    before = peak()
+    engine = EngineSteps(bed_of(count, {"pairs.method": method}))
+    engine.make(16)
+    return {"bytes": peak(), "of 92 grains": before}
+
+
+if __name__ == "__main__":
+    print(json.dumps(_measure(int(sys.argv[1]), sys.argv[2])))

@@ -1,0 +1,50 @@
+"""OpenMM on the benchmark's arrangements: the dipoles as a custom force between all pairs."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from granular.effects import dipole
+
+PLATFORMS = ("Reference", "CPU")
+"""In double precision, plain; in single precision, vectorised."""
+
+
+def missing() -> str | None:
+    """Why OpenMM cannot be run here; None where it can."""
+    if importlib.util.find_spec("openmm") is None:
+        return "OpenMM is not installed; pip install openmm"
+    return None
+
+
+def steps(
+    positions: np.ndarray, platform: str
+) -> tuple[Callable[[], None], Callable[[], np.ndarray]]:
+    """A call that makes one step on one core, and the forces (n, 2) [F*].
+
+    Lengths are in D in place of nm; the grains are so heavy that they stay.
+    """
+    import openmm
+
+    system, force = openmm.System(), openmm.CustomNonbondedForce(f"{dipole.ENERGY}/r^3")
+    force.setNonbondedMethod(openmm.CustomNonbondedForce.NoCutoff)
+    for _ in positions:
+        system.addParticle(1e12)
+        force.addParticle([])
+    system.addForce(force)
+    threads = {"Threads": "1"} if platform == "CPU" else {}
+    integrator = openmm.VerletIntegrator(1e-6)
+    context = openmm.Context(
+        system, integrator, openmm.Platform.getPlatformByName(platform), threads
+    )
+    context.setPositions(np.column_stack([positions, np.zeros(len(positions))]))
+
+    def forces() -> np.ndarray:
+        found: Any = context.getState(getForces=True).getForces(asNumpy=True)
+        return np.asarray(found._value)[:, :2]
+
+    return lambda: integrator.step(1), forces

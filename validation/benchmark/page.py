@@ -1,0 +1,220 @@
+"""The benchmark's results for people: tables on the console, tables and plots on a page."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.html import Page
+from granular.plotting import figure
+from validation.benchmark.compression import PUBLISHED
+from validation.benchmark.sums import exponent
+from validation.parts import FAILED, Plain
+from validation.table import Table, table
+
+LINEAR_FROM = 1000
+"""Grains from which the growth of the time is fitted."""
+
+Row = Mapping[str, Any]
+
+
+class Sheet(NamedTuple):
+    """How a part is shown.
+
+    Attributes
+    ----------
+    title : str
+    columns : tuple of (str, callable)
+        Header, and what makes a row's cell.
+    label : str or None
+        Key of the rows that names a curve of time against grains.
+    """
+
+    title: str
+    columns: tuple[tuple[str, Callable[[Row], str]], ...]
+    label: str | None = None
+
+
+def _plain(key: str) -> tuple[str, Callable[[Row], str]]:
+    return key, lambda row: str(row[key])
+
+
+def _number(
+    key: str, form: str = ".2f", header: str | None = None, scale: float = 1.0
+) -> tuple[str, Callable[[Row], str]]:
+    return header or key, lambda row: format(scale * row[key], form) if key in row else ""
+
+
+def _bytes_a_grain(row: Row) -> str:
+    return f"{(row['bytes'] - row['of 92 grains']) / row['grains']:.0f}"
+
+
+_MICROSECONDS = _number("seconds", ".2f", "us", 1e6)
+
+_SUMS = (
+    _plain("sum"), _plain("grains"), _MICROSECONDS, _number("ns per pair", ".3f"),
+    _number("times plain", ".3f", "times as fast as the plain loop"),
+)  # fmt: skip
+
+SHEETS: dict[str, Sheet] = {
+    "sums": Sheet(
+        "All pairs: one sum, or a step of another program",
+        (
+            *_SUMS,
+            _number("over direct", ".2f", "time / the direct sum's"),
+            _number("error", ".1e", "error / sum |f|"),
+        ),
+        "sum",
+    ),
+    "lists": Sheet("Pairs within 11.26 D, lists made anew as grains move", _SUMS, "sum"),
+    "methods": Sheet(
+        "A whole step of the engine, by method of summing pairs",
+        (_plain("method"), _plain("grains"), _MICROSECONDS,
+         _number("times direct", ".2f", "times as fast as the direct sum")),
+        "method",
+    ),
+    "errors": Sheet(
+        "What a method of summing pairs leaves, against the direct sum",
+        (_plain("method"), _plain("grains"),
+         _number("force error", ".1e", "largest force error / rms sum |f|"),
+         _number("energy drift", ".1e", "energy, over that turned over, in 2000 steps")),
+    ),
+    "threads": Sheet(
+        "A whole step with one thread and two",
+        (_plain("method"), _plain("grains"), _plain("threads"), _MICROSECONDS,
+         _number("times one", ".2f", "times as fast as one"), _plain("same bits")),
+    ),
+    "effects": Sheet(
+        "A whole step with dipoles and walls, and what each effect adds",
+        (_plain("effect"), _plain("grains"), _MICROSECONDS,
+         _number("added", "+.2f", "added us", 1e6), _number("share", "+.1f", "added %", 100.0)),
+    ),
+    "absent": Sheet(
+        "A step of the engine and by hand, without the effects left out",
+        (("effects that act", lambda row: str(row["effects"])), _plain("grains"),
+         _number("by hand", ".2f", "by hand us", 1e6), _number("engine", ".2f", "engine us", 1e6),
+         _number("ratio", ".3f")),
+    ),
+    "memory": Sheet(
+        "Peak memory of a process that runs a bed",
+        (_plain("method"), _plain("grains"), _number("bytes", ".1f", "MB", 1e-6),
+         _number("of 92 grains", ".1f", "MB before, with 92 grains", 1e-6),
+         ("bytes a grain", _bytes_a_grain)),
+    ),
+    "start": Sheet("Start on the command line", (_plain("start"), _number("seconds", ".2f", "s"))),
+    "protocol": Sheet(
+        "The published protocol, 368 grains: relaxation 5 T, compression, expansion, relaxation",
+        (_plain("seed"), _number("speed", ".4g", "speed [m/s]"),
+         _number("seconds", ".1f", "wall time [s]"),
+         _number("simulated", ".1f", "simulated [s]"), _plain("steps"),
+         _number("force", ".2f", f"force [N], published {PUBLISHED['force']}"),
+         _number("half distance", ".2f",
+                 f"half mean distance [D], published {PUBLISHED['half distance']}")),
+    ),
+    "fits": Sheet(
+        "A fit at 1 % noise: nothing compiled, in a later process, and again",
+        (_plain("law"), _plain("samples"), _number("cold", ".2f", "cold [s]"),
+         _number("next process", ".2f", "next process [s]"), _number("warm", ".3f", "warm [s]"),
+         _number("error", ".1e"), _number("converged", ".2f", "starts that led to it")),
+    ),
+}  # fmt: skip
+
+_GROWTH = Sheet(
+    f"Growth of the time from {LINEAR_FROM} grains on: time ~ grains^",
+    (_plain("part"), _plain("what"), _number("exponent", ".3f"),
+     _number("interval", ".3f", "+- (95 %)"), _plain("counts")),
+)  # fmt: skip
+
+
+def rows_of(results: Sequence[Plain]) -> list[Row]:
+    """The rows of a part's pieces that did not fail."""
+    return [row for one in results if FAILED not in one for row in one["rows"]]
+
+
+def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
+    """Exponents of time against the number of grains, with their 95 % intervals.
+
+    Fitted from `LINEAR_FROM` grains on, where there are three counts or more.
+    """
+    found = []
+    for part, results in parts.items():
+        label, rows = SHEETS[part].label, rows_of(results)
+        if label is None:
+            continue
+        for name in dict.fromkeys(row[label] for row in rows):
+            chosen = [row for row in rows if row[label] == name and row["grains"] >= LINEAR_FROM]
+            if len(chosen) > 2:
+                counts = np.array([row["grains"] for row in chosen], dtype=np.float64)
+                slope, half = exponent(counts, np.array([row["seconds"] for row in chosen]))
+                found.append(
+                    {"part": part, "what": name, "exponent": slope, "interval": half,
+                     "counts": len(chosen)}
+                )  # fmt: skip
+    return found
+
+
+def _table(sheet: Sheet, rows: Sequence[Row]) -> Table:
+    return table(
+        [header for header, _ in sheet.columns],
+        [[cell(row) for _, cell in sheet.columns] for row in rows],
+    )
+
+
+def _sections(found: Mapping[str, Any]) -> list[tuple[Sheet, list[Row], list[str]]]:
+    """Each part's sheet, its rows, and what failed."""
+    sections = []
+    for name, results in found["parts"].items():
+        failures = [f"{one['label']} failed: {one[FAILED]}" for one in results if FAILED in one]
+        sections.append((SHEETS[name], rows_of(results), failures))
+    return [*sections, (_GROWTH, found["growth"], [])]
+
+
+def benchmark_text(found: Mapping[str, Any]) -> str:
+    """The tables, for the console."""
+    lines = []
+    for sheet, rows, failures in _sections(found):
+        if rows or failures:
+            lines += [sheet.title, _table(sheet, rows).text() if rows else "", *failures, ""]
+    lines += [f"not measured: {one['what']}: {one['why']}" for one in found["missing"]]
+    return "\n".join([*lines, _machine(found)])
+
+
+def _machine(found: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} {value}" for key, value in found["machine"].items())
+
+
+def page(found: Mapping[str, Any]) -> Page:
+    """The page."""
+    shown = Page("Speed", "Least times of several, taken in turn; all of a table in one run.")
+    for sheet, rows, failures in _sections(found):
+        if rows or failures:
+            shown.section(sheet.title)
+            for words in failures:
+                shown.note(words)
+        if rows:
+            made = _table(sheet, rows)
+            shown.table(made.header, made.rows)
+            _draw(shown, sheet, rows)
+    for one in found["missing"]:
+        shown.note(f"Not measured: {one['what']}: {one['why']}.")
+    when = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    kind = "full" if found["full"] else "quick"
+    shown.footer(f"Made on {when} ({kind}) with {_machine(found)}")
+    return shown
+
+
+def _draw(shown: Page, sheet: Sheet, rows: Sequence[Row]) -> None:
+    if sheet.label is None:
+        return
+    with figure() as (drawing, axes):
+        for name in dict.fromkeys(row[sheet.label] for row in rows):
+            chosen = [row for row in rows if row[sheet.label] == name]
+            times = [1e6 * row["seconds"] for row in chosen]
+            axes.loglog([row["grains"] for row in chosen], times, "o-", label=name)
+        axes.set_xlabel("grains")
+        axes.set_ylabel("time [us]")
+        axes.legend(fontsize=7)
+        shown.figure(drawing, sheet.title)

@@ -1,0 +1,43 @@
+"""Other processes that measure."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from granular.errors import GranularError
+
+
+class ProcessError(GranularError):
+    """A process that measures has failed."""
+
+
+def finished(
+    command: Sequence[str], environment: Mapping[str, str] | None = None, place: Path | None = None
+) -> str:
+    """What a command prints.
+
+    Parameters
+    ----------
+    command : sequence of str
+    environment : mapping of str to str, optional
+        Added to this process's.
+    place : Path, optional
+        Directory to run it in.
+
+    Raises
+    ------
+    ProcessError
+        If it ends with another code than 0.
+    """
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=place,
+        env=os.environ | dict(environment or {}),
+    )  # fmt: skip
+    if done.returncode != 0:
+        lines = (done.stdout + done.stderr).strip().splitlines() or ["no words"]
+        words = next((line for line in lines if line.startswith("ERROR")), lines[-1])
+        raise ProcessError(f"{' '.join(command)} ended with {done.returncode}: {words}")
+    return done.stdout

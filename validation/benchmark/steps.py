@@ -1,0 +1,146 @@
+"""Whole steps of the engine: by method of pairs, by number of threads, and effect by effect."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from functools import partial
+from typing import Any
+
+import numba
+import numpy as np
+
+from granular import evaluate, simulate
+from granular.arrangement import initial_motion
+from granular.errors import EnergyError
+from granular.pairs.direct import PARTED_FROM
+from granular.scales import Scales
+from granular.scene import Scene
+from validation.benchmark.engine import PAIR_METHODS, EngineSteps, bed_of
+from validation.benchmark.timing import least_seconds
+
+STEPS = 32
+"""Steps timed together, so that they share what is done once in several steps."""
+
+DRIFT_STEPS = 2000
+"""Steps over which the energy is watched."""
+
+EFFECTS: dict[str, dict[str, Any]] = {
+    "dipole, walls": {},
+    "no walls": {"effects.walls": None},
+    "infinite walls": {f"effects.walls.{side}": "infinite" for side in ("left", "right", "top")},
+    "slabs below and above": {"effects.walls.bottom": "slab", "effects.walls.top": "slab"},
+    "gravity": {"effects.gravity": {}},
+    "drag": {"effects.drag": {}},
+    "dry friction": {"effects.friction": {}},
+    "contact": {"effects.contact.modulus": 1e7},
+    "shaking": {"effects.shaking": {"amplitude": "0.1 mm", "frequency": 20.0}},
+    "two species": {
+        "grains.species": [
+            {"name": "big", "diameter": "6 mm", "share": 0.5},
+            {"name": "small", "diameter": "4 mm", "share": 0.5},
+        ]
+    },
+}
+"""What is added to (or taken from) a bed with dipoles and walls alone."""
+
+_BARE: dict[str, Any] = {"effects.gravity": None, "effects.drag": None}
+
+
+def method_steps(count: int, rounds: int) -> list[dict[str, Any]]:
+    """Time of a step [s] by each method of summing pairs, on one core; grains move."""
+    engines = {
+        name: EngineSteps(bed_of(count, {"pairs.method": name})) for name in PAIR_METHODS
+    }  # fmt: skip
+    calls = {name: partial(engine.make, STEPS) for name, engine in engines.items()}
+    found = least_seconds(calls, rounds=rounds, seconds=0.0)
+    return [
+        {"method": name, "grains": count, "seconds": time / STEPS,
+         "times direct": found["direct"] / time}
+        for name, time in found.items()
+    ]  # fmt: skip
+
+
+def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
+    """Time of a step [s] with one and two threads, by each method of summing pairs."""
+    if numba.config.NUMBA_NUM_THREADS < 2 or count < PARTED_FROM:
+        return []
+    rows = []
+    for name in PAIR_METHODS:
+        scene = bed_of(count, {"pairs.method": name})
+        engines = {threads: EngineSteps(scene, threads) for threads in (1, 2)}
+        calls = {str(k): partial(engine.make, STEPS) for k, engine in engines.items()}
+        found = least_seconds(calls, rounds=rounds, seconds=0.0)
+        alike = bool((engines[1].run.state.x == engines[2].run.state.x).all())
+        rows += [
+            {"method": name, "grains": count, "threads": int(k), "seconds": time / STEPS,
+             "times one": found["1"] / time, "same bits": alike}
+            for k, time in found.items()
+        ]  # fmt: skip
+    return rows
+
+
+def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
+    """Time of a step [s] with each effect, and what it adds to one with dipoles and walls alone."""
+    engines = {
+        name: EngineSteps(bed_of(count, _BARE | changes)) for name, changes in EFFECTS.items()
+    }
+    steps = max(STEPS, math.ceil(2e7 / count**2))
+    calls = {name: partial(engine.make, steps) for name, engine in engines.items()}
+    found = least_seconds(calls, rounds=rounds, seconds=0.0)
+    base = next(iter(found.values()))
+    return [
+        {"effect": name, "grains": count, "seconds": time / steps, "added": (time - base) / steps,
+         "share": time / base - 1.0}
+        for name, time in found.items()
+    ]  # fmt: skip
+
+
+def method_errors(count: int) -> list[dict[str, Any]]:
+    """What each method of summing pairs leaves of forces and energy."""
+    bare = _BARE | {"arrangement.speed": "0.1 D/s"}
+    scenes = {name: bed_of(count, bare | {"pairs.method": name}) for name in PAIR_METHODS}
+    positions, _ = initial_motion(scenes["direct"])
+    exact, scale = evaluate(scenes["direct"], positions), _magnitude(scenes["direct"], positions)
+    rows = []
+    for name, scene in scenes.items():
+        found = evaluate(scene, positions)
+        error = np.linalg.norm(found.force - exact.force, axis=1).max() / scale
+        rows.append(
+            {"method": name, "grains": count, "force error": float(error),
+             "energy drift": _drift(scene)}
+        )  # fmt: skip
+    return rows
+
+
+def _magnitude(scene: Scene, positions: np.ndarray) -> float:
+    """Root mean square over the grains of the sum of |f| of their pairs [N]."""
+    scales = Scales.of(scene.grains)
+    place, sums = positions / scales.length, np.zeros(len(positions))
+    for i in range(len(place)):
+        r2 = ((place[i] - place) ** 2).sum(axis=1)
+        r2[i] = np.inf
+        sums[i] = (0.75 / r2**2).sum()
+    return float(np.sqrt((sums**2).mean()) * scales.force)
+
+
+def _drift(scene: Scene) -> float:
+    """How far the ledger of a run without dissipation is off, over the energy turned over.
+
+    Of a run that was stopped for that, where it stopped.
+    """
+    dt = 0.02 * Scales.of(scene.grains).time
+    scene = scene.replace(
+        **{
+            "protocol": [{"kind": "hold", "name": "hold", "duration": DRIFT_STEPS * dt}],
+            "output": {"scalars": 20.0 * dt, "frames": DRIFT_STEPS * dt},
+        }
+    )
+    with warnings.catch_warnings():
+        # What a poor sum does to the energy is measured here, not warned of.
+        warnings.simplefilter("ignore")
+        try:
+            run = simulate(scene, dt=dt, threads=1, progress=False)
+        except EnergyError as stop:
+            return math.nan if stop.value is None else stop.value
+    return float(run.settings()["ledger_residual"])

@@ -1,0 +1,186 @@
+"""Figures that need no bed: constants, the single grain, the slab, the oscillator."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular.scene import Scene, load_scene
+from granular.studies.cases import measure_name
+
+Numbers = dict[str, float]
+
+TIMED_SIZES = (368, 460, 552, 644, 736)
+TIMED = 0.1
+"""Time that is simulated [s]."""
+
+OSCILLATOR_SPAN = 30.0
+"""Length of the record of the source's demonstration, which it does not print."""
+
+
+def default_grain(_: bool) -> Numbers:
+    """Mass [kg], moment [A m^2], and distance where the pair force is the weight [D]."""
+    from granular.scales import Scales
+
+    grains = load_scene("bed").grains
+    scales = Scales.of(grains)
+    volume = math.pi / 4.0 * grains.thickness * grains.species[0].diameter ** 2
+    weight = scales.mass * 9.8 / (scales.mass * scales.acceleration)
+    return {
+        "mass_kg": scales.mass,
+        "moment_A_m2": grains.remanence * volume / (4e-7 * math.pi),
+        "distance_where_force_is_weight": (0.75 / weight) ** 0.25,
+    }
+
+
+def packing(_: bool) -> Numbers:
+    """Packing fraction of the mixtures at full compression, the same for every R, and heights."""
+    from granular.beds import bidisperse
+    from granular.observables import packing_fraction
+
+    def height(scene: Scene) -> float:
+        found = scene.protocol[1].final_height()
+        assert found is not None
+        return found
+
+    scenes = [bidisperse(a, r) for a in (0.5, 0.6, 0.75) for r in (0.0, 0.5, 1.0)]
+    values = [packing_fraction(s.grains.diameters(), s.cell.width, height(s)) for s in scenes]
+    made = {"packing_fraction": float(np.mean(values)), "deviation": float(np.ptp(values))}
+    for aspect, big in ((0.6, 0.005), (0.5, 0.005), (0.75, 0.005), (0.75, 0.008)):
+        name = f"height {aspect:g}" + (" (6:8)" if big != 0.005 else "")
+        made[name] = height(bidisperse(aspect, 0.5, big=big)) / big
+    return made
+
+
+def single_particle(full: bool) -> Numbers:
+    """The source's test of its method; its finest steps only in full."""
+    from validation.source_experiment import COMPENSATED, PLAIN, source_experiment
+
+    found = source_experiment(full=full)
+    finest = found.of(PLAIN)[-1]
+    clean = found.of(COMPENSATED)[-1]
+    assert finest.peak_difference is not None
+    assert clean.peak_difference is not None
+    return {
+        "slope": found.slope(COMPENSATED),
+        "slope_to_finest": found.slope_to_finest(PLAIN),
+        "step": finest.step,
+        "peak_difference": finest.peak_difference,
+        "peak_difference_compensated": clean.peak_difference,
+    }
+
+
+def slab_exponent(_: bool) -> Numbers:
+    """Mean exponent of y = a x^b fitted to the slab's force, as in [D, Fig. 3.15].
+
+    L = 100 D, f from 0.005 to 0.995 in steps of 0.01, distances from 0.5 to 59 D in steps of 0.01.
+    """
+    from scipy.optimize import curve_fit
+
+    from granular.effects.wall_slab import normal_force
+
+    distances = np.arange(0.5, 59.005, 0.01)
+    fitted, logarithmic = [], []
+    for share in np.arange(0.005, 0.9951, 0.01):
+        ends = 100.0 * share, 100.0 * (1.0 - share)
+        force = np.array([normal_force(w, *ends) for w in distances])
+        start = (force[0] * 0.125, -3.0)
+        fitted.append(curve_fit(lambda x, a, b: a * x**b, distances, force, p0=start)[0][1])
+        logarithmic.append(np.polyfit(np.log(distances), np.log(force), 1)[0])
+    return {"exponent": float(np.mean(fitted)), "logarithmic": float(np.mean(logarithmic))}
+
+
+def oscillator(_: bool) -> Numbers:
+    """The demonstration of [D, eq. 5.8]: its motion, made from the formula, fitted again."""
+    from granular.record import PistonRecord
+    from reduced_models import fit
+
+    t = np.linspace(0.0, OSCILLATOR_SPAN, 1501)
+    z = np.cos(t - 0.0996) * np.exp(0.0503 * (0.0996 - t))
+    model = fit(PistonRecord(time=t, height=z), law="z'' + 2*lam*z' + omega**2*z = 0")
+    lam, omega = model.parameters["lam"], abs(model.parameters["omega"])
+    return {"decay": lam, "frequency": math.sqrt(omega**2 - lam**2)}
+
+
+def step_times(_: bool) -> Numbers:
+    """Processor time of a step [us] in beds at full compression, with every pair and with the list.
+
+    The least of three runs, which is the least disturbed one.
+    """
+    import time
+
+    from granular.simulation import simulate
+
+    def of(count: int, method: str) -> float:
+        scene, least = _held_bed(count, method), math.inf
+        simulate(scene, t_end=1e-3, threads=1, progress=False)  # compiles
+        for _ in range(3):
+            begun = time.process_time()
+            run = simulate(scene, t_end=TIMED, threads=1, progress=False)
+            least = min(least, (time.process_time() - begun) / run.settings()["steps"])
+        return 1e6 * least
+
+    ways = (("direct", "direct"), ("list", "verlet-list"))
+    return {f"{way} {n}": of(n, method) for n in TIMED_SIZES for way, method in ways}
+
+
+def _held_bed(count: int, method: str) -> Scene:
+    size = math.sqrt(count / 368.0)
+    return load_scene("bed").replace(
+        **{
+            "grains.count": count,
+            "cell.width": f"{60.0 * size} D",
+            "piston.height": f"{20.0 * size} D",
+            "arrangement.height": f"{19.0 * size} D",
+            "effects.drag": None,
+            "effects.friction": True,
+            "pairs.method": method,
+            "protocol": [{"name": "hold", "kind": "hold", "duration": "10 s"}],
+            "output": {"scalars": 0.02, "frames": 0.1},
+        }
+    )
+
+
+CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
+    one.__name__: one
+    for one in (default_grain, packing, single_particle, slab_exponent, oscillator, step_times)
+}
+
+
+def calculated(directory: Path, *, full: bool) -> None:
+    """Make all calculations that ``directory`` does not keep yet.
+
+    What the single grain gives depends on ``full``, and is kept apart. A calculation whose code
+    has changed is made anew.
+    """
+    place = directory / "calculations"
+    place.mkdir(parents=True, exist_ok=True)
+    for name, calculation in CALCULATIONS.items():
+        path = _path(directory, name, full)
+        if not path.is_file():
+            part = path.with_suffix(".part")
+            part.write_text(json.dumps(calculation(full)), encoding="utf-8")
+            part.replace(path)
+
+
+def kept(directory: Path) -> dict[str, Numbers]:
+    """The calculations that a directory keeps, the full ones where both are there."""
+    found: dict[str, Numbers] = {}
+    for name in CALCULATIONS:
+        for full in (False, True):
+            path = _path(directory, name, full)
+            if path.is_file():
+                found[name] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def _path(directory: Path, name: str, full: bool) -> Path:
+    calculation: Any = CALCULATIONS[name]
+    digest = measure_name(calculation).partition("#")[2]
+    length = "full" if full else "quick"
+    return directory / "calculations" / f"{name}-{length}-{digest}.json"

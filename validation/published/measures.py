@@ -1,0 +1,288 @@
+"""How ours is found from the results: figures of one series, and of several together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from granular.errors import InputError
+from validation.published.entry import Finding
+from validation.published.results import Results, Sample
+
+Measure = Callable[[Results], Finding | None]
+
+
+def mean_of(name: str, figure: str, scale: float = 1.0) -> Measure:
+    """Mean and deviation of a figure of one series."""
+
+    def measure(results: Results) -> Finding | None:
+        sample = results.sample(name, figure)
+        if sample is None:
+            return None
+        return sample._replace(values=scale * sample.values).finding()
+
+    return measure
+
+
+def calculation(name: str, figure: str) -> Measure:
+    """A number that needs no bed."""
+
+    def measure(results: Results) -> Finding | None:
+        value = results.number(name, figure)
+        return None if value is None else Finding(value)
+
+    return measure
+
+
+def together(
+    names: Sequence[str], figure: str, results: Results, protocol: str | None = None
+) -> list[Sample] | None:
+    """A figure of several series under one protocol, the best under which all were run."""
+    chosen = results.best(*names) if protocol is None else protocol
+    if chosen is None:
+        return None
+    found = [results.sample(name, figure, chosen) for name in names]
+    whole = [one for one in found if one is not None]
+    return whole if len(whole) == len(found) else None
+
+
+def percent_difference(count: int) -> Measure:
+    """Force with the list less that of the direct sum, in percent of the force with the list."""
+
+    def measure(results: Results) -> Finding | None:
+        found = together([f"direct {count}", f"list {count}"], "force", results)
+        if found is None:
+            return None
+        direct, listed = (one.finding() for one in found)
+        ratio = direct.value / listed.value
+        spread = _relative_spread(direct, listed)
+        return listed._replace(
+            value=100.0 * (1.0 - ratio),
+            spread=None if spread is None else 100.0 * ratio * spread,
+            starts=direct.starts + listed.starts,
+        )
+
+    return measure
+
+
+def _relative_spread(*findings: Finding) -> float | None:
+    known = [one.spread / one.value for one in findings if one.spread is not None]
+    return math.hypot(*known) if known else None
+
+
+class Line:
+    """The line of the mean force over the number of grains, as in [D, Table 5.1]."""
+
+    def __init__(self, way: str, sizes: Sequence[int]) -> None:
+        self.way, self.sizes = way, tuple(sizes)
+
+    def slope(self, results: Results) -> Finding | None:
+        return self._coefficient(results, 0)
+
+    def intercept(self, results: Results) -> Finding | None:
+        return self._coefficient(results, 1)
+
+    def r_squared(self, results: Results) -> Finding | None:
+        """Share of the means' variance that the line explains."""
+        found = self._samples(results)
+        if found is None:
+            return None
+        means = np.array([one.values.mean() for one in found])
+        left = means - self._matrix() @ (np.linalg.pinv(self._matrix()) @ means)
+        value = 1.0 - float(left @ left) / float(np.square(means - means.mean()).sum())
+        return self._finding(value, None, found)
+
+    def _samples(self, results: Results) -> list[Sample] | None:
+        return together([f"{self.way} {n}" for n in self.sizes], "force", results)
+
+    def _matrix(self) -> np.ndarray:
+        return np.stack([np.array(self.sizes, dtype=float), np.ones(len(self.sizes))], axis=1)
+
+    def _coefficient(self, results: Results, place: int) -> Finding | None:
+        found = self._samples(results)
+        if found is None:
+            return None
+        row = np.linalg.pinv(self._matrix())[place]
+        value = float(row @ [one.values.mean() for one in found])
+        spreads = [one.finding().spread or 0.0 for one in found]
+        return self._finding(value, float(np.linalg.norm(row * spreads)), found)
+
+    @staticmethod
+    def _finding(value: float, spread: float | None, found: list[Sample]) -> Finding:
+        starts = sum(len(one.values) for one in found)
+        return Finding(value, spread, starts, found[0].protocol, found[0].step)
+
+
+def asymptote(direct: Line, listed: Line) -> Measure:
+    """Percent by which the list falls short in a very large bed, by the two lines [D, eq. 5.5]."""
+
+    def measure(results: Results) -> Finding | None:
+        one, other = direct.slope(results), listed.slope(results)
+        if one is None or other is None:
+            return None
+        spread = _relative_spread(one, other)
+        ratio = one.value / other.value
+        return other._replace(
+            value=100.0 * (1.0 - ratio),
+            spread=None if spread is None else 100.0 * ratio * spread,
+            starts=one.starts + other.starts,
+        )
+
+    return measure
+
+
+def time_exponent(sizes: Sequence[int]) -> Measure:
+    """The b of time per step = a n^b with the list."""
+
+    def measure(results: Results) -> Finding | None:
+        times = [results.number("step_times", f"list {n}") for n in sizes]
+        known = [one for one in times if one is not None]
+        if len(known) < len(times):
+            return None
+        return Finding(float(np.polyfit(np.log(sizes), np.log(known), 1)[0]), protocol="timed")
+
+    return measure
+
+
+def time_saving(count: int) -> Measure:
+    """Share of the direct sum's time per step that the list saves."""
+
+    def measure(results: Results) -> Finding | None:
+        direct = results.number("step_times", f"direct {count}")
+        listed = results.number("step_times", f"list {count}")
+        if direct is None or listed is None:
+            return None
+        return Finding(1.0 - listed / direct, protocol="timed")
+
+    return measure
+
+
+def deviation_at_full(name: str) -> Measure:
+    """Standard deviation of the force at full compression over the starts [N]."""
+
+    def measure(results: Results) -> Finding | None:
+        sample = results.sample(name, "force")
+        if sample is None or len(sample.values) < 2:
+            return None
+        return sample.finding()._replace(value=float(sample.values.std(ddof=1)), spread=None)
+
+    return measure
+
+
+def greatest_deviation(name: str) -> Measure:
+    """Greatest deviation of the force anywhere in the cycle, over the mean greatest force."""
+
+    def measure(results: Results) -> Finding | None:
+        sample = results.sample(name, "force")
+        courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
+        if sample is None or any(one.ndim != 2 or len(one) < 2 for one in courses):
+            return None
+        course = np.concatenate(courses, axis=1)
+        value = float(course.std(axis=0, ddof=1).max() / course.max(axis=1).mean())
+        return sample.finding()._replace(value=value, spread=None)
+
+    return measure
+
+
+def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float) -> Measure:
+    """Greatest speed [mm/s] up to which the force is that of the reference, within ``allowed``."""
+
+    def measure(results: Results) -> Finding | None:
+        names = [f"speed {v:g}" for v in speeds]
+        found = together([reference, *names], "force", results)
+        if found is None:
+            return None
+        base = found[0].values.mean()
+        reached = 0.0
+        for speed, one in zip(speeds, found[1:], strict=True):
+            if abs(one.values.mean() / base - 1.0) > allowed:
+                break
+            reached = speed
+        return Line._finding(reached, None, found)
+
+    return measure
+
+
+def order_correlation(names: Sequence[str]) -> Measure:
+    """Pearson's correlation of Psi6 and the share of hexagons over beds at full compression."""
+
+    def measure(results: Results) -> Finding | None:
+        from granular.observables import pearson_correlation
+
+        orders = together(names, "psi6_full", results)
+        shares = together(names, "hexagons_full", results)
+        if orders is None or shares is None:
+            return None
+        pairs = [np.concatenate([one.values for one in some]) for some in (orders, shares)]
+        try:
+            value = pearson_correlation(pairs[0], pairs[1]).coefficient
+        except InputError:
+            return None
+        return Line._finding(value, None, orders)
+
+    return measure
+
+
+def least_of(measures: Sequence[Measure]) -> Measure:
+    """The least finding; of those that are there."""
+
+    def measure(results: Results) -> Finding | None:
+        found = [one for one in (each(results) for each in measures) if one is not None]
+        return min(found, key=lambda one: one.value) if found else None
+
+    return measure
+
+
+def force_ratio(name: str, last: str) -> Measure:
+    """Force of a mixture over that of its small grains alone."""
+
+    def measure(results: Results) -> Finding | None:
+        found = together([name, last], "force", results)
+        if found is None:
+            return None
+        one, other = (each.finding() for each in found)
+        spread = _relative_spread(one, other)
+        ratio = one.value / other.value
+        return one._replace(value=ratio, spread=None if spread is None else ratio * spread)
+
+    return measure
+
+
+def biexponential(ratios: Sequence[float], names: Sequence[str], place: int) -> Measure:
+    """A parameter (A, lambda1, B, lambda2) of the fit to F_max(R)/F_max(1) over all starts.
+
+    Its deviation is half the half-width of its interval of 95 %.
+    """
+
+    def measure(results: Results) -> Finding | None:
+        from granular.observables import biexponential_fit
+
+        found = together(names, "force", results)
+        if found is None:
+            return None
+        last = found[ratios.index(1.0)].values.mean()
+        x = np.concatenate([np.full(len(one.values), r) for r, one in zip(ratios, found)])  # noqa: B905
+        y = np.concatenate([one.values / last for one in found])
+        fit = biexponential_fit(x, y)
+        order, kind = divmod(place, 2)
+        # lambda1 < lambda2 in the source's table too.
+        value = (fit.amplitudes, fit.rates)[kind][order]
+        low, high = (fit.amplitude_intervals, fit.rate_intervals)[kind][order]
+        return Line._finding(float(value), float(high - low) / 4.0, found)
+
+    return measure
+
+
+def greatest_pair_difference(names: Sequence[str]) -> Measure:
+    """Greatest difference of the forces of two starts of the same bed [N]."""
+
+    def measure(results: Results) -> Finding | None:
+        found = together(names, "force", results)
+        if found is None:
+            return None
+        value = max(float(np.ptp(one.values[:2])) for one in found)
+        return Line._finding(value, None, found)
+
+    return measure

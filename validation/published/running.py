@@ -1,0 +1,135 @@
+"""The series of a plan through `granular.sweep`: what is done is found again, also after a kill."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from granular import sweep
+from granular.scene import Scene, load_scene
+from granular.studies.cases import make_cases
+from granular.studies.work import Outcome, read_outcome
+from validation.published.plan import Group
+from validation.published.series import Series
+
+METHOD = "stormer-verlet"
+
+
+def run_groups(
+    groups: Sequence[Group],
+    directory: Path,
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+    after: Callable[[], None] = lambda: None,
+) -> None:
+    """Run all groups, in their order.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    directory : Path
+        Keeps every outcome as soon as it is there.
+    workers : int, optional
+        How many processes; as many as there are processors if not given.
+    progress : bool
+        Show groups, cases and the time left on standard error.
+    after : callable
+        Called after each group.
+    """
+    clock = _Clock(groups, directory, workers or 1)
+    for place, group in enumerate(groups):
+        if progress:
+            print(clock.words(place), file=sys.stderr, flush=True)
+        for some in _alike(group.series):
+            sweep(
+                load_scene("bed"),
+                cases=_distinct(some),
+                measure=some[0].measure,
+                dt=some[0].step,
+                method=METHOD,
+                out=directory,
+                workers=workers,
+                progress=progress,
+            )
+        after()
+
+
+def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
+    """What is kept of the starts of a series; those not yet run are left out."""
+    found = (read_outcome(directory, key) for key in _keys(series))
+    return [one for one in found if one is not None]
+
+
+def _alike(series: Iterable[Series]) -> Iterator[list[Series]]:
+    """Series that one sweep can run: with the same step and measure."""
+
+    def kind(one: Series) -> tuple[str, str]:
+        return str(one.step), one.measure.__name__
+
+    for _, some in itertools.groupby(sorted(series, key=kind), kind):
+        yield list(some)
+
+
+def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
+    """The scenes of all starts as changes, each once."""
+    scenes = [one.scene(seed) for one in series for seed in one.seeds]
+    return [one.plain() for one in {scene.digest(): scene for scene in scenes}.values()]
+
+
+def _keys(series: Series) -> list[str]:
+    changes = [series.scene(seed).plain() for seed in series.seeds]
+    settings = {"dt": series.step, "t_end": None, "method": METHOD}
+    cases = make_cases(load_scene("bed"), {}, changes, settings, series.measure)
+    return [case.key for case in cases]
+
+
+class _Clock:
+    """The time that the groups will take, from what those before took."""
+
+    def __init__(self, groups: Sequence[Group], directory: Path, workers: int) -> None:
+        self._groups, self._begun = groups, time.monotonic()
+        self._costs = [sum(_left(one, directory) for one in group.series) for group in groups]
+        self._rate = _NOMINAL_RATE / workers
+
+    def words(self, place: int) -> str:
+        """Which group comes, and the time left."""
+        done, left = sum(self._costs[:place]), sum(self._costs[place:])
+        if done > 0.0:
+            self._rate = (time.monotonic() - self._begun) / done
+        title = self._groups[place].title
+        ahead = f"about {_time(self._rate * left)} left"
+        return f"group {place + 1} of {len(self._groups)}: {title}; {ahead}"
+
+
+_NOMINAL_RATE = 5e-10
+"""Seconds of one process for a pair of grains in one step."""
+_AUTOMATIC_STEP = 1e-4
+"""About, of a compressed bed [s]."""
+
+
+def _left(series: Series, directory: Path) -> float:
+    """Pairs times steps, about, of the starts of a series that were not run yet."""
+    waiting = len(series.seeds) - len(outcomes_of(series, directory))
+    return waiting * _pair_steps(series.scene(series.seeds[0]), series.step)
+
+
+def _pair_steps(scene: Scene, step: float | str) -> float:
+    seconds, height = 0.0, scene.piston.height if scene.piston is not None else 0.0
+    for stage in scene.protocol:
+        span = stage.span(height)
+        seconds += span if span is not None else 10.0
+        height = stage.final_height() or height
+    factor = float(str(step).partition("*")[2] or 1.0)
+    length = step if isinstance(step, float) else factor * _AUTOMATIC_STEP
+    return scene.grains.count**2 * seconds / length
+
+
+def _time(seconds: float) -> str:
+    if seconds < 5400.0:
+        return f"{max(1, round(seconds / 60.0))} min"
+    return f"{seconds / 3600.0:.1f} h"

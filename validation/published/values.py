@@ -1,0 +1,62 @@
+"""The published values, from ``values.toml``."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from granular.errors import InputError
+
+PATH = Path(__file__).parent / "values.toml"
+
+LABELS = ("source", "n", "aspect_ratio", "aspect", "steps")
+"""Keys that say what the other values of a section belong to."""
+
+_PLACE = re.compile(r"(.*)\[(\d+)\]")
+
+
+@cache
+def values() -> dict[str, dict[str, Any]]:
+    """All sections."""
+    return tomllib.loads(PATH.read_text(encoding="utf-8"))
+
+
+def published_value(key: str) -> Any:
+    """The value at a key such as ``"damper.van_der_pol_like.alpha"`` or ``"section.name[2]"``.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    match = _PLACE.fullmatch(key)
+    name, place = (match[1], int(match[2])) if match else (key, None)
+    found: Any = values()
+    try:
+        for part in name.split("."):
+            found = found[part]
+        return found if place is None else found[place]
+    except (KeyError, IndexError, TypeError):
+        raise InputError(f"{key!r} is no published value; see {PATH.name}") from None
+
+
+def keys() -> Iterator[str]:
+    """The keys of all values, labels left out."""
+    for section, entries in values().items():
+        for name, value in entries.items():
+            if name not in LABELS:
+                yield from _below(f"{section}.{name}", value)
+
+
+def _below(key: str, value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        for name, one in value.items():
+            yield from _below(f"{key}.{name}", one)
+    elif isinstance(value, list):
+        yield from (f"{key}[{place}]" for place in range(len(value)))
+    else:
+        yield key
