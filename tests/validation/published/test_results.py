@@ -69,8 +69,10 @@ def test_the_best_protocol_that_is_whole_counts() -> None:
 
 def test_figures_of_several_beds_are_of_one_protocol() -> None:
     direct = series("direct 368", force=[16.0] * 3)
-    both = [series(f"{way} 368", "quick", force=[f] * 3) for way, f in (("direct", 15.3),
-                                                                        ("list", 15.0))]
+    both = [
+        series(f"{way} 368", "quick", force=[f] * 3)
+        for way, f in (("direct", 15.3), ("list", 15.0))
+    ]
     finding = row(results(direct, *both), "piston_force_verlet.percent_difference[0]").found
     assert finding is not None
     assert finding.value == pytest.approx(100.0 * (15.0 - 15.3) / 15.0)

@@ -16,9 +16,7 @@ GIVEN = Path(__file__).parents[4] / "shared" / "published_values.toml"
 
 
 def covered() -> list[str]:
-    return [
-        key for one in entries() for key in (one.key, one.spread_key, *one.covers) if key
-    ]
+    return [key for one in entries() for key in (one.key, one.spread_key, *one.covers) if key]
 
 
 def test_every_value_has_one_entry() -> None:
