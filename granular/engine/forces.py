@@ -34,8 +34,9 @@ def _magnetic_forces(
         )  # fmt: skip
     if cut is not None:
         cut_sum(
-            state.near, cut.radius, cut.smooth, constants.grains, state.x, state.y,
-            state.fx, state.fy, constants.charge, stiffness, extremes, load, weight,
+            state.near, cut.radius, cut.smooth, constants.threaded, constants.grains,
+            state.x, state.y, state.fx, state.fy, constants.charge,
+            stiffness, extremes, load, weight,
         )  # fmt: skip
     if listing is not None:
         list_sum(
@@ -80,10 +81,9 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
 def _find_far_field(
     friction: FrictionLaw | None, far: FarForces, state: State, constants: Constants
 ) -> int:
-    if friction is None:
-        return find_far_forces(far, constants.grains, state.x, state.y, constants.charge, None)
+    weight = None if friction is None else friction.weight
     return find_far_forces(
-        far, constants.grains, state.x, state.y, constants.charge, friction.weight
+        far, constants.threaded, constants.grains, state.x, state.y, constants.charge, weight
     )
 
 

@@ -117,13 +117,16 @@ def _gather_load(far: FarForces, x: Array, y: Array, weight: Array, grains: int)
 
 @compiled
 def find_far_forces(
-    far: FarForces, grains: int, x: Array, y: Array, charge: Array | None, weight: Array | None
-) -> int:
+    far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
+    charge: Array | None, weight: Array | None,
+) -> int:  # fmt: skip
     """Forces and energy of the far part, and its load where grains rub; 1 where there is no room.
 
     Parameters
     ----------
     far : FarForces
+    threaded : bool or None
+        As in `granular.pairs.direct.direct_sum`.
     grains : int
     x, y, charge, weight
         As in `granular.pairs.direct.direct_sum`.
@@ -138,10 +141,10 @@ def find_far_forces(
         far.energy[0] = np.nan
         return 1
     spread(far.mesh, x, y, charge, grains)
-    find_potential(far.mesh)
+    find_potential(far.mesh, threaded)
     _gather_forces(far, x, y, charge, weight, grains)
     if weight is not None and charge is not None:
         spread(far.mesh, x, y, weight, grains)
-        find_potential(far.mesh)
+        find_potential(far.mesh, threaded)
         _gather_load(far, x, y, weight, grains)
     return 0

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
@@ -17,6 +18,9 @@ from granular.pairs.mesh_kernel import levels_over, mesh_tables
 
 LEFT, LOW, ACROSS, UP = range(4)
 """Entries of a window: its first point along both axes, and how many there are."""
+
+PARTS = 8
+"""Parts of a level's lines, which threads may take side by side."""
 
 _EDGE = 3
 """Points that a spline, and the coarser mesh below it, need beyond the grains."""
@@ -37,8 +41,8 @@ class Mesh(NamedTuple):
         Where each level's room begins.
     windows : int64 (levels, 4)
         See `LEFT` and the others.
-    row : float64 (q,)
-        Scratch of the convolution: a row with zeros on both sides.
+    rows : float64 (PARTS, q)
+        Scratch of the convolution: a row with zeros on both sides, for each part of its lines.
     """
 
     spacing: float
@@ -49,7 +53,7 @@ class Mesh(NamedTuple):
     potential: np.ndarray
     begins: np.ndarray
     windows: np.ndarray
-    row: np.ndarray
+    rows: np.ndarray
 
 
 def mesh_room(width: float, height: float, radius: float, spacing: float) -> Mesh:
@@ -72,7 +76,7 @@ def mesh_room(width: float, height: float, radius: float, spacing: float) -> Mes
         potential=np.zeros(begins[-1]),
         begins=np.array(begins),
         windows=np.zeros((levels, 4), dtype=np.int64),
-        row=np.zeros(longest + 2 * tables.rest.shape[1]),
+        rows=np.zeros((PARTS, longest + 2 * tables.rest.shape[1])),
     )
 
 
@@ -108,7 +112,7 @@ def _fits(mesh: Mesh, level: int) -> bool:
     room = mesh.begins[level + 1] - mesh.begins[level]
     return (
         window[ACROSS] * window[UP] <= room
-        and window[ACROSS] + 2 * mesh.rest.shape[1] <= mesh.row.size
+        and window[ACROSS] + 2 * mesh.rest.shape[1] <= mesh.rows.shape[1]
     )
 
 
@@ -236,15 +240,15 @@ def _add_columns(table: Array, row: Array, out: Array, pad: int) -> None:
 
 
 @compiled
-def _convolve(mesh: Mesh, level: int, whole: bool) -> None:
-    """The potential of a level's own sources: the band's, or the ``whole`` rest's."""
+def _convolve_lines(mesh: Mesh, level: int, whole: bool, part: int) -> None:
+    """The potential of a level's own sources on a part of its lines."""
     table = mesh.rest if whole else mesh.band
     scale = 0.125**level
     window, begin = mesh.windows[level], mesh.begins[level]
     across, up, pad = window[ACROSS], window[UP], table.shape[1]
-    source, row = mesh.source, mesh.row
+    source, row = mesh.source, mesh.rows[part]
     row[: across + 2 * pad] = 0.0
-    for line in range(up):
+    for line in range(part * up // PARTS, (part + 1) * up // PARTS):
         out = mesh.potential[begin + line * across : begin + (line + 1) * across]
         out[:] = 0.0
         for apart in range(min(len(table), up)):
@@ -266,13 +270,30 @@ def _convolve(mesh: Mesh, level: int, whole: bool) -> None:
 
 
 @compiled
-def find_potential(mesh: Mesh) -> None:
+def _convolve(mesh: Mesh, level: int, whole: bool) -> None:
+    """The potential of a level's own sources: the band's, or the ``whole`` rest's."""
+    for part in range(PARTS):
+        _convolve_lines(mesh, level, whole, part)
+
+
+@compiled(parallel=True)
+def _convolve_threaded(mesh: Mesh, level: int, whole: bool) -> None:
+    for part in numba.prange(PARTS):
+        _convolve_lines(mesh, level, whole, part)
+
+
+@compiled
+def find_potential(mesh: Mesh, threaded: bool | None) -> None:
     """The potential on the finest level of the sources there."""
     levels = len(mesh.windows)
     for level in range(1, levels):
         _restrict(mesh, level)
     for level in range(levels):
-        _convolve(mesh, level, level == levels - 1)
+        whole = level == levels - 1
+        if threaded is None:
+            _convolve(mesh, level, whole)
+        else:
+            _convolve_threaded(mesh, level, whole)
     for level in range(levels - 1, 0, -1):
         _prolong(mesh, level)
 

@@ -59,6 +59,7 @@ def plain_cut_sum(
     near: object,
     radius: float,
     smooth: bool | None,
+    threaded: bool | None,
     grains: int,
     x: Array,
     y: Array,

@@ -26,6 +26,7 @@ class Bed:
     """Grains, and room for their sums."""
 
     smooth: bool | None = None
+    threaded: bool | None = None
 
     def __init__(self, positions: np.ndarray, radius: float, *, charged: bool) -> None:
         self.count, self.radius = len(positions), radius
@@ -40,8 +41,8 @@ class Bed:
     def sums(self, function=cut_sum) -> np.ndarray:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
         function(
-            self.near, self.radius, self.smooth, self.count, self.x, self.y, out[0], out[1],
-            self.charge, out[2], extremes, out[3], self.weight,
+            self.near, self.radius, self.smooth, self.threaded, self.count, self.x, self.y,
+            out[0], out[1], self.charge, out[2], extremes, out[3], self.weight,
         )  # fmt: skip
         return np.concatenate([out[:, : self.count].ravel(), extremes])
 
@@ -109,6 +110,12 @@ def test_lists_made_again_give_the_same_bits() -> None:
         bed.x[:300] += drift[0]
         bed.y[:300] += drift[1]
         np.testing.assert_array_equal(bed.sums(), wanted)
+
+
+def test_threads_give_the_same_bits() -> None:
+    one, several = (Bed(scattered(3000, 5), 6.0, charged=True) for _ in range(2))
+    several.threaded = True
+    np.testing.assert_array_equal(several.sums(), one.sums())
 
 
 def test_memory_is_linear() -> None:

@@ -44,6 +44,8 @@ def test_far_part_is_the_law_outside_and_smooth_at_the_radius() -> None:
 class Bed:
     """A disturbed hexagonal bed at packing 0.241, as a full compression leaves it."""
 
+    threaded: bool | None = None
+
     def __init__(self, count: int, *, charged: bool = False, seed: int = 1) -> None:
         self.width, self.height = 60.0 * (count / 368) ** 0.5, 20.0 * (count / 368) ** 0.5
         apart = (2.0 / 3.0**0.5 * self.width * self.height / count) ** 0.5
@@ -67,7 +69,7 @@ class Bed:
     def far(self) -> FarForces:
         far = self.room()
         charge, weight = self.charge, self.weight
-        assert find_far_forces(far, self.count, self.x, self.y, charge, weight) == 0
+        assert find_far_forces(far, self.threaded, self.count, self.x, self.y, charge, weight) == 0
         return far
 
     @property
@@ -128,6 +130,15 @@ def test_lattice_stands_still() -> None:
     np.testing.assert_allclose(moved.fy, far.fy, atol=1e-13)
 
 
+def test_threads_give_the_same_bits() -> None:
+    bed = Bed(1472, charged=True)
+    one = bed.far()
+    bed.threaded = True
+    several = bed.far()
+    for name in ("fx", "fy", "load", "energy"):
+        np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
+
+
 def test_all_that_is_spread_arrives() -> None:
     bed = Bed(92, charged=True)
     far = bed.far()
@@ -140,17 +151,17 @@ def test_no_room_and_no_number() -> None:
     bed = Bed(92)
     room = bed.room()
     bed.y[3] += 1e3
-    assert find_far_forces(room, bed.count, bed.x, bed.y, None, None) == 1
+    assert find_far_forces(room, None, bed.count, bed.x, bed.y, None, None) == 1
     assert np.isnan(room.energy[0])
     bed.y[3] = np.nan
-    assert find_far_forces(bed.room(), bed.count, bed.x, bed.y, None, None) == 0
-    assert find_far_forces(room, 0, bed.x, bed.y, None, None) == 0
+    assert find_far_forces(bed.room(), None, bed.count, bed.x, bed.y, None, None) == 0
+    assert find_far_forces(room, None, 0, bed.x, bed.y, None, None) == 0
 
 
 def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
     x, y = padded_coordinates(np.array([[3.3, 4.4]]))
     far = far_forces_room(FarField(RADIUS, 20.0, 20.0, None), x.size, loaded=False)
-    assert find_far_forces(far, 1, x, y, None, None) == 0
+    assert find_far_forces(far, None, 1, x, y, None, None) == 0
     neighbour = 0.75 / 1.8**4
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
 

@@ -35,7 +35,7 @@ def test_fresh_list_is_the_cut_off() -> None:
     found = sums(list_sum, verlet_list_room(x.size), LISTING, 150, x, y)
 
     def plain(near: None, radius: float, *rest: object) -> None:
-        plain_cut_sum(near, radius, None, *rest)
+        plain_cut_sum(near, radius, None, None, *rest)
 
     wanted = sums(plain, None, LISTING.radius, 150, x, y)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
