@@ -1,20 +1,23 @@
 """Which law moves the damper? Laws trained on two lifts, judged on a third and on the drop.
 
 Run ``python notebooks/damper_laws.py [DIR]``: the damper is simulated with lifts of 0.2 D, 2 D and
-1.5 D (some minutes each; the first drop is the same in all of them); every built-in law is fitted
-to the first two records together and predicts the third, and the fall from 20 D, each from an
-initial state that the record's first period tells. DIR keeps records, table and report.
+1.5 D (some minutes each; the first drop is the same in all of them); every built-in law, and laws
+discovered in the first two records, are fitted to these two together and predict the third, and the
+fall from 20 D, each from an initial state that the record's first period tells. DIR keeps records,
+table and report.
 """
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from granular import PistonRecord, damper, simulate
-from reduced_models import Comparison, compare
+from granular.errors import GranularError
+from reduced_models import Comparison, ReducedModel, compare, discover
 from reduced_models.laws import LAWS
 from reduced_models.report import comparison_page
 
@@ -23,6 +26,7 @@ TRAINING, JUDGED = (0.2, 2.0), 1.5
 DIAMETER = 0.006
 PERIODS = 10.0
 SOURCE_LAW = "van-der-pol-like"
+METHODS: tuple[Literal["sindy", "operon"], ...] = ("sindy", "operon")
 
 
 def records(folder: Path) -> dict[str, PistonRecord]:
@@ -52,18 +56,34 @@ def amplitude_errors(table: Comparison, record: PistonRecord) -> dict[str, float
     return errors
 
 
+def discovered(training: list[PistonRecord]) -> list[ReducedModel]:
+    """What each method finds in both lifts together; a method that finds nothing says so."""
+    found = []
+    for method in METHODS:
+        try:
+            law = discover(training, method)
+            print(f"{law}\n")
+            found.append(law.model)
+        except GranularError as error:
+            print(f"{method}: {error}\n")
+    return found
+
+
 def main(folder: Path) -> None:
     """Simulate, compare, and say which law wins and by how much."""
     folder.mkdir(parents=True, exist_ok=True)
     found = records(folder)
     judged = found[f"lift {JUDGED} D"]
     training = [found[f"lift {lift} D"] for lift in TRAINING]
-    table = compare(training, list(LAWS), held_out=[judged, found["drop"]])
+    laws = [*LAWS, *discovered(training)]
+    table = compare(training, laws, held_out=[judged, found["drop"]])
     print(f"record 1: lift {JUDGED} D; record 2: drop from 20 D\n{table}\n")
     errors = amplitude_errors(table, judged)
+    ranked = sorted(errors.items(), key=lambda pair: pair[1])
+    counts = {row.name: row.parameters for row in table.rows}
     print(f"rms error over {PERIODS:g} periods of the {JUDGED} D lift, in amplitudes:")
-    for name, error in sorted(errors.items(), key=lambda pair: pair[1]):
-        print(f"  {name:20} {100 * error:8.3f} %")
+    for name, error in ranked:
+        print(f"  {name:32} {counts[name]:2} parameters {100 * error:8.3f} %")
     best = min(errors, key=errors.__getitem__)
     words = (
         f"{best} wins: {100 * errors[best]:.2g} % of the amplitude, "
@@ -72,6 +92,10 @@ def main(folder: Path) -> None:
     print(words + ".")
     page = comparison_page(table)
     page.note(f"Over {PERIODS:g} periods of the {JUDGED} D lift {words}.")
+    page.table(
+        ("law", "parameters", "rms error, in amplitudes"),
+        [(name, str(counts[name]), f"{100 * error:.3g} %") for name, error in ranked],
+    )
     page.save(folder / "damper_laws.html")
 
 

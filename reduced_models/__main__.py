@@ -70,7 +70,7 @@ def parser() -> Parser:
 
     _add_identify(add("identify", "simulate or read a motion, compare laws, and write a report"))
     _add_fit(add("fit", "fit one law to one record, or to several at once"))
-    _add_discover(add("discover", "find the structure of the law in a record"))
+    _add_discover(add("discover", "find the structure of the law in a record, or in several"))
     _add_compare(add("compare", "judge laws on held-out stretches and records"))
     _add_calibrate(add("calibrate", "fit numbers of a scene to a record, by simulations"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
@@ -103,13 +103,18 @@ def _add_fit(one: Parser) -> None:
     )  # fmt: skip
     one.add_argument("--holdout", type=float, default=0.3, help="share held out, at the end")
     one.add_argument("--starts", type=int, default=16, help="random starts")
-    one.add_argument("--bootstrap", action="store_true", help="intervals from resampled records")
+    one.add_argument(
+        "--intervals", default="linear", metavar="HOW",
+        help="linear (default), bootstrap (resampled records) or profile (right also where "
+        "parameters are bounded or trade places)",
+    )  # fmt: skip
+    one.add_argument("--bootstrap", action="store_true", help="the same as --intervals bootstrap")
     one.add_argument("-o", "--out", metavar="FILE", help="model of the first record, as JSON")
     add_output(one)
 
 
 def _add_discover(one: Parser) -> None:
-    one.add_argument("source", metavar="SOURCE", help=_SOURCE)
+    one.add_argument("sources", nargs="+", metavar="SOURCE", help=_SOURCE)
     one.add_argument("--method", default="sindy", help="sindy, operon or pysr")
     one.add_argument("-o", "--out", metavar="FILE", help="the chosen model, as JSON")
     add_output(one)

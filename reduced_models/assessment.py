@@ -22,6 +22,7 @@ from reduced_models.uncertainty import (
     bootstrap_intervals,
     interval_analysis,
     marginal,
+    profile_intervals,
 )
 
 FEW = 0.25
@@ -50,7 +51,9 @@ class Training(NamedTuple):
     bounds : mapping of str to (float, float)
         That parameters were kept in.
     replicates : int
-        Resampled records that give the intervals; 0 where the linearisation does.
+        Resampled records that give the intervals; 0 where something else does.
+    profile : bool
+        Whether the profile of the residuals gives the intervals.
     """
 
     samples: tuple[int, ...]
@@ -60,6 +63,7 @@ class Training(NamedTuple):
     confidence: float
     bounds: Mapping[str, tuple[float, float]] = {}
     replicates: int = 0
+    profile: bool = False
 
 
 def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...]:
@@ -72,6 +76,12 @@ def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...
         from reduced_models.bootstrap import replicates
 
         again = replicates(joint, theta, training.replicates, seed=0)
+    profiled = None
+    if training.profile:
+        whole = Information(normal, residuals, joint.layout.size)
+        profiled = profile_intervals(
+            joint, theta, whole.variance, whole.freedom, training.confidence
+        )
     models = []
     for k, here in enumerate(joint.layout.places):
         known = Information(marginal(normal, here), residuals, joint.layout.size)
@@ -79,6 +89,8 @@ def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...
         if again is not None:
             intervals = bootstrap_intervals(joint.problem, again[:, here], training.confidence)
             analysis = dataclasses.replace(analysis, intervals=intervals)
+        if profiled is not None:
+            analysis = dataclasses.replace(analysis, intervals=profiled[k])
         models.append(_model(solution, k, training, analysis))
     return tuple(models)
 
@@ -120,7 +132,9 @@ def provenance(record: PistonRecord, training: Training) -> dict[str, str]:
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
     bounds = ", ".join(f"{low:g} <= {name} <= {high:g}" for name, (low, high) in
                        training.bounds.items())  # fmt: skip
-    intervals = f"bootstrap, {training.replicates} records" if training.replicates else "linear"
+    intervals = "profile" if training.profile else "linear"
+    if training.replicates:
+        intervals = f"bootstrap, {training.replicates} records"
     return {
         "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, "
         f"sha256 {digest[:16]}",

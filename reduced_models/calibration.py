@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from granular.errors import InputError
+from granular.methods import method_named
 from granular.record import PistonRecord
 from granular.scene import Scene
 from reduced_models.calibrated import Calibrated, Calibration, Match
@@ -149,19 +150,17 @@ def _check_scene(scene: Scene) -> None:
 
 
 def _step_shift(bench: Bench, centre: Point) -> tuple[np.ndarray | None, int]:
-    """What the time step does to the features (d,), and how many simulations that took.
+    """Estimated error of the features (d,) by the time step, and how many simulations it took.
 
-    From one simulation with half the step, for the second-order default: 4/3 of the change.
+    From one simulation with half the step, for a method of order p 2^p/(2^p - 1) times the change.
     """
-    finer = dataclasses.replace(
-        bench,
-        seeds=bench.seeds[:1],
-        settings={**bench.settings, "dt": halved(bench.settings["dt"])},
-    )
+    settings = {**bench.settings, "dt": halved(bench.settings["dt"])}
+    finer = dataclasses.replace(bench, seeds=bench.seeds[:1], settings=settings)
     point = finer.points([centre.place])[0]
     if point.failure:
         return None, 1
-    return np.asarray(4.0 / 3.0 * (centre.logs[0] - point.logs[0])), 1
+    doubled = 2.0 ** method_named(bench.settings["method"]).order
+    return np.asarray(doubled / (doubled - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 
 def _result(

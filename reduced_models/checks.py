@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.errors import GranularError
+from granular.errors import GranularError, InputError
 from granular.record import PistonRecord
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
+_RESOLVED = 1.0  # step times highest frequency up to which a method shows its order; half the limit
 _FAILED = 1
 
 
@@ -61,31 +62,74 @@ class Failure(NamedTuple):
 
 def halved(dt: float | str) -> float | str:
     """Half a time step, given in seconds or as a multiple of the automatic one."""
+    return _scaled(dt, 0.5)
+
+
+def doubled(dt: float | str) -> float | str:
+    """Twice a time step, given in the same ways."""
+    return _scaled(dt, 2.0)
+
+
+def _scaled(dt: float | str, by: float) -> float | str:
     from granular.simulation import checked_step
 
     step = checked_step(dt)
     if step.seconds is not None:
-        return 0.5 * step.seconds
-    half = 0.5 * step.factor
-    if half >= 1.0:
-        return f"auto*{_positional(half)}"
-    return f"auto/{_positional(1.0 / half)}"
+        return by * step.seconds
+    factor = by * step.factor
+    if factor >= 1.0:
+        return f"auto*{_positional(factor)}"
+    return f"auto/{_positional(1.0 / factor)}"
 
 
 def _positional(value: float) -> str:
     return np.format_float_positional(value, trim="-")
 
 
-def step_case(run: Trajectory) -> Case:
-    """The scene of a run with exactly half its time step."""
+class StepCheck(NamedTuple):
+    """A run with another time step.
+
+    Attributes
+    ----------
+    case : Case
+    factor : float
+        Error of the step that was used, over what the other one changes.
+    """
+
+    case: Case
+    factor: float
+
+
+def step_check(run: Trajectory) -> StepCheck:
+    """The scene of a run with twice its time step, or half of it where twice is too coarse.
+
+    A method of order p is off by 1/(2^p - 1) of what twice the step changes; all of the change is
+    taken for the error, which it bounds also where a bed that packs otherwise follows no order.
+    Half the step changes 1 - 2^-p of the error.
+    """
+    from granular.methods import method_named
+
     settings = run.settings()
-    return Case(
-        "half the time step",
-        run.scene.plain(),
-        halved(settings["dt"]),
-        settings["method"],
-        _forced_end(run),
-    )
+    coarser = 2.0 * settings["step_times_highest_frequency"]
+    if coarser <= _RESOLVED and _allowed(doubled(settings["dt"])):
+        return StepCheck(_step_case(run, "twice the time step", doubled(settings["dt"])), 1.0)
+    power = 2.0 ** method_named(settings["method"]).order
+    case = _step_case(run, "half the time step", halved(settings["dt"]))
+    return StepCheck(case, power / (power - 1.0))
+
+
+def _allowed(dt: float | str) -> bool:
+    from granular.simulation import checked_step
+
+    try:
+        checked_step(dt)
+    except InputError:
+        return False
+    return True
+
+
+def _step_case(run: Trajectory, what: str, dt: float | str) -> Case:
+    return Case(what, run.scene.plain(), dt, run.settings()["method"], _forced_end(run))
 
 
 def seed_cases(run: Trajectory) -> list[Case]:

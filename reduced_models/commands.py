@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -87,7 +88,7 @@ def fit_sources(options: Any) -> None:
         bounds=bounds_from(options.bounds),
         holdout=options.holdout,
         starts=options.starts,
-        intervals="bootstrap" if options.bootstrap else "linear",
+        intervals="bootstrap" if options.bootstrap else options.intervals,
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:
@@ -96,10 +97,10 @@ def fit_sources(options: Any) -> None:
 
 
 def discover_source(options: Any) -> None:
-    """Discover a law in the record of a source."""
+    """Discover a law in the records of some sources."""
     from reduced_models.discovery.discovering import discover
 
-    found = discover(_records([options.source], options)[0], method=options.method)
+    found = discover(_records(options.sources, options), method=options.method)
     text = f"{found}\n\n{found.model}"
     if options.out is not None:
         text += f"\nmodel: {_saved(found.model, options.out)}"
@@ -140,18 +141,24 @@ def calibrate_scene(options: Any) -> None:
         raise InputError(f"{options.record!r} is a scene; give a record, a CSV or Parquet file")
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
-    found = calibrate(
-        record,
-        load_scene(options.scene).replace(**changes_from(options.changes)),
-        **chosen,
-        seeds=options.seeds,
-        law=options.law,
-        dt=time_step(options.dt),
-        method=options.method,
-        out=options.out,
-        checks=not options.no_checks,
-        progress=not options.quiet,
-    )
+    try:
+        found = calibrate(
+            record,
+            load_scene(options.scene).replace(**changes_from(options.changes)),
+            **chosen,
+            seeds=options.seeds,
+            law=options.law,
+            dt=time_step(options.dt),
+            method=options.method,
+            out=options.out,
+            checks=not options.no_checks,
+            progress=not options.quiet,
+        )
+    except KeyboardInterrupt:
+        if options.out is not None:
+            kept = f"finished simulations are kept in {options.out}; the same command goes on"
+            print(kept, file=sys.stderr)
+        raise
     text = str(found)
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"

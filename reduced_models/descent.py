@@ -17,8 +17,9 @@ STRIDE = 0.1
 RADIUS = 0.5
 """Longest step of a logarithm."""
 MOST_MOVES = 8
-_SETTLED = 0.25  # of a standard error: steps below it are not simulated any more
-_LEAST_STEP = 1e-3
+_SETTLED, _LINEAR, _LEAST_STEP = 2.0, 0.1, 1e-3
+# Slopes err by about a tenth, so a last step of two standard errors, if it is no longer than the
+# differences, errs by a fraction of one; shorter ones move the beds rather than the values.
 
 
 class Ended(NamedTuple):
@@ -57,7 +58,8 @@ def descended(bench: Bench, wanted: Features) -> Ended:
     for _ in range(MOST_MOVES):
         scatter = _scatter(points)
         estimate = estimated(centre, slopes, scatter, wanted)
-        if (np.abs(estimate.step) <= np.maximum(_SETTLED * estimate.spread, _LEAST_STEP)).all():
+        short = np.clip(_SETTLED * estimate.spread, _LEAST_STEP, _LINEAR)
+        if (np.abs(estimate.step) <= short).all():
             return Ended(centre, estimate, scatter, len(points) * len(bench.seeds), True)
         step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
         trial = bench.points([centre.place + step])[0]

@@ -65,7 +65,7 @@ def fit(
     seed: int = ...,
     own: Sequence[str] = ...,
     bounds: Pairs | None = ...,
-    intervals: Literal["linear", "bootstrap"] = ...,
+    intervals: Literal["linear", "bootstrap", "profile"] = ...,
 ) -> ReducedModel: ...
 
 
@@ -81,7 +81,7 @@ def fit(
     seed: int = ...,
     own: Sequence[str] = ...,
     bounds: Pairs | None = ...,
-    intervals: Literal["linear", "bootstrap"] = ...,
+    intervals: Literal["linear", "bootstrap", "profile"] = ...,
 ) -> tuple[ReducedModel, ...]: ...
 
 
@@ -96,7 +96,7 @@ def fit(
     seed: int = 0,
     own: Sequence[str] = (),
     bounds: Pairs | None = None,
-    intervals: Literal["linear", "bootstrap"] = "linear",
+    intervals: Literal["linear", "bootstrap", "profile"] = "linear",
 ) -> ReducedModel | tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several at once.
 
@@ -126,8 +126,11 @@ def fit(
         has its own initial state.
     bounds : mapping of str to (float, float), optional
         Least and greatest value of parameters.
-    intervals : "linear" or "bootstrap"
-        From the linearisation at the best fit, or by fitting resampled records.
+    intervals : "linear", "bootstrap" or "profile"
+        From the linearisation at the best fit, by fitting resampled records, or by holding each
+        parameter at values further and further away and fitting the others again: right also
+        where parameters are bounded or trade places (see `reduced_models.profile`). Intervals of
+        the small swing at rest are always those of the linearisation.
 
     Returns
     -------
@@ -153,8 +156,8 @@ def fit(
         raise InputError("there is no record to fit; give at least one")
     if not isinstance(map, HeightMap) and map not in ("auto", "fitted"):
         raise InputError(f"map = {map!r}; give 'auto', 'fitted' or a HeightMap")
-    if intervals not in ("linear", "bootstrap"):
-        raise InputError(f"intervals = {intervals!r}; give 'linear' or 'bootstrap'")
+    if intervals not in ("linear", "bootstrap", "profile"):
+        raise InputError(f"intervals = {intervals!r}; give 'linear', 'bootstrap' or 'profile'")
     check_options(starts, holdout, confidence)
     chosen = law_of(law, records[0])
     _check_names(chosen, own, bounds or {})
@@ -174,6 +177,7 @@ def fit(
         confidence=confidence,
         bounds=case.bounds,
         replicates=REPLICATES if intervals == "bootstrap" else 0,
+        profile=intervals == "profile",
     )
     models = models_of(found, training)
     for note in dict.fromkeys(note for model in models for note in model.notes):

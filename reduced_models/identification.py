@@ -15,7 +15,7 @@ import numpy as np
 from granular.errors import GranularError, InputError
 from granular.record import PistonRecord
 from granular.scene import Scene
-from reduced_models.checks import Case, Failure, run_cases, seed_cases, step_case
+from reduced_models.checks import Case, Failure, run_cases, seed_cases, step_check
 from reduced_models.comparison import Comparison, compare, law_name
 from reduced_models.fitting import STARTS, check_options, fit
 from reduced_models.law import Law
@@ -48,8 +48,8 @@ class Figure:
     interval : (float, float)
         Confidence interval of the fit.
     step_error : float or None
-        Estimated error of the simulation's time step, from a run with half the step and the same
-        fit of the same law.
+        Estimated error of the simulation's time step, from a run with another step and the same fit
+        of the same law; see `reduced_models.checks.step_check`.
     seed_spread : float or None
         Standard deviation over random starts of the bed.
     """
@@ -189,7 +189,7 @@ def identify(
     starts : int
         Random starts of each fit.
     checks : bool
-        Also run the scene of a simulated record with half its time step and from other random
+        Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter. What was identified is saved
         before; a check that fails becomes a note.
     progress : bool
@@ -296,7 +296,8 @@ def _figures(model: ReducedModel) -> dict[str, Figure]:
 def _checked(found: Identification, run: Trajectory, progress: bool) -> Identification:
     """What was identified, with step errors and scatter, and notes of checks that failed."""
     model = next(model for model in found.models if model.law.name == found.figures_law)
-    cases = [step_case(run), *seed_cases(run)]
+    step = step_check(run)
+    cases = [step.case, *seed_cases(run)]
     results = [
         _refitted(case, record, found.record, model)
         for case, record in zip(cases, run_cases(cases, progress), strict=True)
@@ -316,17 +317,9 @@ def _checked(found: Identification, run: Trajectory, progress: bool) -> Identifi
     return dataclasses.replace(
         found,
         models=models,
-        figures=_with_errors(found.figures, values[0], values[1:], _step_factor(run)),
+        figures=_with_errors(found.figures, values[0], values[1:], step.factor),
         notes=found.notes + notes,
     )
-
-
-def _step_factor(run: Trajectory) -> float:
-    """Error of a step over what halving it changes, for a method of order p: 2^p/(2^p - 1)."""
-    from granular.methods import method_named
-
-    doubled = 2.0 ** method_named(run.settings()["method"]).order
-    return doubled / (doubled - 1.0)
 
 
 def _refitted(
@@ -358,7 +351,7 @@ def _refitted(
 
 def _with_errors(
     figures: Mapping[str, Figure],
-    finer: Mapping[str, float] | None,
+    other: Mapping[str, float] | None,
     scattered: Sequence[Mapping[str, float] | None],
     factor: float,
 ) -> dict[str, Figure]:
@@ -369,7 +362,7 @@ def _with_errors(
         values = [value for value in values if math.isfinite(value)]
         checked[name] = dataclasses.replace(
             figure,
-            step_error=None if finer is None else factor * abs(figure.value - finer[name]),
+            step_error=None if other is None else factor * abs(figure.value - other[name]),
             seed_spread=float(np.std(values, ddof=1)) if len(values) > 1 else None,
         )
     return checked

@@ -239,15 +239,6 @@ def _expression(equation: str, text: str, local: dict[str, Any]) -> Any:
 
 
 @functools.cache
-def compiled_rate(equation: str, modules: str = "jax") -> Callable[..., Any]:
-    """Z'' of a law without memory and inputs, as a function of z, z' and the parameters."""
-    import sympy
-
-    parsed = parse(equation)
-    return sympy.lambdify(parsed.arguments, parsed.acceleration, modules, cse=True)
-
-
-@functools.cache
 def compiled_field(
     equation: str, inputs: tuple[str, ...] = (), modules: str = "jax"
 ) -> Callable[..., Any]:

@@ -162,9 +162,10 @@ def _figures(page: Page, found: Identification) -> None:
             rows.append((title, f"{factor * figure_.value:.6g}", shown, interval, *errors))
     page.table(("figure", "value", "unit", "interval of the fit", "step error", "scatter"), rows)
     page.text(
-        f"From the fit of the law {found.figures_law!r}. The step error comes from a run with half "
-        "the time step and the same fit, by the order of the method; the scatter is the "
-        "standard deviation over random starts of the bed. Where the step error is not smaller "
+        f"From the fit of the law {found.figures_law!r}. The step error is what twice the step "
+        "changes in the same fit (half of it, and the order of the method, where twice is too "
+        "coarse), which is more than the error of the step itself; the scatter is the standard "
+        "deviation over random starts of the bed. Where the step error is not smaller "
         "than the scatter, it is the scatter that it shows: another step lets the bed pack in "
         "another way."
     )

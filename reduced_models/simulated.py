@@ -82,7 +82,14 @@ def workers() -> Iterator[Executor]:
     """Processes for all rounds of simulations: each loads the compiled code once."""
     from loky import ProcessPoolExecutor
 
-    pool = ProcessPoolExecutor(max_workers=os.cpu_count() or 1)
+    class Pool(ProcessPoolExecutor):  # type: ignore[misc]
+        def shutdown(
+            self, wait: bool = True, kill_workers: bool = False, *, cancel_futures: bool = False
+        ) -> None:
+            """As in the standard library, whose ``cancel_futures`` loky does not know."""
+            super().shutdown(wait=wait, kill_workers=kill_workers or cancel_futures)
+
+    pool = Pool(max_workers=os.cpu_count() or 1)
     try:
         yield pool
     finally:

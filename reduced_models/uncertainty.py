@@ -1,4 +1,4 @@
-"""How sure fitted parameters are: intervals from the linearisation, and what the data leave open.
+"""How sure fitted parameters are: intervals, and what the data leave open.
 
 The residuals of a law that is not quite right follow each other; their variance is then enlarged
 by the integrated autocorrelation time (Sokal 1997, doi:10.1007/978-1-4899-0319-8_6), as if there
@@ -19,6 +19,7 @@ from reduced_models.model import AtRest, Direction
 
 if TYPE_CHECKING:
     from reduced_models.problem import Problem
+    from reduced_models.refinement import Joint
 
 OPEN = 0.25
 """A direction is undetermined if the data leave the logarithm along it this uncertain."""
@@ -117,7 +118,30 @@ def bootstrap_intervals(
 ) -> dict[str, tuple[float, float]]:
     """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
     shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    low, high = np.quantile(replicates, shares, axis=0)
+    return intervals_between(problem, *np.quantile(replicates, shares, axis=0))
+
+
+def profile_intervals(
+    joint: Joint, theta: np.ndarray, variance: float, freedom: int, confidence: float
+) -> list[dict[str, tuple[float, float]]]:
+    """Profile intervals of each record's parameters and map."""
+    from scipy.stats import t as student
+
+    from reduced_models.profile import profile_ends
+
+    problem, places = joint.problem, joint.layout.places
+    count = len(_named(problem, theta[places[0]])[0])
+    entries = sorted({int(entry) for here in places for entry in here[:count]})
+    covariance = _covariance(joint.normal_matrix(theta), variance)
+    quantile = float(student.ppf(0.5 + 0.5 * confidence, freedom))
+    low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
+    return [intervals_between(problem, low[here], high[here]) for here in places]
+
+
+def intervals_between(
+    problem: Problem, low: np.ndarray, high: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """Intervals between two search vectors (p,)."""
     names, _, logs = _named(problem, low)
     return {
         name: (

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 REPEATS = 2
+LONG = 1.0
+"""A run of this length is timed well enough, and not repeated [s]."""
+
 LEVELS = {"1 %": 1e-2, "1e-6": 1e-6}
 """Tolerances that a picture answers for."""
 
@@ -314,7 +317,7 @@ def work_precision(
     seeds : int
         Further starts to measure the scatter with; at least two make one.
     repeats : int
-        Runs of each setting.
+        Runs of each setting; those longer than `LONG` are run once.
 
     Raises
     ------
@@ -440,6 +443,8 @@ def _points(
             begun = time.perf_counter()
             run = _run(scene, setting, until)
             seconds = min(seconds, time.perf_counter() - begun)
+            if seconds > LONG:
+                break
     except GranularError as stop:
         return [_failed(setting, stop)] * len(quantities)
     points = []

@@ -98,7 +98,9 @@ def script(deck: Deck) -> Iterator[str]:
     yield from _opening(deck)
     yield from _pairs(deck)
     yield from _walls(deck)
-    yield from _fields(deck)
+    yield from _drag(deck)
+    yield from _gravity(deck)
+    yield from _motion()
     yield from _output(deck)
     for one in deck.legs:
         yield from _stage(deck, one)
@@ -160,34 +162,40 @@ def _walls(deck: Deck) -> Iterator[str]:
     yield ""
 
 
-def _fields(deck: Deck) -> Iterator[str]:
-    """Gravity, drag and shaking, and the masses that make the step of drag exact."""
-    effects, count = deck.scene.effects, len(deck.charges)
-    if effects.drag is not None:
-        yield "# The leapfrog step takes the drag of fix viscous exactly, as the flow of force and"
-        yield "# drag over a whole step, if masses are longer by c dt/(1 - exp(-c dt)); c: rate."
-        yield f"variable rate equal {effects.drag.coefficient / deck.scales.mass!r}"
-    rate = "v_rate" if effects.drag is not None and effects.drag.coefficient > 0.0 else None
-    stretch = f"{rate}*dt/(1.0-exp(-{rate}*dt))" if rate else "1.0"
+def _drag(deck: Deck) -> Iterator[str]:
+    """Drag, and the masses that make its step exact."""
+    drag = deck.scene.effects.drag
+    stretch = "1.0"
+    if drag is not None and drag.coefficient > 0.0:
+        yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the decay rate, a step with"
+        yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
+        yield f"variable rate equal {drag.coefficient / deck.scales.mass!r}"
+        stretch = "v_rate*dt/(1.0-exp(-v_rate*dt))"
+        shares = "".join(f" scale {k} {one!r}" for k, one in enumerate(deck.charges, start=1))
+        yield f"fix drag all viscous {drag.coefficient!r}{shares}"
     yield f"variable stretch equal {stretch}"
     for number, charge in enumerate(deck.charges, start=1):
         yield f"variable mass{number} equal {charge * deck.scales.mass!r}*v_stretch"
     yield "compute motion all ke"
     yield "variable kinetic equal c_motion/v_stretch"
-    if effects.drag is not None:
-        shares = " ".join(f"scale {k + 1} {deck.charges[k]!r}" for k in range(1, count))
-        yield f"fix drag all viscous {effects.drag.coefficient!r} {shares}".rstrip()
-    if effects.gravity is not None:
-        yield f"variable weight equal {effects.gravity.acceleration!r}/v_stretch"
+
+
+def _gravity(deck: Deck) -> Iterator[str]:
+    """Gravity and shaking: accelerations, of the forces on the true masses."""
+    gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
+    if gravity is not None:
+        yield f"variable weight equal {gravity.acceleration!r}/v_stretch"
         yield "fix gravity all gravity v_weight vector 0 -1 0"
         yield "fix_modify gravity energy yes"
-    if effects.shaking is not None:
-        shaking = effects.shaking
+    if shaking is not None:
         omega = 2.0 * math.pi * shaking.frequency
         size = shaking.amplitude * omega**2
         yield f"variable swing equal {size!r}*sin({omega!r}*time)/v_stretch"
         along = f"{math.cos(shaking.angle)!r} {math.sin(shaking.angle)!r} 0"
         yield f"fix swing all gravity v_swing vector {along}"
+
+
+def _motion() -> Iterator[str]:
     yield "fix plane all enforce2d"
     yield "fix motion all nve"
     yield "fix share all balance 1000 1.1 shift xy 20 1.05"

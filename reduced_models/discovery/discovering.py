@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -14,7 +14,15 @@ from granular.record import PistonRecord
 from reduced_models.derivatives import Estimator, derivatives
 from reduced_models.discovery.polishing import parametrised, polished
 from reduced_models.discovery.result import Candidate, Discovery, pareto_front
-from reduced_models.discovery.selection import Judge, Scored, all_subsets, by_size, pruned, scored
+from reduced_models.discovery.selection import (
+    Judge,
+    Scored,
+    all_subsets,
+    by_size,
+    pruned,
+    scored,
+    weighed,
+)
 from reduced_models.discovery.terms import (
     Term,
     complexity,
@@ -47,7 +55,7 @@ _HOPELESS = 15.0  # a criterion that is so much worse is not made good by fittin
 
 
 def discover(
-    record: PistonRecord,
+    record: PistonRecord | Sequence[PistonRecord],
     method: Method = "sindy",
     *,
     form: Literal["weak", "strong"] = "weak",
@@ -60,7 +68,7 @@ def discover(
     polish: int = 3,
     seed: int = 0,
 ) -> Discovery:
-    """Discover the equation of motion z'' = f(z, z', input) of a record.
+    """Discover the equation of motion z'' = f(z, z', input) of a record, or of several at once.
 
     Every method proposes structures. All are weighed by the same white residuals of the weak form;
     those that no simpler one beats make the Pareto front; the best of them are fitted through their
@@ -69,7 +77,8 @@ def discover(
 
     Parameters
     ----------
-    record : PistonRecord
+    record : PistonRecord, or a sequence of them
+        Several obey the same equation, with the same numbers, each from its own initial state.
     method : str
         ``"sindy"``: a sparse sum of the terms of a physical library, powers of z times 1, z',
         |z'| z' and sign(z'). ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by
@@ -85,12 +94,13 @@ def discover(
     degree : int
         Of the powers of z in the library, from 1 to 5.
     input : str, optional
-        Column of the record that drives the motion ("force", or an extra one).
+        Column of the records that drives the motion ("force", or an extra one).
     target : "acceleration" or "height"
-        z'' or, for symbolic regression, z(t) itself. The latter is not polished.
+        z'' or, for symbolic regression of one record, z(t) itself. The latter is not polished.
     map : HeightMap or "auto"
         z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
-        farther from zero than the swing is wide, the swing about rest in amplitudes.
+        farther from zero than the swing is wide, the swing about rest in amplitudes; of the record
+        that swings the furthest.
     polish : int
         Greatest number of candidates, best first, that are fitted through their differential
         equation; those whose criterion is hopeless beside the best one's are not.
@@ -109,16 +119,21 @@ def discover(
         If an option is out of its range, or a program that the method needs is not installed.
     """
     _check(method, form, target, degree, polish, ensemble)
+    records = [record] if isinstance(record, PistonRecord) else list(record)
+    if not records:
+        raise InputError("there is no record to discover a law in; give at least one")
+    if target == "height" and len(records) > 1:
+        raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
     if method == "pysr":
         from reduced_models.discovery.julia import require_julia
 
         require_julia()
-    height_map = _map(record, map)
+    height_map = _map(records, map)
     if target == "height":
         from reduced_models.discovery.height import height_equations
 
-        return height_equations(record, method, height_map, seed)
-    weak = weak_form(motion_of(record, height_map, derivative, input))
+        return height_equations(records[0], method, height_map, seed)
+    weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
     terms = library(degree, input is not None)
     inclusion: dict[str, float] = {}
     if method == "sindy":
@@ -127,7 +142,13 @@ def discover(
         candidates = [_candidate(one) for one in ranked]
     else:
         candidates, judge = _symbolic_candidates(weak, terms, method, seed)
-    front, chosen = _polished(candidates, record, height_map, input, polish, judge, seed)
+    name = f"discovered by {_words(method, form, ensemble)}"
+    front, chosen = _polished(
+        candidates,
+        lambda one: polished(one, records, height_map, input, seed, name),
+        polish,
+        judge,
+    )
     return Discovery(
         _words(method, form, ensemble),
         tuple(front),
@@ -181,12 +202,12 @@ def _check(method: str, form: str, target: str, degree: int, polish: int, ensemb
         )
 
 
-def _map(record: PistonRecord, wanted: HeightMap | str) -> HeightMap:
+def _map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
     if isinstance(wanted, HeightMap):
         return wanted
     if wanted != "auto":
         raise InputError(f"map = {wanted!r}; give 'auto' or a HeightMap")
-    guess = estimates(record)
+    guess = max((estimates(each) for each in records), key=lambda one: one.amplitude)
     # Powers of a height that hardly changes could not be told apart.
     if abs(guess.rest) <= guess.amplitude:
         return HeightMap()
@@ -216,7 +237,7 @@ def _sindy_supports(
     if form == "weak":
         regression = weak_regression(weak, terms)
     else:
-        regression = strong_regression(weak.motion, terms)
+        regression = strong_regression(weak.motions, terms)
     supports = regression.supports()
     inclusion: dict[str, float] = {}
     if ensemble:
@@ -241,7 +262,7 @@ def _symbolic_candidates(
     weak: WeakForm, terms: Sequence[Term], method: str, seed: int
 ) -> tuple[list[Candidate], Judge]:
     """Expressions of a symbolic regression; of sums of terms also what can be left out of them."""
-    expressions = _expressions(weak.motion, method, seed)
+    expressions = _expressions(weak.motions, method, seed)
     sums = [(one, terms_of(one)) for one in expressions]
     union = sorted({term for _, found in sums if found is not None for term in found})
     if not union or len(union) > _MOST_UNION:
@@ -257,32 +278,44 @@ def _symbolic_candidates(
     return candidates, judge
 
 
-def _expressions(motion: Motion, method: str, seed: int) -> list[sympy.Expr]:
+def _expressions(motions: Sequence[Motion], method: str, seed: int) -> list[sympy.Expr]:
     import sympy
 
     _, v, _ = symbols()
-    edge = int(_EDGE * len(motion.time))
-    inner = len(motion.time) - 2 * edge
-    rows = slice(edge, edge + inner, max(1, math.ceil(inner / _MOST_POINTS)))
-    inputs = {"z": motion.smooth, "v": motion.velocity, "speed": np.abs(motion.velocity)}
-    inputs["direction"] = np.sign(motion.velocity)
-    if motion.drive is not None:
-        inputs["u"] = motion.drive
-    samples = {name: values[rows] for name, values in inputs.items()}
-    target = motion.acceleration[rows]
+    parts = [_search_samples(motion, len(motions)) for motion in motions]
+    samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    target = samples.pop("target")
+    noise = math.sqrt(sum(motion.acceleration_noise**2 for motion in motions) / len(motions))
     if method == "operon":
         from reduced_models.discovery.symbolic import operon_expressions
 
-        found = operon_expressions(samples, target, motion.acceleration_noise, seed=seed)
+        found = operon_expressions(samples, target, noise, seed=seed)
     else:
         from reduced_models.discovery.julia import pysr_expressions
 
-        found = pysr_expressions(samples, target, motion.acceleration_noise, seed=seed)
-    motions = {
+        found = pysr_expressions(samples, target, noise, seed=seed)
+    replaced = {
         sympy.Symbol("speed", real=True): sympy.Abs(v),
         sympy.Symbol("direction", real=True): sympy.sign(v),
     }
-    return [one.xreplace(motions) for one in found]
+    return [one.xreplace(replaced) for one in found]
+
+
+def _search_samples(motion: Motion, motions: int) -> dict[str, np.ndarray]:
+    """What a symbolic regression sees of one of so many motions, away from its ends."""
+    edge = int(_EDGE * len(motion.time))
+    inner = len(motion.time) - 2 * edge
+    rows = slice(edge, edge + inner, max(1, math.ceil(inner * motions / _MOST_POINTS)))
+    found = {
+        "z": motion.smooth,
+        "v": motion.velocity,
+        "speed": np.abs(motion.velocity),
+        "direction": np.sign(motion.velocity),
+        "target": motion.acceleration,
+    }
+    if motion.drive is not None:
+        found["u"] = motion.drive
+    return {name: values[rows] for name, values in found.items()}
 
 
 def _candidate(one: Scored) -> Candidate:
@@ -309,31 +342,58 @@ def _judged(expression: sympy.Expr, judge: Judge) -> Candidate:
 
 def _polished(
     candidates: list[Candidate],
-    record: PistonRecord,
-    height_map: HeightMap,
-    drive: str | None,
+    polish: Callable[[Candidate], Candidate],
     count: int,
     judge: Judge,
-    seed: int,
 ) -> tuple[list[Candidate], int]:
     """The Pareto front, with all polished candidates, and the place of the chosen one."""
     order = sorted(candidates, key=lambda one: one.criterion)
-    near = [one for one in order if one.criterion <= order[0].criterion + _HOPELESS]
-    done = [polished(one, record, height_map, drive, seed) for one in near[:count]]
-    fitted = [one for one in done if one.model is not None]
+    near = [one for one in order if one.criterion <= order[0].criterion + _HOPELESS][:count]
+    done = _with_simpler_ones([polish(one) for one in near], polish, judge)
+    fitted = [one for one in done if one.models]
     if fitted:
         best = _simplest(fitted, _solution_criteria(fitted, judge))
     else:
         left = [*done, *order[len(done) :]]
         best = _simplest(left, [one.criterion for one in left])
-    tried = {id(one) for one in near[:count]}
-    rest = [one for one in pareto_front(candidates) if id(one) not in tried]
     shown = done if best in done else [*done, best]
-    front = sorted(
-        [*shown, *(one for one in rest if one is not best)],
-        key=lambda one: (one.complexity, -one.error),
-    )
+    rest = [one for one in pareto_front(candidates) if not _is_among(one, [*near, *shown])]
+    front = sorted([*shown, *rest], key=lambda one: (one.complexity, -one.error))
     return front, next(k for k, one in enumerate(front) if one is best)
+
+
+def _with_simpler_ones(
+    done: list[Candidate], polish: Callable[[Candidate], Candidate], judge: Judge
+) -> list[Candidate]:
+    """Polished candidates, and what is left of them without the terms that may be zero."""
+    found = list(done)
+    for one in found:  # which grows: what is left may have such terms as well
+        needed = _needed_terms(one)
+        if needed:
+            simpler = _candidate(weighed(judge, needed))
+            if not _is_among(simpler, found):
+                found.append(polish(simpler))
+    return found
+
+
+def _is_among(candidate: Candidate, others: Sequence[Candidate]) -> bool:
+    """Whether one of some candidates is that one, or has its structure."""
+    terms = candidate.terms
+    return any(
+        one is candidate
+        or (terms is not None and one.terms is not None and set(one.terms) == set(terms))
+        for one in others
+    )
+
+
+def _needed_terms(candidate: Candidate) -> list[Term]:
+    """The terms whose coefficients' intervals leave out zero."""
+    if candidate.model is None or candidate.terms is None:
+        return []
+    # The coefficients of a sum are named in the order of its terms.
+    intervals = [candidate.model.intervals[f"c{k}"] for k in range(len(candidate.terms))]
+    terms = zip(sorted(candidate.terms), intervals, strict=True)
+    return [term for term, (low, high) in terms if not low <= 0.0 <= high]
 
 
 def _simplest(candidates: list[Candidate], criteria: list[float]) -> Candidate:
@@ -349,27 +409,35 @@ def _numbers(candidate: Candidate) -> int:
 
 def _solution_criteria(fitted: list[Candidate], judge: Judge) -> list[float]:
     """The criterion with the residuals of the solutions instead of the weak ones."""
-    models = [one.model for one in fitted if one.model is not None]
-    smallest = min(model.quality.residual for model in models)
-    noise = max(judge.weak.motion.noise * abs(models[0].map.scale), smallest, 1e-300)
-    samples = len(judge.weak.motion.time)
+    weighing = dataclasses.replace(judge, excess=1.0)
+    squares = np.zeros(len(fitted))
+    for k, motion in enumerate(judge.weak.motions):
+        models = [one.models[k] for one in fitted]
+        residuals = np.array([model.quality.residual for model in models])
+        noise = max(motion.noise * abs(models[0].map.scale), float(residuals.min()), 1e-300)
+        squares += len(motion.time) * (residuals / noise) ** 2
+    counts = [len(one.models[0].parameters) for one in fitted]
     return [
-        dataclasses.replace(judge, excess=1.0).criterion(
-            samples * (model.quality.residual / noise) ** 2, len(model.parameters)
-        )
-        for model in models
+        weighing.criterion(float(each), count) for each, count in zip(squares, counts, strict=True)
     ]
 
 
 def _notes(best: Candidate, judge: Judge) -> tuple[str, ...]:
     notes = []
-    if best.error > _POOR:
+    left = best.error
+    if best.models:
+        # The solution itself tells more than integrals with an estimate of z' in them.
+        noises = [motion.noise for motion in judge.weak.motions]
+        left = max(
+            model.quality.residual / (noise * abs(model.map.scale))
+            for model, noise in zip(best.models, noises, strict=True)
+        )
+    if left > _POOR:
         notes.append(
-            f"the chosen equation leaves {best.error:.2g} times what the record's noise would: the "
+            f"the chosen equation leaves {left:.2g} times what the record's noise would: the "
             "law is not among those searched, so read it as a summary of this record"
         )
     if best.model is None and best.note:
         notes.append(f"the chosen equation was not polished: {best.note}")
-    if best.model is not None:
-        notes += best.model.notes
-    return tuple(notes)
+    notes += [note for model in best.models for note in model.notes]
+    return tuple(dict.fromkeys(notes))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from granular.errors import GranularError
 from granular.record import PistonRecord
 from reduced_models.discovery.result import Candidate
-from reduced_models.discovery.terms import INPUT, complexity, symbols, terms_of, text_of
+from reduced_models.discovery.terms import complexity, symbols, terms_of, text_of
 from reduced_models.estimates import Estimates
 from reduced_models.fitting import fit
 from reduced_models.law import Law
@@ -31,10 +32,11 @@ NAME = "discovered"
 
 def polished(
     candidate: Candidate,
-    record: PistonRecord,
+    records: Sequence[PistonRecord],
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
+    name: str = NAME,
 ) -> Candidate:
     """A candidate with its numbers fitted by `fit`, or with a note that says why there are none.
 
@@ -42,30 +44,33 @@ def polished(
     ----------
     candidate : Candidate
         Of z''.
-    record : PistonRecord
+    records : sequence of PistonRecord
+        That share all numbers but their initial states.
     height_map : HeightMap
     column : str, optional
-        Of the record, that is the input.
+        Of the records, that is the input.
     seed : int
+    name : str
+        Of the law.
     """
     template, values = parametrised(candidate.expression)
     if len(values) > _MOST_NUMBERS:
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
         )
-    law = law_of(smoothed(template, record, height_map), values, column)
+    law = law_of(smoothed(template, records, height_map), values, column, name)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
-            model = fit(record, law, map=height_map, starts=STARTS, holdout=0.0, seed=seed)
+            models = fit(records, law, map=height_map, starts=STARTS, holdout=0.0, seed=seed)
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
     import sympy
 
-    numbers = {sympy.Symbol(name): sympy.Float(model.parameters[name]) for name in values}
+    numbers = {sympy.Symbol(name): sympy.Float(models[0].parameters[name]) for name in values}
     expression = template.xreplace(numbers)
     return dataclasses.replace(
-        candidate, expression=expression, complexity=complexity(expression), model=model
+        candidate, expression=expression, complexity=complexity(expression), models=models
     )
 
 
@@ -90,18 +95,23 @@ def parametrised(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     return expression.xreplace(symbol_of), {symbol_of[one].name: float(one) for one in floats}
 
 
-def smoothed(template: sympy.Expr, record: PistonRecord, height_map: HeightMap) -> sympy.Expr:
+def smoothed(
+    template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
+) -> sympy.Expr:
     """An expression with a steep tanh(z') for sign(z'), which no solver can step across."""
     import sympy
 
     _, v, _ = symbols()
-    speed = float(np.abs(np.gradient(record.height, record.time)).std()) / abs(height_map.scale)
+    fastest = max(float(np.gradient(each.height, each.time).std()) for each in records)
+    speed = fastest / abs(height_map.scale)
     # A power of ten, so that records of one kind share compiled code.
     steepness = 10.0 ** round(math.log10(_STEEPNESS / speed))
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))
 
 
-def law_of(template: sympy.Expr, values: dict[str, float], column: str | None = None) -> Law:
+def law_of(
+    template: sympy.Expr, values: dict[str, float], column: str | None = None, name: str = NAME
+) -> Law:
     """The law z'' = template, whose fit starts near the given values."""
     import sympy
 
@@ -115,7 +125,7 @@ def law_of(template: sympy.Expr, values: dict[str, float], column: str | None = 
         template = template.xreplace({symbols()[2]: sympy.Symbol(column)})
     inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
     return Law(
-        name=NAME,
+        name=name,
         equation=f"z'' = {text_of(template)}",
         start=start,
         mapped=True,
@@ -123,6 +133,3 @@ def law_of(template: sympy.Expr, values: dict[str, float], column: str | None = 
         inputs=inputs,
         resolution=_RESOLUTION if template.has(sympy.tanh) else 1,
     )
-
-
-__all__ = ["INPUT", "NAME", "law_of", "parametrised", "polished"]

@@ -32,8 +32,9 @@ class Candidate:
     criterion : float
         Extended Bayesian information criterion of that residual; the least is best. Differences
         above about 10 are decisive.
-    model : ReducedModel or None
-        The candidate polished through its differential equation.
+    models : tuple of ReducedModel
+        The candidate polished through its differential equation, one a record; empty where it was
+        not, or could not be.
     note : str
         Why there is no model, where polishing was tried.
     """
@@ -42,8 +43,13 @@ class Candidate:
     complexity: int
     error: float
     criterion: float
-    model: ReducedModel | None = None
+    models: tuple[ReducedModel, ...] = ()
     note: str = ""
+
+    @property
+    def model(self) -> ReducedModel | None:
+        """That of the first record."""
+        return self.models[0] if self.models else None
 
     @property
     def terms(self) -> dict[Term, float] | None:
@@ -62,7 +68,7 @@ class Candidate:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discovery:
-    """Equations that were discovered in a record.
+    """Equations that were discovered in a record, or in several.
 
     Attributes
     ----------
@@ -98,7 +104,7 @@ class Discovery:
 
     @property
     def model(self) -> ReducedModel:
-        """The chosen candidate, polished through its differential equation.
+        """The chosen candidate, polished through its differential equation, for the first record.
 
         Raises
         ------

@@ -41,7 +41,7 @@ class Scored:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Judge:
-    """The white weak residuals of a record, which weigh any equation.
+    """The white weak residuals of the records, which weigh any equation.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Judge:
     def criterion(self, squares: float, count: int) -> float:
         """Of an equation with so many free numbers and that sum of squares."""
         ways = math.log(math.comb(max(self.size, count), count))
-        samples = math.log(len(self.weak.motion.time))
+        samples = math.log(self.weak.samples)
         return squares / self.excess + count * samples + 2.0 * ways
 
 
@@ -116,6 +116,12 @@ def scored(
         found = _ranked(judge, matrix, terms, subsets)
         best = found[0]
     return found, judge
+
+
+def weighed(judge: Judge, terms: Sequence[Term]) -> Scored:
+    """One subset, by the same residuals as all others."""
+    matrix = judge.weak.matrix(terms)
+    return _ranked(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
 
 
 def _judge(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:

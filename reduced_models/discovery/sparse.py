@@ -63,13 +63,21 @@ class Regression:
         return np.asarray(np.mean(np.stack(ensemble.coef_list)[:, 0] != 0.0, axis=0))
 
 
-def strong_regression(motion: Motion, terms: Sequence[Term]) -> Regression:
-    """The estimate of z'' against the terms, sample by sample, away from the ends."""
+def strong_regression(motions: Sequence[Motion], terms: Sequence[Term]) -> Regression:
+    """The estimates of z'' against the terms, sample by sample, away from the ends."""
+    rows = [_inner_rows(motion, terms, len(motions)) for motion in motions]
+    matrices, targets = zip(*rows, strict=True)
+    return Regression(np.concatenate(matrices), np.concatenate(targets))
+
+
+def _inner_rows(
+    motion: Motion, terms: Sequence[Term], motions: int
+) -> tuple[np.ndarray, np.ndarray]:
     count = len(motion.time)
     edge = int(_EDGE * count)
-    rows = slice(edge, count - edge, max(1, count // _MOST_ROWS))
+    rows = slice(edge, count - edge, max(1, count * motions // _MOST_ROWS))
     matrix = columns(terms, motion.smooth, motion.velocity, motion.drive)
-    return Regression(matrix[rows], motion.acceleration[rows])
+    return matrix[rows], motion.acceleration[rows]
 
 
 def weak_regression(weak: WeakForm, terms: Sequence[Term]) -> Regression:

@@ -7,7 +7,7 @@ sign(z') or not. So two expressions have the same structure where they have the 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -130,8 +130,3 @@ def columns(
 ) -> np.ndarray:
     """Values (n, p) of terms at samples."""
     return np.stack([term.values(z, v, u) for term in terms], axis=1)
-
-
-def structure(coefficients: Mapping[Term, float]) -> frozenset[Term]:
-    """The terms alone."""
-    return frozenset(coefficients)

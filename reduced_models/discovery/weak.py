@@ -59,8 +59,8 @@ class Motion(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class WeakForm:
-    """The integrals of a motion against bumps.
+class Integrals:
+    """The integrals of one motion against bumps.
 
     Attributes
     ----------
@@ -127,8 +127,55 @@ class WeakForm:
         return np.asarray((directions[:, kept] / np.sqrt(strengths[kept])).T)
 
 
-def weak_form(motion: Motion) -> WeakForm:
-    """The weak form of a motion, with bumps that overlap all along it."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class WeakForm:
+    """The integrals of some motions against bumps, which one equation has to explain.
+
+    Attributes
+    ----------
+    parts : tuple of Integrals
+        One a motion.
+    """
+
+    parts: tuple[Integrals, ...]
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """The motions."""
+        return tuple(part.motion for part in self.parts)
+
+    @property
+    def samples(self) -> int:
+        """Of all motions."""
+        return sum(len(motion.time) for motion in self.motions)
+
+    @property
+    def target(self) -> np.ndarray:
+        """The integrals (r,) of z''."""
+        return np.concatenate([part.target for part in self.parts])
+
+    def matrix(self, terms: Sequence[Term]) -> np.ndarray:
+        """The integrals (r, p) of terms."""
+        return np.concatenate([part.matrix(terms) for part in self.parts])
+
+    def integral(self, expression: sympy.Expr) -> np.ndarray:
+        """The integrals (r,) of any expression in z, v and u."""
+        return np.concatenate([part.integral(expression) for part in self.parts])
+
+    def whitening(self, terms: Sequence[Term], coefficients: np.ndarray) -> np.ndarray:
+        """The matrix (q, r) that makes the residuals of an equation white, of unit variance."""
+        from scipy.linalg import block_diag
+
+        return np.asarray(block_diag(*(part.whitening(terms, coefficients) for part in self.parts)))
+
+
+def weak_form(*motions: Motion) -> WeakForm:
+    """The weak form of some motions."""
+    return WeakForm(tuple(map(_integrals, motions)))
+
+
+def _integrals(motion: Motion) -> Integrals:
+    """The integrals of a motion, with bumps that overlap all along it."""
     from scipy.sparse import csr_array
 
     time = motion.time
@@ -158,7 +205,7 @@ def weak_form(motion: Motion) -> WeakForm:
         csr_array((np.concatenate(part), indices, starts), shape=(count, len(time)))
         for part in parts
     )
-    return WeakForm(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
+    return Integrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
 def evaluated(expression: sympy.Expr, motion: Motion) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,6 +110,71 @@ def test_strong_form_and_ensembles() -> None:
     shares = found.inclusion
     assert all(shares[term.text] > 0.9 for term in LAWS["duffing"][3])
     assert all(0.0 <= share <= 1.0 for share in shares.values())
+
+
+def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
+    """Two records of half the usual length, from other heights and at other times."""
+    equation, values, _, _ = LAWS[name]
+    time, records = TIME[:1000], []
+    for seed, start in enumerate(starts):
+        z = motion(Law(name, equation), time, start, 0.0, values, 1.0).z
+        noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
+        records.append(PistonRecord(5.0 * seed + time, z + noise))
+    return records
+
+
+@pytest.mark.parametrize("options", [{}, {"form": "strong"}, {"method": "operon"}])
+def test_several_records_have_one_structure(options: dict[str, object]) -> None:
+    """A small and a large swing of the same spring, which stiffens in the large one alone."""
+    found = discover(pair("duffing", (0.1, 1.8)), polish=0, **options)  # type: ignore[arg-type]
+    assert is_exact(found, "duffing")
+    assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
+
+
+def test_the_small_swing_alone_hides_the_spring() -> None:
+    found = discover(pair("duffing", (0.1, 1.8))[0], polish=0)
+    assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY)}
+
+
+def test_several_records_share_the_polished_numbers() -> None:
+    records = pair("duffing", (0.1, 1.8))
+    found = discover(records, polish=1)
+    assert is_exact(found, "duffing")
+    assert np.abs(coefficient_errors(found, "duffing")).max() < 0.01
+    first, second = found.best.models
+    assert first.parameters == second.parameters
+    for model, record in zip(found.best.models, records, strict=True):
+        assert model.quality.relative == pytest.approx(0.01, rel=0.15)
+        assert model.quality.samples == len(record)
+    for bad, words in ((([],), "no record"), ((records, "operon"), "of one record, not of 2")):
+        options = {"target": "height"} if len(bad) > 1 else {}
+        with pytest.raises(InputError, match=words):
+            discover(*bad, **options)  # type: ignore[arg-type]
+
+
+def test_the_command_takes_several_records(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from reduced_models.__main__ import main
+
+    names = []
+    for k, record in enumerate(pair("duffing", (0.1, 1.8))):
+        names.append(str(tmp_path / f"{k}.csv"))
+        record.to_csv(names[-1])
+    main(["discover", *names, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["model"]["quality"]["samples"] == 1000
+    assert len(found["model"]["parameters"]) == 3
+
+
+def test_terms_that_may_be_zero_are_left_out() -> None:
+    """Record 5 calls for a friction of nothing in the weak form; its fit shows that it is none."""
+    record = made("quadratic-drag", 5)
+    assert not is_exact(discover(record, polish=0), "quadratic-drag")
+    found = discover(record)
+    assert is_exact(found, "quadratic-drag")
+    assert np.abs(coefficient_errors(found, "quadratic-drag")).max() < 0.01
+    assert found.notes == ()
 
 
 def test_a_seed_repeats_a_search() -> None:

@@ -19,7 +19,7 @@ from granular.errors import InputError
 from granular.simulation import checked_step
 from granular.trajectory import Trajectory
 from reduced_models import identify, load_model
-from reduced_models.checks import Case, Failure, halved
+from reduced_models.checks import Case, Failure, halved, step_check
 
 ROOT = Path(__file__).parents[2]
 
@@ -103,6 +103,22 @@ def test_half_a_step(dt: float | str, half: float | str) -> None:
     assert finer.factor == pytest.approx(step.factor if step.seconds else 0.5 * step.factor)
 
 
+@pytest.mark.parametrize(
+    ("dt", "phase", "other", "factor"),
+    [("auto", 0.2, "auto*2", 1.0), (1e-5, 0.5, 2e-5, 1.0), ("auto", 0.6, "auto/2", 4 / 3),
+     (1e-5, 1.8, 5e-6, 4 / 3), ("auto*8", 0.1, "auto*4", 4 / 3)],
+)  # fmt: skip
+def test_the_step_is_doubled_where_that_resolves_the_motion(
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch,
+    dt: float | str, phase: float, other: float | str, factor: float,
+) -> None:  # fmt: skip
+    settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
+    monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
+    check = step_check(run)
+    assert check.case.dt == other
+    assert check.factor == pytest.approx(factor)
+
+
 def faster(record: PistonRecord, by: float) -> PistonRecord:
     """The same swing in a shorter time."""
     return PistonRecord(record.time / by, record.height)
@@ -124,14 +140,14 @@ def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
 
     monkeypatch.setattr("reduced_models.identification.run_cases", runs)
     found = identify(run.path, laws=[law], progress=False)
-    assert [case.dt for case in asked] == ["auto*1", "auto*2", "auto*2"]
+    assert [case.dt for case in asked] == ["auto*4", "auto*2", "auto*2"]
     assert {case.method for case in asked} == {"stormer-verlet"}
     seeds = [case.scene["arrangement"]["seed"] for case in asked]
     assert seeds == [run.scene.arrangement.seed + more for more in (0, 1, 2)]
     period = found.figures["period"]
     assert found.figures_law == law
-    # A second-order method: 4/3 of what half the step changes.
-    assert period.step_error == pytest.approx(4 / 3 * period.value * (1 - 1 / 1.03), rel=1e-3)
+    # All of what twice the step changes.
+    assert period.step_error == pytest.approx(period.value * (1 - 1 / 1.03), rel=1e-3)
     assert period.seed_spread == pytest.approx(0.01 * period.value, rel=0.02)
 
 
@@ -144,12 +160,12 @@ def test_a_failed_check_takes_nothing_with_it(
         return [Failure(cases[0].what, "EnergyError: step 3"), run.piston(), run.piston()]
 
     monkeypatch.setattr("reduced_models.identification.run_cases", runs)
-    with pytest.warns(UserWarning, match="check with half the time step failed: EnergyError"):
+    with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
         found = identify(run.path, tmp_path, laws=["linear"], progress=False)
     period = found.figures["period"]
     assert period.step_error is None
     assert period.seed_spread < 1e-6 * period.value
-    words = "the check with half the time step failed: EnergyError: step 3"
+    words = "the check with twice the time step failed: EnergyError: step 3"
     assert words in str(found)
     assert words in load_model(tmp_path / "model.json").notes
     assert words.replace("the check", "The check") in (tmp_path / "report.html").read_text()

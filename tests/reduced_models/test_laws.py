@@ -13,7 +13,7 @@ from granular import PistonRecord
 from granular.errors import InputError, RecordError
 from reduced_models import ReducedModel, fit, forced_law, load_model
 from reduced_models.law import compiled_slopes, law_from_text, parse
-from reduced_models.laws import LAWS
+from reduced_models.laws import LAWS, law_named
 from reduced_models.rollout import motion
 
 
@@ -188,3 +188,36 @@ def test_slopes_of_a_law_that_jumps() -> None:
     slopes = compiled_slopes("z'' + mu*sign(z') + c*z' + k*z = 0")
     assert slopes(0.3, 0.5, 2.0, 0.1, 3.0) == (-3.0, -0.1)
     assert all(map(math.isnan, slopes(0.3, 0.0, 2.0, 0.1, 3.0)))
+
+
+def test_the_swing_form_is_the_same_law() -> None:
+    """There and back, also for a motion whose rest is unstable and for the mirrored map."""
+    form = law_named("van-der-pol-like").swing_form
+    alpha, omega, g0 = 0.17, np.array([1.05, 1.2, 0.9]), np.array([-1.0, 1.1, 0.4])
+    shift, scale = np.array([0.4, -0.7, 1.3]), np.array([0.6, 0.9, 1.7])
+    p, q, k = -shift / scale, 1.0 / scale, omega**2
+    swing = {
+        "c0": 2.0 * alpha * ((p - 1.0) ** 2 - 1.0),
+        "c1": 4.0 * alpha * q * (p - 1.0),
+        "c2": 2.0 * alpha * q**2,
+        "k": k,
+        "f": (g0 - k * p) / q,
+    }
+    assert min(swing["c0"]) < 0.0 < max(swing["c0"])
+    found = form.mapped(swing)
+    expected = {"alpha": alpha, "omega": omega, "g0": g0, "shift": shift, "scale": scale}
+    for name, value in expected.items():
+        np.testing.assert_allclose(found[name], value * np.ones(3), rtol=1e-12)
+
+
+def test_a_damping_that_the_law_cannot_have_keeps_its_value_at_rest() -> None:
+    """Parabolas that open downwards, or are positive at their vertex, or are straight lines."""
+    form = law_named("van-der-pol-like").swing_form
+    c0 = np.array([0.8, 0.8, 0.8, -0.3])
+    c1, c2 = np.array([0.3, 0.2, 0.0, 0.5]), np.array([-0.4, 0.9, 0.0, 0.0])
+    found = form.mapped({"c0": c0, "c1": c1, "c2": c2, "k": np.ones(4), "f": np.zeros(4)})
+    assert all(np.isfinite(values).all() for values in found.values())
+    assert (found["alpha"] > 0.0).all()
+    assert (found["scale"] > 0.0).all()
+    p = -found["shift"] / found["scale"]
+    np.testing.assert_allclose(2.0 * found["alpha"] * ((p - 1.0) ** 2 - 1.0), c0, rtol=1e-9)

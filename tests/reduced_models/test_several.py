@@ -97,7 +97,7 @@ def test_resampled_intervals_agree_with_linear_ones(made: Any) -> None:
 
 def test_bad_arguments(made: Any) -> None:
     record = made("linear")
-    for options in ({"own": ["omege"]}, {"intervals": "profile"}):
+    for options in ({"own": ["omege"]}, {"intervals": "profil"}):
         with pytest.raises(InputError):
             fit(record, "linear", **options)
     with pytest.raises(InputError, match="no record"):

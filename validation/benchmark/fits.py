@@ -7,9 +7,7 @@ Each law is fitted to records of its own motion with noise, in processes of its 
 from __future__ import annotations
 
 import json
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,16 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.errors import GranularError
+from validation.benchmark.process import finished
 
 DURATION = 40.0
 """Of a record, in the laws' own time unit: about seven periods."""
 NOISE = 0.01
 """Of a record, in its standard deviations."""
-
-
-class FitError(GranularError):
-    """A process that fits has failed."""
 
 
 class Truth(NamedTuple):
@@ -66,7 +60,7 @@ def fits(law: str, samples: int, rounds: int = 7) -> list[dict[str, Any]]:
 
     Raises
     ------
-    FitError
+    ProcessError
         If a process fails.
     """
     with tempfile.TemporaryDirectory() as store:
@@ -87,12 +81,7 @@ def fits(law: str, samples: int, rounds: int = 7) -> list[dict[str, Any]]:
 
 def _measured(law: str, samples: int, rounds: int, store: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "validation.benchmark.fits", law, str(samples), str(rounds)]
-    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": store}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        complaint = done.stderr.strip().splitlines()
-        raise FitError(f"the fit of {law} failed: {complaint[-1] if complaint else 'no words'}")
-    found: dict[str, Any] = json.loads(done.stdout)
+    found: dict[str, Any] = json.loads(finished(command, {"JAX_COMPILATION_CACHE_DIR": store}))
     return found
 
 

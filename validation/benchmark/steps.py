@@ -27,7 +27,6 @@ DRIFT_STEPS = 2000
 
 EFFECTS: dict[str, dict[str, Any]] = {
     "dipole, walls": {},
-    "no walls": {"effects.walls": None},
     "infinite walls": {f"effects.walls.{side}": "infinite" for side in ("left", "right", "top")},
     "slabs below and above": {"effects.walls.bottom": "slab", "effects.walls.top": "slab"},
     "gravity": {"effects.gravity": {}},
@@ -42,7 +41,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
         ]
     },
 }
-"""What is added to (or taken from) a bed with dipoles and walls alone."""
+"""What is added to, or changed in, a bed with dipoles and walls alone."""
 
 _BARE: dict[str, Any] = {"effects.gravity": None, "effects.drag": None}
 

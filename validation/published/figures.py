@@ -86,6 +86,8 @@ def _grain_forces(magnitudes: np.ndarray, positions: np.ndarray, owner: np.ndarr
     Grains with an interior Voronoi cell count, as in [D, 4.3.5].
     """
     inside = voronoi_cells(positions).interior
+    if not inside.any():
+        return {}
     fluctuation = relative_fluctuation(np.where(inside, magnitudes, np.nan), owner)
     names = ("big", "small")
     made: Figures = {"fluctuation": float(np.nanmean(fluctuation))}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -257,22 +258,36 @@ def biexponential(ratios: Sequence[float], names: Sequence[str], place: int) -> 
     """
 
     def measure(results: Results) -> Finding | None:
-        from granular.observables import biexponential_fit
-
         found = together(names, "force", results)
         if found is None:
             return None
         last = found[ratios.index(1.0)].values.mean()
-        x = np.concatenate([np.full(len(one.values), r) for r, one in zip(ratios, found)])  # noqa: B905
-        y = np.concatenate([one.values / last for one in found])
-        fit = biexponential_fit(x, y)
-        order, kind = divmod(place, 2)
-        # lambda1 < lambda2 in the source's table too.
-        value = (fit.amplitudes, fit.rates)[kind][order]
-        low, high = (fit.amplitude_intervals, fit.rate_intervals)[kind][order]
-        return Line._finding(float(value), float(high - low) / 4.0, found)
+        pairs = [
+            (ratio, float(force / last))
+            for ratio, one in zip(ratios, found, strict=True)
+            for force in one.values
+        ]
+        value, low, high = _biexponential(tuple(pairs))[place]
+        return Line._finding(value, (high - low) / 4.0, found)
 
     return measure
+
+
+@cache
+def _biexponential(pairs: tuple[tuple[float, float], ...]) -> list[tuple[float, float, float]]:
+    """A, lambda1, B, lambda2 (lambda1 < lambda2, as in the source's table) with their intervals."""
+    from granular.observables import biexponential_fit
+
+    x, y = np.array(pairs).T
+    fit = biexponential_fit(x, y)
+    return [
+        (float(values[k]), float(intervals[k][0]), float(intervals[k][1]))
+        for k in (0, 1)
+        for values, intervals in (
+            (fit.amplitudes, fit.amplitude_intervals),
+            (fit.rates, fit.rate_intervals),
+        )
+    ]
 
 
 def greatest_pair_difference(names: Sequence[str]) -> Measure:

@@ -86,14 +86,14 @@ def _how_to_read(made: Page) -> None:
 
 
 def _entries(made: Page, rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool) -> None:
-    header = ["what", "published", "ours", "protocol", "verdict"]
+    header = ["what", "published", "ours", "verdict", "protocol"]
     header += ["quick run", "its verdict"] if with_quick else []
     cells, notes = [], []
     for row, other in rows:
         found = row.found
         cells.append(
-            [row.entry.what, _published(row), _ours(found, row.entry.unit),
-             "" if found is None else found.protocol, row.verdict.words]
+            [row.entry.what, _published(row), _ours(found, row.entry.unit), row.verdict.words,
+             "" if found is None else found.protocol]
         )  # fmt: skip
         if other is not None:
             cells[-1] += [_ours(other.found, row.entry.unit), other.verdict.words]
@@ -139,8 +139,8 @@ def _statements(made: Page, results: Results) -> None:
 def _causes(made: Page, found: Sequence[Comparison]) -> None:
     made.section("Causes")
     made.text(
-        "The same bed with one thing changed: what matters moves a figure by more than twice the "
-        "error of the difference of two means. A bed without dissipation is left out: it stays a "
+        "The same bed with one thing changed: what matters moves a mean beyond Student's interval "
+        "of 95 % for the starts that were run. A bed without dissipation is left out: it stays a "
         "hot gas whose force depends on the start (13 to 30 N), so that no figure has a meaning."
     )
     if not found:
@@ -148,10 +148,16 @@ def _causes(made: Page, found: Sequence[Comparison]) -> None:
         return
     rows = [
         (one.change, one.bed, one.figure, _ours(one.without, one.unit), _ours(one.with_it, ""),
-         "matters" if one.matters else "within scatter")
+         _mattering(one.matters))
         for one in found
     ]  # fmt: skip
     made.table(("change", "bed", "figure", "without", "with", ""), rows)
+
+
+def _mattering(matters: bool | None) -> str:
+    if matters is None:
+        return "one start each"
+    return "matters" if matters else "within scatter"
 
 
 def _errors(made: Page, results: Results) -> None:

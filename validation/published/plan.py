@@ -25,8 +25,12 @@ CYCLE_SPEED = 5.63e-3
 DRAG = {"coefficient": 0.1}
 MISPRINT = 42.0
 """Factor of the load on 5 mm grains when the angle of [D, eq. 4.10] is taken as printed."""
+WIDE_CELL = 0.36
+"""Width that [D, Table 4.3] prints, where text and Table A.1 have 0.33 [m]."""
 MASSES = (7.5, 6.24)
 """Pistons [kg]: that of the packaged damper, and the one that rests where the source's does."""
+MIXTURE_PERIOD = 400.0
+"""T of a mixture at 1 mm/s, within 7 % for every R [s]."""
 VARIANTS: dict[str, dict[str, Any]] = {
     "dry and viscous": {"effects__drag": DRAG},
     "no gravity": {"effects__gravity": None},
@@ -65,6 +69,7 @@ def full_plan() -> list[Group]:
         Group("mixtures at R = 0.5, quick protocol", _halves(QUICK)),
         Group("damper", [fall(f"damper {mass:g} kg", mass) for mass in MASSES]),
         Group("drag and friction, quick protocol", _cycle(QUICK, starts=3)),
+        Group("the source's friction and step", _source_friction()),
         Group("mixtures over R, quick protocol", _scan(QUICK)),
         Group("radii of the list", _radii()),
         Group("starts, speeds and friction", _cycle(PUBLISHED, starts=10)),
@@ -112,7 +117,10 @@ def _cycle(protocol: Protocol, starts: int) -> list[Series]:
     found = [mono("starts", 368, protocol, seeds=TEN[:starts], speed=speed)] if starts > 3 else []
     found += [
         mono("second order", 368, protocol, speed=speed, effects__friction={"torque": "second"}),
-        mono("second order, 0.8", 368, protocol, speed=speed, effects__friction=high),
+        # Rough grains slip in larger jumps, which longer steps do not follow.
+        mono(
+            "second order, 0.8", 368, protocol, speed=speed, step="auto*2", effects__friction=high
+        ),
         mono("drag", 368, protocol, speed=speed, **drag),
     ]
     if protocol is PUBLISHED:
@@ -160,12 +168,11 @@ def _radii() -> list[Series]:
 
 
 def _causes() -> list[Series]:
-    regularised = {"scheme": "regularised"}
     return [
         mono("direct 368, a third of the step", 368, QUICK, step="auto*2"),
         mixture("mixture a = 0.6, R = 0.5, a third of the step", 0.6, 0.5, QUICK, step="auto*2"),
-        mono("direct 368, regularised friction", 368, QUICK, step=2e-5,
-             effects__friction=regularised),
+        mono("direct 368, source's friction", 368, QUICK, step=4e-5,
+             effects__friction=_regularised(39.6, 0.006)),
         _rounded_184(),
         mono("cut-off 368", 368, QUICK, pairs__method="cut-off"),
         mono("cut-off 736", 736, QUICK, pairs__method="cut-off"),
@@ -182,6 +189,22 @@ def _rounded_184() -> Series:
                 protocol__expand__to=start)  # fmt: skip
 
 
+def _regularised(period: float, diameter: float) -> dict[str, Any]:
+    """The source's friction, with its threshold of 1e-6 D/T; its step is 1e-6 T."""
+    return {"scheme": "regularised", "threshold": 1e-6 * diameter / period}
+
+
+def _source_friction() -> list[Series]:
+    """Mixtures with the source's friction at the source's step, 1e-6 T of its own compression."""
+    friction = _regularised(MIXTURE_PERIOD, 0.005)
+    beds = [(0.6, 0.0), *((a, 0.5) for a in ASPECTS), (0.6, 1.0)]
+    return [
+        mixture(f"source's friction, {mixture_name(a, r)}", a, r, QUICK, seeds=(1, 2),
+                step=1e-6 * MIXTURE_PERIOD, effects__friction=friction)
+        for a, r in beds
+    ]  # fmt: skip
+
+
 def _mixture_causes() -> list[Series]:
     rough = {"static": 0.6 * MISPRINT, "dynamic": 0.45 * MISPRINT}
     found = [
@@ -190,6 +213,10 @@ def _mixture_causes() -> list[Series]:
     ]
     found += [
         mixture(f"misprinted angle, a = {a:g}", a, 0.5, QUICK, effects__friction=rough)
+        for a in ASPECTS
+    ]
+    found += [
+        mixture(f"wide cell, a = {a:g}", a, 0.5, QUICK, seeds=(1, 2), cell__width=WIDE_CELL)
         for a in ASPECTS
     ]
     return found

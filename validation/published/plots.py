@@ -100,21 +100,23 @@ def _distance_over_size(page: Page, results: Results) -> None:
 
 
 def _shares_over_size(page: Page, results: Results) -> None:
-    with figure(1, 2, width=WIDTH, sharey=True) as (drawing, both):
-        for axes, way, section in zip(
-            both, ("direct", "list"), ("direct_sum", "verlet"), strict=True
-        ):
-            for k, kind in enumerate(("hexagons", "heptagons", "pentagons")):
+    kinds = ("hexagons", "pentagons", "heptagons")
+    ways = (("direct", "direct_sum", "every pair"), ("list", "verlet", "source's list"))
+    with figure(1, 2, width=WIDTH) as (drawing, both):
+        for k, kind in enumerate(kinds):
+            axes = both[0 if k == 0 else 1]
+            for m, (way, section, label) in enumerate(ways):
+                colour = COLOURS[2 * k + m]
                 names = [f"{way} {n}" for n in LISTED]
                 x, y, errors = _points(results, names, LISTED, f"{kind}_full")
-                axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=STYLES[k], marker="o",
-                              markersize=4, label=kind)  # fmt: skip
-                axes.plot(LISTED, published_value(f"voronoi_shares_{section}.{kind}"),
-                          color=COLOURS[k], **_PUBLISHED)  # fmt: skip
-            axes.set(xlabel="number of grains", ylim=(0.0, 1.0),
-                     title="every pair" if way == "direct" else "source's list")  # fmt: skip
+                axes.errorbar(x, y, errors, color=colour, linestyle=STYLES[m], marker="o",
+                              markersize=4, label=f"{kind}, {label}")  # fmt: skip
+                published = published_value(f"voronoi_shares_{section}.{kind}")
+                axes.plot(LISTED, published, color=colour, **_PUBLISHED)
+        for axes, limits in zip(both, ((0.8, 1.0), (0.0, 0.12)), strict=True):
+            axes.set(xlabel="number of grains", ylim=limits)
+            axes.legend(fontsize=8, loc="upper right")
         both[0].set_ylabel("share of polygons")
-        both[1].legend(loc="center right")
         page.figure(drawing, "Shares of polygons at full compression; crosses are published.")
 
 
@@ -171,13 +173,31 @@ def _order_over_ratio(page: Page, results: Results) -> None:
             names = [mixture_name(aspect, r, big) for r in RATIOS]
             for axes, name in zip(both, ("hexagons_full", "psi6_full"), strict=True):
                 x, y, errors = _points(results, names, RATIOS, name)
-                axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=STYLES[k], marker="o",
+                line = STYLES[k] if len(x) == len(RATIOS) else "none"
+                axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=line, marker="o",
                               markersize=3.5, label=f"a = {label}")  # fmt: skip
         for axes, label in zip(both, ("share of hexagons", "Ψ₆"), strict=True):
             axes.set(xlabel="R", ylabel=label, ylim=(0.0, 1.0))
         both[1].legend(fontsize=8)
         page.figure(drawing, "Order at full compression over the share of small grains. The source "
                     "draws these, and prints no numbers.")  # fmt: skip
+
+
+def _grain_forces(page: Page, results: Results) -> None:
+    names = [mixture_name(0.6, r) for r in RATIOS]
+    with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
+        for k, kind in enumerate(("big", "small")):
+            x, y, errors = _points(results, names, RATIOS, f"{kind}_force")
+            both[0].errorbar(x, 1e3 * y, 1e3 * errors, color=COLOURS[k], linestyle="none",
+                             marker="os"[k], markersize=4, label=f"{kind} grains")  # fmt: skip
+        x, y, errors = _points(results, names, RATIOS, "fluctuation")
+        both[1].errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="o",
+                         markersize=4)  # fmt: skip
+        both[0].set(xlabel="R", ylabel="magnetic force on a grain [mN]")
+        both[1].set(xlabel="R", ylabel="relative fluctuation", ylim=(0.0, None))
+        both[0].legend(fontsize=8)
+        page.figure(drawing, "Mean magnetic force on the grains of each species at full "
+                    "compression (a = 0.6), and its mean fluctuation [D, eq. 4.35].")  # fmt: skip
 
 
 def _variants(page: Page, results: Results) -> None:
@@ -204,5 +224,5 @@ _PICTURES: dict[str, Sequence[Callable[[Page, Results], None]]] = {
     "Force on the piston": (_force_over_size, _losses),
     "Mean distance": (_distance_over_size,),
     "Polygons": (_shares_over_size,),
-    "Mixtures": (_force_over_ratio, _order_over_ratio, _variants),
+    "Mixtures": (_force_over_ratio, _order_over_ratio, _grain_forces, _variants),
 }

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from validation.benchmark.fits import TRUTHS, FitError, fits, measured_here
+from validation.benchmark.fits import TRUTHS, fits, measured_here
+from validation.benchmark.process import ProcessError
 
 
 def test_a_measured_fit_is_a_good_one() -> None:
@@ -23,5 +24,5 @@ def test_truths_name_all_parameters() -> None:
 
 
 def test_a_process_that_fails_says_why() -> None:
-    with pytest.raises(FitError, match="KeyError"):
+    with pytest.raises(ProcessError, match="KeyError"):
         fits("tea-leaves", 500, 0)

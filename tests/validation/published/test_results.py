@@ -135,8 +135,7 @@ def test_the_published_curve_is_found_again() -> None:
 
 
 def test_deviations_anywhere_in_the_cycle() -> None:
-    base = np.linspace(0.0, 10.0, 5)
-    down = [list(base), list(base + [0.0, 0.0, 1.0, 0.0, 0.0])]
+    down = [[0.0, 2.5, 5.0, 7.5, 10.0], [0.0, 2.5, 6.0, 7.5, 10.0]]
     found = results(series("starts", planned=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
     one = row(found, "independence_of_start.std_over_mean_anywhere")
     assert one.found is not None

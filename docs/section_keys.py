@@ -1,0 +1,78 @@
+"""Tell, in the reference, what each key of a scene's section may be: its default and its limits.
+
+The docstrings of sections say what a key means and its unit; the declarations beside them hold
+default and limits. This extension of griffe puts the latter behind the former, from the source
+text alone.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from typing import Any
+
+import griffe
+
+KINDS = ("quantity", "whole", "choice", "text", "numbers")
+LIMITS = {"above": "above", "least": "at least", "below": "below", "most": "at most"}
+HEADER = re.compile(r"^(?P<names>\w+(?:, \w+)*) : ")
+
+
+class SectionKeys(griffe.Extension):
+    """Extend the docstrings of all classes derived from `granular.schema.Section`."""
+
+    def on_class(self, *, cls: griffe.Class, **_: Any) -> None:
+        if cls.docstring is None:
+            return
+        words = {
+            name: limits_in_words(str(member.value))
+            for name, member in cls.members.items()
+            if member.is_attribute and member.value is not None
+        }
+        cls.docstring.value = with_limits(cls.docstring.value, words)
+
+
+def limits_in_words(declaration: str) -> str:
+    """Default and limits of a key, from the call that declares it; empty for other values."""
+    try:
+        call = ast.parse(declaration, mode="eval").body
+    except SyntaxError:
+        return ""
+    if not isinstance(call, ast.Call) or getattr(call.func, "id", "") not in KINDS:
+        return ""
+    given = {one.arg: written(one.value) for one in call.keywords}
+    said = [f"{word} {given[key]}" for key, word in LIMITS.items() if key in given]
+    if "default" not in given:
+        said.append("must be given")
+    elif given["default"] == "None":
+        said.append("optional")
+    else:
+        said.append(f"default {given['default']}")
+    return f"*({', '.join(said)})*"
+
+
+def written(value: ast.expr) -> str:
+    """A value as people write it: 0 for 0.0."""
+    if isinstance(value, ast.Constant) and isinstance(value.value, float):
+        return f"{value.value:g}"
+    return ast.unparse(value).replace(" ** ", "^").replace("math.pi", "pi")
+
+
+def joined(found: list[str]) -> str:
+    """The words for keys that share a description; once where they are alike."""
+    return found[0] if len(set(found)) == 1 else " ".join(filter(None, found))
+
+
+def with_limits(docstring: str, words: dict[str, str]) -> str:
+    """The docstring with the words behind the description of each attribute."""
+    lines: list[str] = []
+    pending = ""
+    for line in [*docstring.splitlines(), ""]:
+        header = HEADER.match(line)
+        if pending and (header or not line.strip()):
+            lines.append(f"    {pending}")
+            pending = ""
+        if header:
+            pending = joined([words.get(name, "") for name in header["names"].split(", ")])
+        lines.append(line)
+    return "\n".join(lines).rstrip()

@@ -1,0 +1,56 @@
+"""The command line: what comes with the package is shown without running anything."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from granular.console import launch
+from validation.__main__ import main
+
+QUICK_FORCES = {
+    "piston_force_direct_sum.mean[0]": 0.03,
+    "piston_force_direct_sum.mean[4]": 0.03,
+    "half_mean_distance.minimum[0]": 0.005,
+    "half_mean_distance.minimum[3]": 0.005,
+    "half_mean_distance.minimum[7]": 0.005,
+}
+
+
+def test_committed_results_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(main, ["published", "-o", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    numbers = found["summary"]
+    assert sum(numbers.values()) == len(found["entries"])
+    assert numbers["agree"] > numbers["differ"]
+    assert all(one["verdict"] for one in found["entries"])
+    written = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert written == found
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    assert not (tmp_path / "cases").exists()
+
+
+def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(main, ["published", "--workers", "0", "-o", str(tmp_path)]) == 2
+    assert "--workers 0; give 1 or more" in capsys.readouterr().err
+    file = tmp_path / "file"
+    file.write_text("", encoding="utf-8")
+    assert launch(main, ["published", "-o", str(file / "below")]) == 2
+    assert "give another -o" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_quick_run_reproduces_what_is_published(tmp_path: Path) -> None:
+    from validation.published import published
+
+    found = published(tmp_path, "quick", progress=False)
+    rows = {one["key"]: one for one in found["quick"]["entries"]}
+    for key, tolerance in QUICK_FORCES.items():
+        assert rows[key]["ours"] == pytest.approx(rows[key]["published"], rel=tolerance), key
+        assert rows[key]["starts"] == 3
+    shares = [one for key, one in rows.items() if key.startswith("voronoi") and one["ours"]]
+    assert len(shares) >= 15
+    for one in shares:
+        assert one["ours"] == pytest.approx(one["published"], abs=0.04), one["key"]
