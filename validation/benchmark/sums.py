@@ -135,7 +135,8 @@ def _cut_off_steps(
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
         cut_sum(
-            near, radius, None, None, start.shape[1], x, y, sums[0], sums[1], None, None, None, None, None
+            near, radius, None, None, start.shape[1], x, y, sums[0], sums[1],
+            None, None, None, None, None,
         )  # fmt: skip
 
 
