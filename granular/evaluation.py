@@ -6,7 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.forces import (
+    kinetic_energy,
+    measure_forces,
+    potential_energies,
+    total_force,
+)
 from granular.engine.state import State, new_measurement, new_state
 from granular.engine.system import Constants, natural_system
 from granular.errors import InputError
@@ -82,7 +87,7 @@ def evaluate(
     )
     measurement = new_measurement(state)
     outside = measure_forces(state, constants, 0.0, measurement)
-    force = np.stack([state.fx, state.fy], axis=1)[: constants.grains]
+    force = np.stack(total_force(state, constants), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise InputError(
             "a grain stands behind a wall, above the piston, or on another grain; move it into "

@@ -70,6 +70,11 @@ class Method:
         return min((*self.kicks, *self.drifts)) < 0.0
 
     @property
+    def takes_impulses(self) -> bool:
+        """Whether a force that acts in impulses about its steps leaves it as accurate as it is."""
+        return self.kicks == (0.5, 0.5) and not self.variable
+
+    @property
     def takes_dry_friction(self) -> bool:
         return self.tableau is None and not self.backward and not self.variable
 

@@ -262,7 +262,40 @@ class Scene(Section):
                 "arrangement",
                 "positions",
             )
+        self._check_pairs()
         initial_motion(self)
+
+    @property
+    def pair_method(self) -> str:
+        """How pairs are summed, where it is left to choose."""
+        return self.pairs.chosen(self.grains.count, closed=self._closed)
+
+    @property
+    def _closed(self) -> bool:
+        walls = self.effects.walls
+        return walls is not None and not walls.has_gap and None not in walls.sides
+
+    def _check_pairs(self) -> None:
+        if self.pairs.method == "mesh" and not self._closed:
+            raise FieldError(
+                "the mesh of 'mesh' covers a closed cell; give all four walls and no gap, or take "
+                "'direct'",
+                "pairs",
+                "method",
+            )
+
+    def greatest_height(self) -> float:
+        """Greatest height of piston and grains that is known before the run [m]."""
+        height = self.piston.height if self.piston is not None else 0.0
+        highest = [height, float(initial_motion(self)[0][:, 1].max(initial=0.0))]
+        for stage in self.protocol:
+            height += stage.jump(height)
+            final = stage.final_height()
+            highest.append(height)
+            if final is not None:
+                height = final
+                highest.append(height)
+        return max(highest)
 
     def _check_walls(self) -> None:
         walls, piston = self.effects.walls, self.piston

@@ -256,8 +256,14 @@ def quantity(
     return declare(kind, default)
 
 
-def whole(*, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1) -> Any:
-    return declare(Whole(least=least, most=most), default)
+def whole(
+    *,
+    default: Any = dataclasses.MISSING,
+    least: int = 0,
+    most: int = 2**63 - 1,
+    optional: bool = False,
+) -> Any:
+    return declare(Whole(optional, least=least, most=most), default)
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import importlib.metadata
 import json
 import math
@@ -21,7 +22,7 @@ import numpy as np
 
 from granular.engine.ledger import doubtful
 from granular.engine.run import Run
-from granular.engine.step_size import LONGEST, Step
+from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.errors import InputError, Interrupted, RunError, StoreError
 from granular.methods import COMPENSATED, Method, method_named
@@ -97,12 +98,12 @@ def simulate(
         On Ctrl-C; its ``trajectory`` attribute holds what was computed.
     """
     plan = method_named(method)
-    step = checked_step(dt, scene.grains.count)
+    step = checked_step(dt, scene)
     _check_method(plan, step, scene)
     _check_cadence(step, scene)
     _check_end(scene, t_end)
     count = _thread_count(scene, threads)
-    system = natural_system(scene, threads=count)
+    system = natural_system(scene, threads=count, method=plan)
     numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
     settings = _settings(scene, dt, method)
     if resume and out is None:
@@ -199,29 +200,36 @@ def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset
     )
 
 
-def checked_step(dt: float | str, grains: int = 368) -> Step:
-    """A time step in seconds, or a multiple of the automatic one, for so many grains.
+def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
+    """A time step in seconds, or a multiple of the automatic one, of a scene.
 
     Raises
     ------
     InputError
         If it is neither.
     """
+    step = Step() if scene is None else Step(grains=scene.grains.count, dry=_rubs(scene))
     if isinstance(dt, str):
         match = _AUTOMATIC.fullmatch(dt)
         if match is None:
             raise InputError(f"dt = {dt!r}; give seconds, 'auto', or a multiple such as 'auto/2'")
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
-        if not 0.0 < factor <= LONGEST:
+        if not 0.0 < factor <= step.longest:
             raise InputError(
                 f"dt = {dt!r}; the automatic step may be multiplied by more than 0 and at most "
-                f"{LONGEST:g}"
+                f"{step.longest:g}"
             )
-        return Step(None, factor, grains)
+        return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
         raise InputError(f"dt = {dt!r}; give a time step above 0 s, or 'auto'")
-    return Step(float(dt), 1.0, grains)
+    return dataclasses.replace(step, seconds=float(dt))
+
+
+def _rubs(scene: Scene) -> bool:
+    """Whether dry friction between grains and plates allows longer steps."""
+    friction, contact = scene.effects.friction, scene.effects.contact
+    return friction is not None and friction.scheme == "velocity" and contact is None
 
 
 def _check_method(method: Method, step: Step, scene: Scene) -> None:
@@ -290,7 +298,7 @@ def _check_end(scene: Scene, t_end: float | None) -> None:
 def _thread_count(scene: Scene, threads: int | None) -> int:
     available = int(numba.config.NUMBA_NUM_THREADS)
     if threads is None:
-        parted = scene.pairs.chosen == "direct" and scene.grains.count > PARTED_FROM
+        parted = scene.pair_method == "direct" and scene.grains.count > PARTED_FROM
         return min(available, PARTS) if parted else 1
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
@@ -311,7 +319,7 @@ def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
         "scene_digest": scene.digest(),
         "dt": dt,
         "method": method,
-        "pairs": scene.pairs.chosen,
+        "pairs": scene.pair_method,
         "versions": versions(),
     }
 

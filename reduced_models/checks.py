@@ -23,6 +23,7 @@ from granular.errors import GranularError, InputError
 from granular.record import PistonRecord
 
 if TYPE_CHECKING:
+    from granular.scene import Scene
     from granular.trajectory import Trajectory
 
 CHECK_SEEDS = 2
@@ -111,18 +112,18 @@ def step_check(run: Trajectory) -> StepCheck:
 
     settings = run.settings()
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= _RESOLVED and _allowed(doubled(settings["dt"])):
+    if coarser <= _RESOLVED and _allowed(run.scene, doubled(settings["dt"])):
         return StepCheck(_step_case(run, "twice the time step", doubled(settings["dt"])), 1.0)
     power = 2.0 ** method_named(settings["method"]).order
     case = _step_case(run, "half the time step", halved(settings["dt"]))
     return StepCheck(case, power / (power - 1.0))
 
 
-def _allowed(dt: float | str) -> bool:
+def _allowed(scene: Scene, dt: float | str) -> bool:
     from granular.simulation import checked_step
 
     try:
-        checked_step(dt)
+        checked_step(dt, scene)
     except InputError:
         return False
     return True

@@ -9,6 +9,7 @@ from typing import Any
 from granular.errors import InputError
 from granular.methods import METHODS
 from granular.scene import Scene
+from granular.simulation import checked_step
 from validation.quantities import Quantity, quantity_named
 from validation.work_precision import Setting, WorkPrecision, work_precision
 
@@ -75,7 +76,22 @@ def candidates(scene: Scene) -> tuple[Setting, ...]:
     schemes: list[dict[str, Any]] = [{}]
     if effects.friction is not None:
         schemes = [{"effects.friction.scheme": one} for one in ("velocity", "regularised")]
-    return tuple(Setting(name, dt, scheme) for scheme in schemes for name in names for dt in STEPS)
+    return tuple(
+        Setting(name, dt, scheme)
+        for scheme in schemes
+        for name in names
+        for dt in STEPS
+        if _allowed(scene.replace(**scheme), dt)
+    )
+
+
+def _allowed(scene: Scene, dt: str) -> bool:
+    """Whether the automatic step of the scene may be so much longer."""
+    try:
+        checked_step(dt, scene)
+    except InputError:
+        return False
+    return True
 
 
 def _takes_friction(name: str) -> bool:

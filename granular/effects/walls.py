@@ -112,9 +112,13 @@ class Walls(Section):
                 )
 
     @property
+    def sides(self) -> tuple[Wall | None, ...]:
+        """In the order of `SIDES`; None where a side is open."""
+        return tuple(getattr(self, side) for side in SIDES)
+
+    @property
     def has_slab(self) -> bool:
-        walls = (getattr(self, side) for side in SIDES)
-        return any(wall is not None and wall.law == "slab" for wall in walls)
+        return any(wall is not None and wall.law == "slab" for wall in self.sides)
 
     @property
     def has_gap(self) -> bool:
@@ -122,8 +126,9 @@ class Walls(Section):
 
     def kernel(self, width: float, unit: float) -> WallLaws:
         """The laws in natural units; see `Wall.kernel`."""
-        walls = (getattr(self, side) for side in SIDES)
-        return WallLaws(*(None if wall is None else wall.kernel(width, unit) for wall in walls))
+        return WallLaws(
+            *(None if wall is None else wall.kernel(width, unit) for wall in self.sides)
+        )
 
 
 class Slab(NamedTuple):

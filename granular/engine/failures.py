@@ -44,6 +44,11 @@ def misplaced(
                 step=step, time=time, grain=int(state.label[gap.argmin()]), value=value,
                 remedy=remedy,
             )  # fmt: skip
+    if state.far is not None and not np.isfinite(state.far.energy[0]):
+        return OutsideError(
+            "the bed has spread beyond the mesh of its far field",
+            step=step, time=time, remedy="sum the pairs directly ('pairs.method = \"direct\"')",
+        )  # fmt: skip
     return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
 
 

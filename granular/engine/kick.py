@@ -18,6 +18,7 @@ from granular.engine.compensation import sum_with_low_part
 from granular.engine.state import CONTACT, DRAG, FRICTION, State
 from granular.engine.system import Constants
 from granular.pairs.cells import ClosePairs
+from granular.pairs.far_field import FarForces
 from granular.pairs.vector import lane_sum
 
 
@@ -42,6 +43,27 @@ def _kick_freely(
         for i in range(count):
             gain = span / charge[i]
             _speed_up(low, state, i, gain * state.fx[i], gain * state.fy[i])
+
+
+@compiled
+def kick_by_far_field(
+    far: FarForces | None, span: float, state: State, constants: Constants
+) -> None:
+    """The impulse over ``span`` [tau] of the far field but for what is held of it."""
+    if far is not None:
+        _kick_by_rest(state.low, far, span, state, constants.grains, constants.charge)
+
+
+@compiled
+def _kick_by_rest(
+    low: Array | None, far: FarForces, span: float, state: State, count: int, charge: Array | None
+) -> None:
+    for i in range(count):
+        gain = span
+        if charge is not None:
+            gain /= charge[i]
+        by_x, by_y = far.fx[i] - far.held_x[i], far.fy[i] - far.held_y[i]
+        _speed_up(low, state, i, gain * by_x, gain * by_y)
 
 
 @compiled(inline=True)

@@ -14,7 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.forces import (
+    find_far_field,
+    kinetic_energy,
+    measure_forces,
+    potential_energies,
+)
+from granular.engine.kick import kick_by_far_field
 from granular.engine.motion import Motion
 from granular.engine.piston import piston_energy
 from granular.engine.state import Measurement, State
@@ -177,21 +183,31 @@ def _turned_over(watch: Watch, row: Array) -> float:
 
 @compiled
 def _make_tick(
-    fraction: float | None, tick: int, window: Window, pace: Pace, plan: Plan, state: State,
-    constants: Constants, motion: Motion, measurement: Measurement,
+    fraction: float | None, every: int | None, tick: int, window: Window, pace: Pace, plan: Plan,
+    state: State, constants: Constants, motion: Motion, measurement: Measurement,
 ) -> int:  # fmt: skip
     """The steps of a tick; not zero where a grain is where it cannot be.
 
     Variable steps go up to the first moment behind the tick's end; the last one of a stage is cut.
+    A far field that acts ``every`` so many steps gives its impulse half before and half after them
+    (Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137); a tick is cut into such spans.
     """
     begin, end = window.origin + tick_start(pace, tick), window.origin + tick_start(pace, tick + 1)
     steps, step, time, h, last = tick_steps(pace, tick), 0, begin, pace.h, False
+    span, spans, span_end, outside = 0, 1, 0, 0
+    if every is not None:
+        spans = (steps + every - 1) // every
     if fraction is not None:
         time = state.clock[TIME]
         end = min(end, window.limit)
         if time >= end:
             return measure_forces(state, constants, window.start + time, measurement)
     while not last:
+        if every is not None and step == span_end:
+            span += 1
+            span_end = span * steps // spans
+            impulse = 0.5 * (span_end - step) * h
+            kick_by_far_field(state.far, impulse, state, constants)
         if fraction is None:
             time = begin + step * h
             step += 1
@@ -214,6 +230,10 @@ def _make_tick(
             outside = make_step(
                 plan.tableau, plan, h, time, window.start, state, constants, motion, None
             )
+        if every is not None and step == span_end:
+            if not last:
+                outside += find_far_field(state.far, state, constants)
+            kick_by_far_field(state.far, impulse, state, constants)
         state.clock[TIME] = next_time
         state.clock[STEPS] += 1.0
         if outside > 0:
@@ -250,7 +270,16 @@ def advance(
     kept = 0
     for tick in range(window.first, window.first + window.ticks):
         outside = _make_tick(
-            plan.fraction, tick, window, pace, plan, state, constants, motion, measurement
+            plan.fraction,
+            plan.far_every,
+            tick,
+            window,
+            pace,
+            plan,
+            state,
+            constants,
+            motion,
+            measurement,
         )
         if outside > 0 or state.piston[0] < watch.floor:
             return OUTSIDE, tick - window.first, kept

@@ -14,7 +14,12 @@ from granular.arrangement import initial_motion
 from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import misplaced, restless, unbalanced
-from granular.engine.forces import compute_forces, measure_forces
+from granular.engine.forces import (
+    compute_forces,
+    find_far_field,
+    hold_far_field,
+    measure_forces,
+)
 from granular.engine.ledger import Ledger, is_dry
 from granular.engine.loop import (
     CLOSEST,
@@ -41,6 +46,7 @@ from granular.engine.system import System
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_density
 from granular.errors import RunError, StoreError
 from granular.methods import Method
+from granular.pairs.far_field import FarField
 from granular.protocol import Stage
 from granular.protocol.stage import Timed
 from granular.recorder import Recorder
@@ -61,10 +67,11 @@ REST_TOLERANCE = 1e-4
 _PLACE = "place the grains apart from each other, inside the walls and below the piston"
 
 
-def _plan(method: Method, step: Step) -> Plan:
+def _plan(method: Method, step: Step, far: FarField | None) -> Plan:
     tableau = None if method.tableau is None else _tableau(method.tableau)
     fraction = step.fraction if method.variable else None
-    return Plan(np.array(method.kicks), np.array(method.drifts), tableau, fraction)
+    every = None if far is None else far.every
+    return Plan(np.array(method.kicks), np.array(method.drifts), tableau, fraction, every)
 
 
 def _tableau(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
@@ -79,7 +86,7 @@ class Run:
     ) -> None:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
-        self.plan = _plan(method, step)
+        self.plan = _plan(method, step, system.constants.acting.far)
         self.recorder = Recorder(scene.grains.count)
         self.progress = Progress()
         positions, velocities = initial_motion(scene)
@@ -134,6 +141,7 @@ class Run:
         # What is not kept follows from the positions; what is kept has the bits of the pass that
         # made it, which may have been a measuring one.
         compute_forces(state, self.constants, self.time)
+        find_far_field(state.far, state, self.constants)
         put_arrays(state, kept)
         self._check_end()
 
@@ -229,6 +237,7 @@ class Run:
         if not self.motion.free:
             self._take_hold(path(self.motion, 0.0)[1])
         row = self._look(_PLACE)
+        hold_far_field(self.state, self.constants)
         self._set_pace(row)
         self.band[:] = (0.0, row[1], row[1])
         self.seen[:2] = 0.0
@@ -424,6 +433,8 @@ class Run:
         elif progress.ticks % REVIEW == 0:
             if self.step.automatic and self._dissipates:
                 self._set_steps(self.seen[0])
+            if self._dissipates:
+                hold_far_field(self.state, self.constants)
             self.seen[0] = 0.0
 
     @property

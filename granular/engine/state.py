@@ -9,6 +9,7 @@ import numpy as np
 from granular.methods import Method
 from granular.pairs.cells import ClosePairs, close_pairs_room
 from granular.pairs.direct import padded_coordinates, part_buffers
+from granular.pairs.far_field import FarForces, far_forces_room
 from granular.pairs.stripes import LISTED, Stripes, stripes_room
 from granular.pairs.verlet_list import VerletList, verlet_list_room
 
@@ -56,6 +57,8 @@ class State(NamedTuple):
         Grains in stripes, where pairs end at a distance.
     known : VerletList or None
         The source's list of pairs.
+    far : FarForces or None
+        The far field.
     close : ClosePairs or None
         Grains in contact.
     push, shove : float64 (m,), the second None without slabs
@@ -82,6 +85,7 @@ class State(NamedTuple):
     load: np.ndarray | None
     near: Stripes | None
     known: VerletList | None
+    far: FarForces | None
     close: ClosePairs | None
     push: np.ndarray
     shove: np.ndarray | None
@@ -139,6 +143,7 @@ def new_state(
         load=None if acting.friction is None else np.zeros_like(x),
         near=_stripes(x.size, acting),
         known=None if acting.listing is None else verlet_list_room(x.size),
+        far=_far_forces(x.size, acting),
         close=None if acting.contact is None else close_pairs_room(count),
         push=np.zeros_like(x),
         shove=np.zeros_like(x) if slabs else None,
@@ -152,6 +157,12 @@ def _stripes(size: int, acting: Acting) -> Stripes | None:
     if acting.cut is None:
         return None
     return stripes_room(size, charged=acting.cut.charged, loaded=acting.friction is not None)
+
+
+def _far_forces(size: int, acting: Acting) -> FarForces | None:
+    if acting.far is None:
+        return None
+    return far_forces_room(acting.far, size, loaded=acting.friction is not None)
 
 
 def kept_lists(near: Stripes | VerletList | None) -> dict[str, np.ndarray]:

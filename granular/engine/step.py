@@ -28,12 +28,15 @@ class Plan(NamedTuple):
         Butcher tableau, its weights as the last row; None is compiled away.
     fraction : float or None
         Of a variable step: the step times the frequency; None for steps of equal length.
+    far_every : int or None
+        Steps from one impulse of the far field to the next; None where there are none.
     """
 
     kicks: np.ndarray
     drifts: np.ndarray
     tableau: np.ndarray | None
     fraction: float | None
+    far_every: int | None
 
 
 @compiled(inline=True)

@@ -11,7 +11,10 @@ from granular.effects.contact import ContactLaw
 from granular.effects.friction import FrictionLaw
 from granular.effects.shaking import Swing
 from granular.effects.walls import OPEN, WallLaws
+from granular.errors import InputError
+from granular.methods import Method
 from granular.pairs.direct import padded_values
+from granular.pairs.far_field import FarField
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import Listing
 from granular.scales import Scales
@@ -36,6 +39,8 @@ class Acting(NamedTuple):
         Where pairs end; with None for this and the next, all pairs are summed.
     listing : Listing or None
         Of the source's Verlet list.
+    far : FarField or None
+        What is beyond the radius where pairs end smoothly.
     """
 
     dipole: bool | None
@@ -47,6 +52,7 @@ class Acting(NamedTuple):
     shaking: Swing | None
     cut: CutOff | None
     listing: Listing | None
+    far: FarField | None
 
 
 class Resistance(NamedTuple):
@@ -100,6 +106,14 @@ class Constants(NamedTuple):
     threaded: bool | None
 
 
+FAR_EVERY = 8
+"""Steps from one evaluation of the far field to the next: 0.8 of the inverse of the highest angular
+frequency with the automatic step, well short of resonance with the fastest mode, at pi of it
+(Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
+
+HEADROOM = 1.5
+"""Room of the far field over the greatest height that is known beforehand: a piston may bounce."""
+
 EXIT = -5.0
 """A grain this far below a gap [D] has left: the slabs' force on it is below a thousandth of F*."""
 
@@ -113,13 +127,19 @@ class System:
     species: np.ndarray
 
 
-def natural_system(scene: Scene, *, threads: int = 1) -> System:
-    """The scene in natural units."""
+def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = None) -> System:
+    """The scene in natural units, for a method of integration.
+
+    Raises
+    ------
+    InputError
+        If the far field cannot act at longer steps with that method.
+    """
     scales = Scales.of(scene.grains)
     species = scene.grains.assignment()
     ratios = np.array([one.diameter for one in scene.grains.species])
     ratios = (ratios / scales.length) ** 2
-    acting = _acting(scene, scales, species)
+    acting = _acting(scene, scales, species, method)
     mass, weight = _piston_mass(scene, scales, acting.gravity)
     walls = scene.effects.walls
     constants = Constants(
@@ -137,10 +157,12 @@ def natural_system(scene: Scene, *, threads: int = 1) -> System:
     return System(scales, constants, species)
 
 
-def _acting(scene: Scene, scales: Scales, species: np.ndarray) -> Acting:
+def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> Acting:
     effects, grains = scene.effects, scene.grains
     walls, friction, contact = effects.walls, effects.friction, effects.contact
-    radius = None if effects.dipole is None else scene.pairs.radius(scales.length)
+    summed = None if effects.dipole is None else scene.pair_method
+    radius = scene.pairs.radius(summed, scales.length)
+    smooth = True if summed == "mesh" else None
     return Acting(
         dipole=None if effects.dipole is None else True,
         walls=OPEN if walls is None else walls.kernel(scene.cell.width, scales.length),
@@ -149,9 +171,31 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray) -> Acting:
         friction=None if friction is None else friction.kernel(grains, scene.cell, scales, species),
         contact=None if contact is None else contact.kernel(grains, scales, species),
         shaking=None if effects.shaking is None else effects.shaking.kernel(scales),
-        cut=None if radius is None else CutOff(radius, len(grains.species) > 1),
-        listing=None if effects.dipole is None else scene.pairs.listing(scales.length),
+        cut=None if radius is None else CutOff(radius, len(grains.species) > 1, smooth),
+        listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
+        far=None if smooth is None or radius is None else _far_field(scene, scales, radius, method),
     )
+
+
+def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | None) -> FarField:
+    height = HEADROOM * scene.greatest_height() / scales.length
+    return FarField(radius, scene.cell.width / scales.length, height, _far_every(scene, method))
+
+
+def _far_every(scene: Scene, method: Method | None) -> int | None:
+    """Steps from one evaluation of the far field to the next; None for a part of every force."""
+    wanted = scene.pairs.far_every
+    rubs = scene.effects.friction is not None
+    able = method is not None and method.takes_impulses and not rubs
+    if wanted is None:
+        return FAR_EVERY if able else None
+    if wanted > 1 and method is not None and not able:
+        why = "grains rub, and need the whole force to stick" if rubs else f"{method.name!r} cannot"
+        raise InputError(
+            f"pairs.far_every = {wanted}: {why}; leave it away, or take 1"
+            + ("" if rubs else " or 'stormer-verlet'")
+        )
+    return wanted if able and wanted > 1 else None
 
 
 def _piston_mass(scene: Scene, scales: Scales, gravity: float | None) -> tuple[float, float]:

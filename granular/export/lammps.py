@@ -151,7 +151,7 @@ def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     """The time step [s] that is given, or that the bed's stiffest modes allow."""
     from granular.simulation import checked_step
 
-    asked = checked_step(dt, deck.scene.grains.count)
+    asked = checked_step(dt, deck.scene)
     if asked.seconds is not None:
         return asked.seconds
     highest = max(_squeezed(deck, start), _colliding(deck, start)) * deck.scales.rate

@@ -67,7 +67,9 @@ class Deck(NamedTuple):
         """Where the pairs end [D]: the cut-off, or beyond the cell's diagonal."""
         if self.scene.effects.dipole is None:
             return None
-        radius = self.scene.pairs.radius(self.scales.length)
+        # What a mesh adds to its near part is the rest of all pairs.
+        method = "direct" if self.scene.pair_method == "mesh" else self.scene.pair_method
+        radius = self.scene.pairs.radius(method, self.scales.length)
         diagonal = math.hypot(self.scene.cell.width, self.height) / self.scales.length
         closed = len(self.sides) == len(FACES)
         return radius or diagonal * (1.0 if closed else OPEN_MARGIN)

@@ -84,7 +84,7 @@ def check_scene(scene: Scene) -> None:
                 f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: near its "
                 f"ends it depends on two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
             )
-    if scene.pairs.chosen == "verlet-list":
+    if scene.pair_method == "verlet-list":
         raise InputError(
             "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "
             "take 'cut-off' with the same radius"

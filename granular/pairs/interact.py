@@ -57,11 +57,22 @@ def one_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
     return Grains(*(None if one is None else code.splat(code.scalar(one, i)) for one in pointers))
 
 
+class Smooth(NamedTuple):
+    """Coefficients in r^2 of the far parts of r^-5 and r^-3, over `SCALE`, in every lane."""
+
+    fifth: list[Any]
+    cube: list[Any]
+
+
 class Cut(NamedTuple):
-    """Where pairs end, in every lane: the square of that distance, and r^-3 there over `SCALE`."""
+    """Where pairs end, in every lane: the square of that distance, and r^-3 there over `SCALE`.
+
+    With ``smooth`` the law ends there smoothly: its far part is taken off.
+    """
 
     square: Any
     cube: Any
+    smooth: Smooth | None = None
 
 
 class Extremes:
@@ -72,17 +83,9 @@ class Extremes:
         self.energy = pointer and code.variable(constant(0.0))
         self.closest = pointer and code.variable(constant(0.0))
 
-    def meet(
-        self, r2: ir.Value, s: ir.Value, strength: ir.Value, pair: ir.Value | None, cut: Cut | None
-    ) -> None:
-        """Enter pairs; where they end at a distance, their energy is zero there."""
+    def meet(self, s: ir.Value, energy: ir.Value) -> None:
         if self.pointer is not None:
             code, b = self.code, self.code.builder
-            energy = b.fmul(r2, strength)
-            if cut is not None:
-                rest = cut.cube if pair is None else b.fmul(cut.cube, pair)
-                inside = b.fcmp_ordered(">", s, constant(0.0))
-                energy = b.select(inside, b.fsub(energy, rest), constant(0.0))
             code.raise_by(self.energy, energy)
             b.store(code.greater(s, b.load(self.closest)), self.closest)
 
@@ -97,24 +100,58 @@ class Extremes:
             code.put_scalar(closest, self.pointer, second)
 
 
+def _polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
+    value = coefficients[-1]
+    for coefficient in reversed(coefficients[:-1]):
+        value = code.fused(value, r2, coefficient)
+    return value
+
+
+def _energy(
+    code: Code, r2: ir.Value, s: ir.Value, strength: ir.Value, pair: ir.Value | None,
+    cut: Cut | None, cube: ir.Value | None,
+) -> ir.Value:  # fmt: skip
+    """Energy of pairs; where they end at a distance, it is zero there."""
+    b = code.builder
+    if cube is not None:
+        return cube if pair is None else b.fmul(cube, pair)
+    energy = b.fmul(r2, strength)
+    if cut is None:
+        return energy
+    rest = cut.cube if pair is None else b.fmul(cut.cube, pair)
+    inside = b.fcmp_ordered(">", s, constant(0.0))
+    return b.select(inside, b.fsub(energy, rest), constant(0.0))
+
+
 def interact(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
     lanes: list[bool] | None = None, cut: Cut | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
     """What the pairs add to the first, and to the second ones, in the lanes that count."""
     b = code.builder
+    zero = constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
     r2 = code.fused(dx, dx, b.fmul(dy, dy))
     s = inverse_fifth(code, r2)
     if lanes is not None:
-        s = b.select(flags(lanes), s, constant(0.0))
+        s = b.select(flags(lanes), s, zero)
     if cut is not None:
-        s = b.select(b.fcmp_ordered("<", r2, cut.square), s, constant(0.0))
-    pair, strength = None, s
+        s = b.select(b.fcmp_ordered("<", r2, cut.square), s, zero)
+    near, cube = s, None
+    if cut is not None and cut.smooth is not None:
+        # Not zero, and so inside, also where two grains are at one place and s is no number.
+        inside = b.fcmp_unordered("!=", s, zero)
+        fifth = _polynomial(code, cut.smooth.fifth, r2)
+        near = b.select(inside, b.fsub(s, fifth), zero)
+        if extremes.pointer is not None or wanted.load is not None:
+            rest = _polynomial(code, cut.smooth.cube, r2)
+            cube = b.select(inside, b.fsub(b.fmul(r2, s), rest), zero)
+    pair, strength = None, near
     if first.charge is not None:
         pair = b.fmul(first.charge, second.charge)
-        strength = b.fmul(s, pair)
-    extremes.meet(r2, s, strength, pair, cut)
+        strength = b.fmul(near, pair)
+    if extremes.pointer is not None:
+        extremes.meet(s, _energy(code, r2, s, strength, pair, cut, cube))
     # Products and sums apart: action and reaction are equal to the last bit, and processors with
     # units for sums of their own are faster.
     fx, fy = b.fmul(strength, dx), b.fmul(strength, dy)
@@ -125,7 +162,8 @@ def interact(
         own[2] = b.fmul(s, second.charge) if charged else s
         other[2] = b.fmul(s, first.charge) if charged else s
     if wanted.load is not None:
-        cube = b.fmul(r2, s)
+        if cube is None:
+            cube = b.fmul(r2, s)
         own[3], other[3] = b.fmul(cube, second.weight), b.fmul(cube, first.weight)
     return Sums(*own), Sums(*other)
 

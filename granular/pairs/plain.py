@@ -9,6 +9,7 @@ import numpy as np
 
 from granular.compiled import Array
 from granular.effects.dipole import ENERGY, STRENGTH, pair_energy, pair_force
+from granular.pairs.split import far_cube, far_fifth
 
 
 def plain_direct_sum(
@@ -57,6 +58,8 @@ def plain_direct_sum(
 def plain_cut_sum(
     near: object,
     radius: float,
+    smooth: bool | None,
+    threaded: bool | None,
     grains: int,
     x: Array,
     y: Array,
@@ -68,7 +71,10 @@ def plain_cut_sum(
     load: Array | None,
     weight: Array | None,
 ) -> None:
-    """The same within a radius, where the energy of a pair is zero: every pair is looked at."""
+    """The same within a radius, where the energy of a pair is zero: every pair is looked at.
+
+    With ``smooth``, of the near part of the law alone.
+    """
     for out in (fx, fy, stiffness, extremes, load):
         if out is not None:
             out[:] = 0.0
@@ -79,17 +85,21 @@ def plain_cut_sum(
             r = np.sqrt(dx * dx + dy * dy)
             if r < radius:
                 pairs = np.array([q[i] * q[j], q[j], q[i]])
-                ratio = pairs[0] * pair_force(r) / r
+                far = 0.0 if smooth is None else float(far_fifth(np.array(r * r), radius))
+                ratio = pairs[0] * (pair_force(r) / r - STRENGTH * far)
                 for place, sign in ((i, 1.0), (j, -1.0)):
                     fx[place] += sign * ratio * dx
                     fy[place] += sign * ratio * dy
                 fifth = pair_force(r) / (STRENGTH * r)
                 cube = pair_energy(r) / ENERGY
+                rest = pair_energy(radius) / ENERGY
+                if smooth is not None:
+                    cube, rest = cube - float(far_cube(np.array(r * r), radius)), 0.0
                 if stiffness is not None:
                     stiffness[i] += pairs[1] * fifth
                     stiffness[j] += pairs[2] * fifth
                 if extremes is not None:
-                    extremes[0] += pairs[0] * (cube - pair_energy(radius) / ENERGY)
+                    extremes[0] += pairs[0] * (cube - rest)
                     extremes[1] = max(extremes[1], fifth)
                 if load is not None and weight is not None:
                     load[i] += weight[j] * cube

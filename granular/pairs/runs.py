@@ -14,6 +14,7 @@ from granular.pairs.interact import (
     Cut,
     Extremes,
     Grains,
+    Smooth,
     added,
     eight_grains,
     interact,
@@ -22,6 +23,7 @@ from granular.pairs.interact import (
 )
 from granular.pairs.inverse import SCALE
 from granular.pairs.lanes import INDEX, WIDTH, Code, constant
+from granular.pairs.split import CUBE, FIFTH
 
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""
@@ -76,6 +78,27 @@ def _sweep_group(code: Code, sweep: _Sweep, first: ir.Value, runs: ir.Value) -> 
     sweep.extremes.finish()
 
 
+def _scaled(code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value) -> list[Any]:
+    """Coefficients in r^2 from those in (r/r_c)^2, in every lane: times ``power``, over `SCALE`."""
+    b, out = code.builder, []
+    for number in numbers:
+        out.append(code.splat(b.fmul(ir.Constant(power.type, number / SCALE), power)))
+        power = b.fdiv(power, square)
+    return out
+
+
+def _cut(code: Code, radius: ir.Value, *, smooth: bool) -> Cut:
+    b = code.builder
+    square = b.fmul(radius, radius)
+    cube = b.fdiv(ir.Constant(radius.type, 1.0), b.fmul(square, radius))
+    rest = b.fmul(ir.Constant(radius.type, 1.0 / SCALE), cube)
+    far = None
+    if smooth:
+        fifth = b.fdiv(cube, square)
+        far = Smooth(_scaled(code, FIFTH, fifth, square), _scaled(code, CUBE, cube, square))
+    return Cut(code.splat(square), code.splat(rest), far)
+
+
 @intrinsic
 def sweep_runs(
     typing: Any,
@@ -92,26 +115,27 @@ def sweep_runs(
     first: Any,
     stop: Any,
     radius: Any,
+    smooth: Any,
 ) -> Any:
     """The rows first .. stop - 1, two at a time, each with the partners within ``radius``.
 
     The first row's partners begin with the second row; seven more grains behind that one are met
     without being listed. ``runs`` is int64 (rows / 2, `RUNS`, 2): where each run starts and stops.
-    Up to seven places behind a run are met, too.
+    Up to seven places behind a run are met, too. ``smooth`` is None where pairs just end at the
+    radius, anything else where the far part of their law (`granular.pairs.split`) is taken off.
     """
     signature = types.void(
         x, y, fx, fy, charge, stiffness, extremes, load, weight, runs,
-        types.intp, types.intp, types.float64,
+        types.intp, types.intp, types.float64, smooth,
     )  # fmt: skip
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
         arrays = Arrays(code, signature.args[:9], values[:9])
         listed = code.data(signature.args[9], values[9])
-        first, stop, radius = values[10:]
-        square = builder.fmul(radius, radius)
-        cube = builder.fdiv(ir.Constant(radius.type, 1.0 / SCALE), builder.fmul(square, radius))
-        cut = Cut(code.splat(square), code.splat(cube))
+        first, stop, radius = values[10:13]
+        ends = not isinstance(signature.args[13], types.NoneType)
+        cut = _cut(code, radius, smooth=ends)
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
             places = [builder.add(row, ir.Constant(INDEX, one)) for one in range(ROWS)]

@@ -31,9 +31,13 @@ PADDING = 1e70
 _LEAST_IN_STRIPE = 8
 """Fewer grains a stripe are not worth one: stripes are made higher, and memory stays bounded."""
 
-LISTED, GRAINS, SKIN, CALLS, BUILDS = range(5)
+LISTED, GRAINS, SKIN, CALLS, BUILDS, STRIPES = range(6)
 """Entries of the memory: whether there are lists for the places that they were made at; for how
-many grains; the skin [D]; sums since; how often lists were made."""
+many grains; the skin [D]; sums since; how often lists were made; in how many stripes."""
+
+_TOGETHER = RUNS
+"""Stripes swept together. They push grains in the next three at most, so every second group can be
+swept at the same time as the others of its kind."""
 
 _FIRST_SKIN, _LEAST_SKIN, _MOST_SKIN = 0.05, 0.01, 0.5
 _COST = 2.0
@@ -49,10 +53,13 @@ class CutOff(NamedTuple):
         [D]
     charged : bool
         Whether the grains' moments differ.
+    smooth : bool or None
+        None where pairs just end; else the far part of their law is taken off, for a far field.
     """
 
     radius: float
     charged: bool
+    smooth: bool | None
 
 
 class Stripes(NamedTuple):
@@ -74,7 +81,7 @@ class Stripes(NamedTuple):
     built : float64 (2, m)
         Places of the grains when the runs were listed. Part of a checkpoint, as ``memory`` is:
         the order of the sums depends on it.
-    memory : float64 (5,)
+    memory : float64 (6,)
         See `LISTED` and the others.
     """
 
@@ -119,7 +126,7 @@ def stripes_room(size: int, *, charged: bool, loaded: bool) -> Stripes:
         begins=np.zeros(most + 2, dtype=np.int64),
         runs=np.zeros((places // ROWS, RUNS, 2), dtype=np.int64),
         built=np.zeros((2, size)),
-        memory=np.zeros(5),
+        memory=np.zeros(6),
     )
 
 
@@ -213,6 +220,7 @@ def _list_partners(
     _put_values(near, grains, charge, weight)
     near.begins[near.begins.size - 1] = near.begins[stripes]
     near.memory[LISTED] = 1.0
+    near.memory[STRIPES] = stripes
 
 
 @compiled
@@ -240,7 +248,7 @@ def _moved(near: Stripes, x: Array, y: Array, grains: int) -> bool:
 
 
 @compiled
-def _finite(x: Array, y: Array, grains: int) -> bool:
+def finite(x: Array, y: Array, grains: int) -> bool:
     total = 0.0
     for i in range(grains):
         total += 0.0 * x[i] + 0.0 * y[i]
@@ -268,12 +276,80 @@ def _make_ready(
 
 
 @compiled
-def _cut_sum(
-    near: Stripes, radius: float, grains: int, x: Array, y: Array, fx: Array, fy: Array,
-    charge: Array | None, stiffness: Array | None, extremes: Array | None,
-    load: Array | None, weight: Array | None,
+def _sweep_group(
+    near: Stripes, sums: Array | None, parts: Array | None, load: Array | None, group: int,
+    radius: float, smooth: bool | None,
 ) -> None:  # fmt: skip
-    if not _finite(x, y, grains):
+    first = near.begins[group * _TOGETHER]
+    end = near.begins[min((group + 1) * _TOGETHER, int(near.memory[STRIPES]))]
+    if parts is None:
+        sweep_runs(
+            near.x, near.y, near.fx, near.fy, near.charge, sums, None, load, near.weight,
+            near.runs, first, end, radius, smooth,
+        )  # fmt: skip
+    else:
+        sweep_runs(
+            near.x, near.y, near.fx, near.fy, near.charge, sums, parts[group], load, near.weight,
+            near.runs, first, end, radius, smooth,
+        )  # fmt: skip
+
+
+@compiled
+def _sweep_groups(
+    near: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
+    radius: float, smooth: bool | None,
+) -> None:  # fmt: skip
+    for odd in range(2):
+        for half in range((groups + 1 - odd) // 2):
+            _sweep_group(near, sums, parts, load, 2 * half + odd, radius, smooth)
+
+
+@compiled(parallel=True)
+def _sweep_groups_threaded(
+    near: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
+    radius: float, smooth: bool | None,
+) -> None:  # fmt: skip
+    for odd in range(2):
+        for half in numba.prange((groups + 1 - odd) // 2):
+            _sweep_group(near, sums, parts, load, 2 * half + odd, radius, smooth)
+
+
+@compiled
+def _sweep_all(
+    threaded: bool | None, near: Stripes, sums: Array | None, parts: Array | None,
+    load: Array | None, groups: int, radius: float, smooth: bool | None,
+) -> None:  # fmt: skip
+    """All groups, every second one first: each place adds up in one order on any threads."""
+    if threaded is None:
+        _sweep_groups(near, sums, parts, load, groups, radius, smooth)
+    else:
+        _sweep_groups_threaded(near, sums, parts, load, groups, radius, smooth)
+
+
+@compiled
+def _sweep(
+    threaded: bool | None, near: Stripes, sums: Array | None, extremes: Array | None,
+    load: Array | None, radius: float, smooth: bool | None,
+) -> None:  # fmt: skip
+    groups = (int(near.memory[STRIPES]) + _TOGETHER - 1) // _TOGETHER
+    if extremes is None:
+        _sweep_all(threaded, near, sums, None, load, groups, radius, smooth)
+    else:
+        parts = np.zeros((groups, 2))
+        _sweep_all(threaded, near, sums, parts, load, groups, radius, smooth)
+        extremes[:] = 0.0
+        for group in range(groups):
+            extremes[0] += parts[group, 0]
+            extremes[1] = max(extremes[1], parts[group, 1])
+
+
+@compiled
+def _cut_sum(
+    near: Stripes, radius: float, smooth: bool | None, threaded: bool | None, grains: int,
+    x: Array, y: Array, fx: Array, fy: Array, charge: Array | None, stiffness: Array | None,
+    extremes: Array | None, load: Array | None, weight: Array | None,
+) -> None:  # fmt: skip
+    if not finite(x, y, grains):
         fx[:grains] = np.nan
         fy[:grains] = np.nan
         return
@@ -290,12 +366,7 @@ def _cut_sum(
         sums = near.stiffness
     if load is not None and near.load is not None:
         near.load[: end + WIDTH] = 0.0
-    if extremes is not None:
-        extremes[:] = 0.0
-    sweep_runs(
-        near.x, near.y, near.fx, near.fy, near.charge, sums, extremes, near.load, near.weight,
-        near.runs, 0, end, radius,
-    )  # fmt: skip
+    _sweep(threaded, near, sums, extremes, near.load, radius, smooth)
     for i in range(grains):
         fx[i] = STRENGTH * SCALE * near.fx[near.place[i]]
         fy[i] = STRENGTH * SCALE * near.fy[near.place[i]]
@@ -317,6 +388,10 @@ Parameters
 near : Stripes
 radius : float
     Cut-off radius [D]. The energy of a pair is taken as zero there.
+smooth : bool or None
+    As in `CutOff`.
+threaded : bool or None
+    None sweeps the stripes one after another, anything else on Numba's threads.
 grains : int
 x, y, fx, fy, charge, stiffness, extremes, load, weight
     As in `granular.pairs.direct.direct_sum`.

@@ -5,6 +5,7 @@ PARTS = {
     "lists": "pairs within 11.26 D, lists made anew as grains move",
     "methods": "whole steps by each method of summing pairs, and growth with N",
     "errors": "force error and energy drift of each method of summing pairs",
+    "rest": "piston and wall forces of a bed at rest by approximate sums",
     "threads": "one thread and two",
     "effects": "what each effect adds to a step",
     "absent": "what effects that are left out cost",

@@ -40,9 +40,10 @@ class EngineSteps:
     """A run of the engine whose bare steps can be called: one tick without records."""
 
     def __init__(self, scene: Scene, threads: int = 1) -> None:
-        system = natural_system(scene, threads=threads)
+        method = method_named("stormer-verlet")
+        system = natural_system(scene, threads=threads, method=method)
         self.threads = threads
-        self.run = Run(scene, system, method_named("stormer-verlet"), Step(), None)
+        self.run = Run(scene, system, method, Step(), None)
         self.run.begin_stage()
         self.watch = self.run._watch()._replace(stiff=math.inf, rest=-1.0)
         self.rows = np.zeros((3, len(COLUMNS)))

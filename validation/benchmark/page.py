@@ -82,6 +82,13 @@ SHEETS: dict[str, Sheet] = {
          _number("force error", ".1e", "largest force error / rms sum |f|"),
          _number("energy drift", ".1e", "energy, over that turned over, in 2000 steps")),
     ),
+    "rest": Sheet(
+        "Forces of a bed at rest by approximate sums, and their deviation from the direct sum's",
+        (_plain("method"), _plain("grains"), _number("piston_force", ".4f", "piston [N]"),
+         *(_number(f"{side}_force off", "+.4f", f"{side} off [%]", 100.0)
+           for side in ("piston", "left", "right", "bottom")),
+         _number("greatest_speed", ".1e", "greatest speed [m/s]")),
+    ),
     "threads": Sheet(
         "A whole step with one thread and two",
         (_plain("method"), _plain("grains"), _plain("threads"), _MICROSECONDS,

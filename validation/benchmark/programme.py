@@ -54,6 +54,13 @@ def _errors(full: bool) -> _Work:
         yield {"grains": count}, partial(method_errors, count)
 
 
+def _rest(full: bool) -> _Work:
+    from validation.benchmark.rest import forces_at_rest
+
+    for count in (736, 2208, 5888) if full else (368,):
+        yield {"grains": count}, partial(forces_at_rest, count)
+
+
 def _threads(full: bool) -> _Work:
     from validation.benchmark.steps import thread_steps
 
@@ -109,7 +116,8 @@ def _fits(full: bool) -> _Work:
 
 
 _WORK: dict[str, Callable[[bool], _Work]] = {
-    "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "threads": _threads,
+    "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "rest": _rest,
+    "threads": _threads,
     "effects": _effects, "absent": _absent, "memory": _memory, "start": _start,
     "protocol": _protocol, "fits": _fits,
 }  # fmt: skip

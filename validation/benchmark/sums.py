@@ -134,7 +134,10 @@ def _cut_off_steps(
 ) -> None:  # fmt: skip
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
-        cut_sum(near, radius, start.shape[1], x, y, sums[0], sums[1], None, None, None, None, None)
+        cut_sum(
+            near, radius, None, None, start.shape[1], x, y, sums[0], sums[1],
+            None, None, None, None, None,
+        )  # fmt: skip
 
 
 @numba.njit(error_model="numpy")

@@ -25,6 +25,9 @@ def scattered(count: int, seed: int) -> np.ndarray:
 class Bed:
     """Grains, and room for their sums."""
 
+    smooth: bool | None = None
+    threaded: bool | None = None
+
     def __init__(self, positions: np.ndarray, radius: float, *, charged: bool) -> None:
         self.count, self.radius = len(positions), radius
         self.x, self.y = padded_coordinates(positions)
@@ -38,8 +41,8 @@ class Bed:
     def sums(self, function=cut_sum) -> np.ndarray:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
         function(
-            self.near, self.radius, self.count, self.x, self.y, out[0], out[1], self.charge,
-            out[2], extremes, out[3], self.weight,
+            self.near, self.radius, self.smooth, self.threaded, self.count, self.x, self.y,
+            out[0], out[1], self.charge, out[2], extremes, out[3], self.weight,
         )  # fmt: skip
         return np.concatenate([out[:, : self.count].ravel(), extremes])
 
@@ -47,13 +50,16 @@ class Bed:
 @settings(max_examples=30, deadline=None)
 @given(
     count=st.integers(1, 150), seed=st.integers(0, 10**6), charged=st.booleans(),
-    radius=st.floats(0.5, 12.0), stretch=st.sampled_from([(1.0, 1.0), (30.0, 0.1), (0.05, 20.0)]),
+    smooth=st.sampled_from([None, True]), radius=st.floats(0.5, 12.0),
+    stretch=st.sampled_from([(1.0, 1.0), (30.0, 0.1), (0.05, 20.0)]),
 )  # fmt: skip
 def test_sum_is_its_slow_twin_while_grains_move(
-    count: int, seed: int, charged: bool, radius: float, stretch: tuple[float, float]
-) -> None:
+    count: int, seed: int, charged: bool, smooth: bool | None, radius: float,
+    stretch: tuple[float, float],
+) -> None:  # fmt: skip
     """Slow grains, one fast grain that crosses many skins in a step, and a bed that jumps."""
     bed = Bed(scattered(count, seed) * stretch, radius, charged=charged)
+    bed.smooth = smooth
     random = np.random.default_rng(seed)
     for move in (0.0, 0.01, 0.1, 0.0, 3.0):
         bed.x[:count] += random.uniform(-move, move, count)
@@ -106,6 +112,12 @@ def test_lists_made_again_give_the_same_bits() -> None:
         np.testing.assert_array_equal(bed.sums(), wanted)
 
 
+def test_threads_give_the_same_bits() -> None:
+    one, several = (Bed(scattered(3000, 5), 6.0, charged=True) for _ in range(2))
+    several.threaded = True
+    np.testing.assert_array_equal(several.sums(), one.sums())
+
+
 def test_memory_is_linear() -> None:
     sizes = []
     for count in (10_000, 100_000):
@@ -122,11 +134,12 @@ def test_no_number_gives_no_number() -> None:
 
 
 def test_scene_chooses_the_method(bed: Scene) -> None:
-    assert bed.pairs.chosen == "direct"
-    assert bed.pairs.radius(0.006) is None
-    assert bed.replace(**{"pairs.method": "cut-off"}).pairs.radius(0.006) == 11.26
+    assert bed.pair_method == "direct"
+    assert bed.pairs.radius("direct", 0.006) is None
+    assert bed.replace(**{"pairs.method": "cut-off"}).pair_method == "cut-off"
+    assert bed.pairs.radius("cut-off", 0.006) == 11.26
     near = bed.replace(**{"pairs": {"method": "cut-off", "cut_off": "5 D"}})
-    assert near.pairs.radius(0.006) == pytest.approx(5.0)
+    assert near.pairs.radius("cut-off", 0.006) == pytest.approx(5.0)
     with pytest.raises(SceneError, match=r"pairs\.cut_off: only the methods 'cut-off'"):
         bed.replace(**{"pairs.cut_off": "5 D"})
 

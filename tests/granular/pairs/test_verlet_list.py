@@ -33,7 +33,11 @@ def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> n
 def test_fresh_list_is_the_cut_off() -> None:
     x, y = scattered(150, 3)
     found = sums(list_sum, verlet_list_room(x.size), LISTING, 150, x, y)
-    wanted = sums(plain_cut_sum, None, LISTING.radius, 150, x, y)
+
+    def plain(near: None, radius: float, *rest: object) -> None:
+        plain_cut_sum(near, radius, None, None, *rest)
+
+    wanted = sums(plain, None, LISTING.radius, 150, x, y)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
@@ -74,8 +78,8 @@ def test_full_list_gives_no_numbers() -> None:
 def test_scene_names_the_source_s_list(bed: Scene) -> None:
     source = bed.replace(**{"pairs.method": "verlet-list"})
     assert source.pairs.listing(0.006) == (11.26, 4.13)
-    assert source.pairs.radius(0.006) is None
-    assert bed.pairs.listing(0.006) is None
+    assert source.pairs.radius("verlet-list", 0.006) is None
+    assert source.pair_method == "verlet-list"
     with pytest.raises(SceneError, match=r"pairs\.skin: only the method 'verlet-list'"):
         bed.replace(**{"pairs.skin": "1 D"})
 

@@ -8,6 +8,7 @@ import pytest
 from validation.benchmark.compression import PUBLISHED, compression
 from validation.benchmark.engine import PAIR_METHODS
 from validation.benchmark.fresh import peak_memory, starts
+from validation.benchmark.rest import FORCES, forces_at_rest
 from validation.benchmark.steps import EFFECTS, effect_steps, method_errors, method_steps
 
 
@@ -26,7 +27,18 @@ def test_direct_sum_leaves_no_error_and_the_cut_off_does() -> None:
     rows = {row["method"]: row for row in method_errors(368)}
     assert rows["direct"]["force error"] == 0.0
     assert 1e-4 < rows["cut-off"]["force error"] < 1e-2
+    assert rows["mesh"]["force error"] < 1e-3
     assert rows["direct"]["energy drift"] < 1e-4
+    assert rows["mesh"]["energy drift"] < 1e-4
+
+
+@pytest.mark.long
+def test_mesh_leaves_the_forces_at_rest() -> None:
+    """Within 0.05 % of the direct sum's; the cut-off takes off 2 % and more."""
+    rows = {row["method"]: row for row in forces_at_rest(368)}
+    assert rows["mesh"]["greatest_speed"] < 1e-5
+    assert all(abs(rows["mesh"][f"{name} off"]) < 5e-4 for name in FORCES)
+    assert rows["cut-off"]["piston_force off"] < -0.01
 
 
 @pytest.mark.long

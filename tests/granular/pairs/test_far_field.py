@@ -1,0 +1,264 @@
+"""The smooth split of the pair law, and its far part on a mesh."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granular import Scene, evaluate, simulate
+from granular.beds import mono_bed
+from granular.errors import InputError, SceneError
+from granular.pairs.direct import padded_coordinates, padded_values
+from granular.pairs.far_field import FarField, FarForces, far_forces_room, find_far_forces
+from granular.pairs.mesh import spread
+from granular.pairs.section import SPLIT_RADIUS as RADIUS
+from granular.pairs.section import TOLERANCE
+from granular.pairs.split import far_cube, far_fifth
+
+
+@given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))
+def test_force_is_the_slope_of_the_energy(ratio: float, radius: float) -> None:
+    """d(r^-3)/dr = -3 r r^-5, for the far parts as for the law."""
+    r, h = ratio * radius, 1e-4 * radius
+    slope = (far_cube((r + h) ** 2, radius) - far_cube((r - h) ** 2, radius)) / (2.0 * h)
+    np.testing.assert_allclose(slope, -3.0 * r * far_fifth(r**2, radius), rtol=1e-5)
+
+
+def test_far_part_is_the_law_outside_and_smooth_at_the_radius() -> None:
+    r = np.array([RADIUS, 8.0, 100.0])
+    np.testing.assert_allclose(far_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
+    np.testing.assert_allclose(far_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
+    # Three derivatives agree: the fourth differences across the radius fall with the fourth power.
+    jumps = []
+    for h in (0.2, 0.1):
+        near = np.diff(far_cube((RADIUS + h * np.arange(-4, 1)) ** 2, RADIUS), 4)[0]
+        far = np.diff(far_cube((RADIUS + h * np.arange(0, 5)) ** 2, RADIUS), 4)[0]
+        jumps.append(abs(near - far))
+    assert jumps[0] / jumps[1] == pytest.approx(16.0, rel=0.2)
+
+
+class Bed:
+    """A disturbed hexagonal bed at packing 0.241, as a full compression leaves it."""
+
+    threaded: bool | None = None
+
+    def __init__(self, count: int, *, charged: bool = False, seed: int = 1) -> None:
+        self.width, self.height = 60.0 * (count / 368) ** 0.5, 20.0 * (count / 368) ** 0.5
+        apart = (2.0 / 3.0**0.5 * self.width * self.height / count) ** 0.5
+        across, up = int(self.width / apart), int(self.height / (apart * 0.75**0.5))
+        places = [
+            ((i + 0.5 * (j % 2) + 0.25) * self.width / across, (j + 0.5) * self.height / up)
+            for j, i in itertools.product(range(up), range(across))
+        ]
+        random = np.random.default_rng(seed)
+        self.places = np.array(places) + 0.1 * apart * random.standard_normal((len(places), 2))
+        self.count = len(places)
+        self.x, self.y = padded_coordinates(self.places)
+        moments = random.choice([0.36, 1.0], self.count)
+        self.charge = padded_values(moments) if charged else None
+        self.weight = padded_values(0.3 + 0.5 * moments if charged else np.full(self.count, 0.7))
+
+    def room(self) -> FarForces:
+        field = FarField(RADIUS, self.width + 6.0, self.height + 6.0, None)
+        return far_forces_room(field, self.x.size, loaded=True)
+
+    def far(self) -> FarForces:
+        far = self.room()
+        charge, weight = self.charge, self.weight
+        assert find_far_forces(far, self.threaded, self.count, self.x, self.y, charge, weight) == 0
+        return far
+
+    @property
+    def moments(self) -> np.ndarray:
+        return np.ones(self.count) if self.charge is None else self.charge[: self.count]
+
+    def differences(self) -> tuple[np.ndarray, np.ndarray]:
+        apart = self.places[:, None] - self.places[None]
+        return apart, (apart**2).sum(axis=2)
+
+
+@pytest.mark.parametrize("charged", [False, True])
+@pytest.mark.parametrize("count", [30, 92, 1472])
+def test_mesh_is_the_sum_over_all_pairs(count: int, charged: bool) -> None:
+    """Forces to the tolerance that the radius of 7 D stands for."""
+    bed = Bed(count, charged=charged)
+    far, q, n = bed.far(), bed.moments, bed.count
+    apart, square = bed.differences()
+    products = q[:, None] * q[None]
+    forces = 0.75 * ((products * far_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
+    np.fill_diagonal(square, np.inf)
+    unit = np.sqrt(np.mean((0.75 * products * square**-2.0).sum(axis=1) ** 2))
+    error = np.hypot(far.fx[:n] - forces[:, 0], far.fy[:n] - forces[:, 1])
+    assert error.max() < TOLERANCE * unit
+    cubes = far_cube(np.where(np.isinf(square), 0.0, square), RADIUS)
+    np.fill_diagonal(cubes, 0.0)
+    assert far.energy[0] == pytest.approx(0.125 * (products * cubes).sum(), rel=1e-3)
+    load = cubes @ bed.weight[:n]
+    assert far.load is not None
+    np.testing.assert_allclose(far.load[:n], load, atol=1e-3 * load.max())
+
+
+@pytest.mark.parametrize("charged", [False, True])
+def test_force_is_the_exact_gradient_of_the_mesh_s_energy(charged: bool) -> None:
+    """To the rounding of the difference: energy is conserved whatever the mesh's own error is."""
+    bed = Bed(92, charged=charged)
+    far, step = bed.far(), 1e-4
+    for grain in (0, 17, bed.count - 1):
+        for places, force in ((bed.x, far.fx), (bed.y, far.fy)):
+            energies = []
+            for by in (-2.0, -1.0, 1.0, 2.0):
+                places[grain] += by * step
+                energies.append(bed.far().energy[0])
+                places[grain] -= by * step
+            slope = (energies[0] - 8 * energies[1] + 8 * energies[2] - energies[3]) / (12 * step)
+            assert slope == pytest.approx(-force[grain], abs=1e-9)
+
+
+def test_lattice_stands_still() -> None:
+    """A bed that moves by a whole spacing of the coarsest mesh feels the same."""
+    bed = Bed(368)
+    far = bed.far()
+    shift = far.mesh.spacing * 2.0 ** (len(far.mesh.windows) - 1)
+    bed.x[: bed.count] += shift
+    bed.y[: bed.count] -= 2.0 * shift
+    moved = bed.far()
+    np.testing.assert_allclose(moved.fx, far.fx, atol=1e-13)
+    np.testing.assert_allclose(moved.fy, far.fy, atol=1e-13)
+
+
+def test_threads_give_the_same_bits() -> None:
+    bed = Bed(1472, charged=True)
+    one = bed.far()
+    bed.threaded = True
+    several = bed.far()
+    for name in ("fx", "fy", "load", "energy"):
+        np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
+
+
+def test_all_that_is_spread_arrives() -> None:
+    bed = Bed(92, charged=True)
+    far = bed.far()
+    spread(far.mesh, bed.x, bed.y, bed.charge, bed.count)
+    points = far.mesh.windows[0, 2] * far.mesh.windows[0, 3]
+    assert far.mesh.source[:points].sum() == pytest.approx(bed.moments.sum(), rel=1e-13)
+
+
+def test_no_room_and_no_number() -> None:
+    bed = Bed(92)
+    room = bed.room()
+    bed.y[3] += 1e3
+    assert find_far_forces(room, None, bed.count, bed.x, bed.y, None, None) == 1
+    assert np.isnan(room.energy[0])
+    bed.y[3] = np.nan
+    assert find_far_forces(bed.room(), None, bed.count, bed.x, bed.y, None, None) == 0
+    assert find_far_forces(room, None, 0, bed.x, bed.y, None, None) == 0
+
+
+def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
+    x, y = padded_coordinates(np.array([[3.3, 4.4]]))
+    far = far_forces_room(FarField(RADIUS, 20.0, 20.0, None), x.size, loaded=False)
+    assert find_far_forces(far, None, 1, x, y, None, None) == 0
+    neighbour = 0.75 / 1.8**4
+    assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
+
+
+def test_room_is_linear_in_the_cell() -> None:
+    sizes = []
+    for count in (10_000, 1_000_000):
+        side = (count / 0.3) ** 0.5
+        room = far_forces_room(FarField(RADIUS, side, side, None), count, loaded=True)
+        arrays = [*room.mesh, *room]
+        sizes.append(sum(one.nbytes for one in arrays if isinstance(one, np.ndarray)) / count)
+    assert sizes[1] < sizes[0] < 200.0
+
+
+def on_mesh(scene: Scene, **changes: object) -> Scene:
+    return scene.replace(**{"pairs": {"method": "mesh", "cut_off": "3 D", **changes}})
+
+
+def rubbing(scene: Scene) -> Scene:
+    return scene.replace(**{"effects.friction": {}})
+
+
+def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
+    assert bed.pair_method == "direct"
+    large = mono_bed(1500)
+    assert large.pair_method == "mesh"
+    assert large.replace(**{"effects.walls.left": None}).pair_method == "direct"
+    assert large.replace(**{"pairs.method": "direct"}).pair_method == "direct"
+    radii = [large.replace(**{"pairs.tolerance": one}).pairs.radius("mesh", 0.006)
+             for one in (TOLERANCE, 0.1 * TOLERANCE)]  # fmt: skip
+    assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.6)])
+    with pytest.raises(SceneError, match=r"pairs\.method: the mesh of 'mesh' covers a closed"):
+        small_bed.replace(**{"effects.walls.left": None, "pairs.method": "mesh"})
+    with pytest.raises(SceneError, match=r"pairs\.far_every: only the method 'mesh'"):
+        small_bed.replace(**{"pairs": {"method": "direct", "far_every": 2}})
+    with pytest.raises(SceneError, match=r"pairs\.tolerance: 0\.1 must be at most"):
+        small_bed.replace(**{"pairs.tolerance": 0.1})
+
+
+def test_impulses_are_refused_where_they_cannot_be(small_bed: Scene, small_damper: Scene) -> None:
+    with pytest.raises(InputError, match=r"pairs\.far_every = 4: grains rub"):
+        simulate(on_mesh(rubbing(small_bed), far_every=4), t_end=0.01, progress=False)
+    with pytest.raises(InputError, match=r"pairs\.far_every = 4: 'pefrl' cannot"):
+        simulate(on_mesh(small_damper, far_every=4), t_end=0.01, method="pefrl", progress=False)
+
+
+def test_scene_is_evaluated_as_by_the_direct_sum(small_damper: Scene) -> None:
+    """With the radius of the packaged tolerance; forces, walls, energy."""
+    places = simulate(small_damper, t_end=0.01, progress=False).dataset["position"].values[-1]
+    exact = evaluate(small_damper, places)
+    meshed = evaluate(small_damper.replace(**{"pairs.method": "mesh"}), places)
+    unit = np.abs(exact.force).max()
+    np.testing.assert_allclose(meshed.force, exact.force, atol=1e-3 * unit)
+    assert meshed.piston_force == exact.piston_force
+    assert meshed.potential_energy == pytest.approx(exact.potential_energy, rel=1e-3)
+
+
+def test_run_with_impulses(small_damper: Scene, tmp_path: object) -> None:
+    """Energy is kept, and a resumed run has the bits of one in a piece."""
+    scene = on_mesh(small_damper)
+    whole = simulate(scene, t_end=0.2, progress=False)
+    simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
+    parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
+    for name in ("position", "velocity", "force"):
+        np.testing.assert_array_equal(
+            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+        )
+    assert whole.settings()["pairs"] == "mesh"
+    assert whole.settings()["ledger_residual"] < 1e-4
+    exact = simulate(small_damper, t_end=0.2, progress=False)
+    early = slice(0, 50)  # later on, grains that pass each other tell the two runs apart
+    forces = [run.dataset["piston_force"].values[early] for run in (whole, exact)]
+    np.testing.assert_allclose(*forces, rtol=5e-3)
+
+
+@pytest.mark.long
+def test_order_with_impulses(small_damper: Scene) -> None:
+    """Second order in the step, for impulses at a fixed number of steps."""
+    scene = on_mesh(small_damper.replace(**{"effects.drag": None}), far_every=4)
+    ends = [
+        simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
+        for dt in (4e-5, 2e-5, 1e-5, 1.25e-6)
+    ]
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(slopes, 2.0, atol=0.1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["stormer-verlet", "blanes-moan-4"])
+def test_run_with_friction_or_another_method(
+    small_bed: Scene, small_damper: Scene, method: str
+) -> None:
+    """The far field is then a part of every force, and of the load."""
+    scene = rubbing(small_bed) if method == "stormer-verlet" else small_damper
+    meshed = simulate(on_mesh(scene), t_end=0.1, method=method, progress=False)
+    exact = simulate(scene, t_end=0.1, method=method, progress=False)
+    assert meshed.settings()["ledger_residual"] < 1e-3
+    forces = [run.dataset["piston_force"].values[:50] for run in (meshed, exact)]
+    np.testing.assert_allclose(*forces, rtol=5e-3)

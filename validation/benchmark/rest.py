@@ -1,0 +1,80 @@
+"""Forces of a bed at rest by approximate sums over pairs, against the direct sum's.
+
+A bed with drag alone at packing 0.241 comes to rest by the direct sum; from there it is brought to
+rest again by each method, so that nothing but the sum tells the two apart.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from granular import simulate
+from granular.scene import Scene, load_scene
+
+FORCES = ("piston_force", "left_force", "right_force", "bottom_force")
+METHODS = ("mesh", "cut-off")
+
+FIRST, AGAIN = 20.0, 8.0
+"""Time to come to rest from a lattice, and again [s]: several decay times of the slowest mode."""
+
+STEP = "auto*4"
+"""What rest is does not depend on the step."""
+
+
+def lattice(count: int) -> Scene:
+    """A disturbed hexagonal lattice that fills the packaged bed's cell, scaled to the grains."""
+    scale = math.sqrt(count / 368.0)
+    width, height = 60.0 * scale, 20.0 * scale
+    apart = math.sqrt(2.0 / math.sqrt(3.0) * width * height / count)
+    rows = round(height / (apart * math.sqrt(0.75)))
+    shares = [count // rows + (row < count % rows) for row in range(rows)]
+    places = np.array(
+        [
+            ((i + 0.5 + 0.25 * (-1) ** row) * width / many, (row + 0.5) * height / rows)
+            for row, many in enumerate(shares)
+            for i in range(many)
+        ]
+    )
+    places += 0.05 * apart * np.random.default_rng(1).standard_normal(places.shape)
+    places = np.clip(places, 0.3, np.array([width, height]) - 0.3)
+    scene = load_scene("bed")
+    diameter = scene.grains.species[0].diameter
+    return scene.replace(
+        **{
+            "grains.count": count,
+            "cell.width": width * diameter,
+            "piston.height": height * diameter,
+            "arrangement": {"positions": (diameter * places).tolist(), "speed": 0.0},
+            "output": {"scalars": 0.01, "frames": 1.0},
+        }
+    )
+
+
+def _at_rest(scene: Scene, method: str, seconds: float) -> tuple[Scene, dict[str, float]]:
+    """Where the scene has come to after a time [s], as a scene; forces and greatest speed there."""
+    changes: dict[str, Any] = {
+        "pairs.method": method,
+        "protocol": [{"name": "settle", "kind": "hold", "duration": seconds}],
+    }
+    run = simulate(scene.replace(**changes), dt=STEP, progress=False)
+    values = {name: float(run.dataset[name].values[-1]) for name in (*FORCES, "greatest_speed")}
+    places = run.dataset["position"].values[-1].tolist()
+    return scene.replace(**{"arrangement": {"positions": places, "speed": 0.0}}), values
+
+
+def forces_at_rest(count: int) -> list[dict[str, Any]]:
+    """Piston and wall forces [N] at rest by each method, and their deviation from the direct sum's.
+
+    The mesh settles the bed first, which saves the direct sum most of its time.
+    """
+    scene, _ = _at_rest(lattice(count), "mesh", FIRST)
+    scene, exact = _at_rest(scene, "direct", AGAIN)
+    rows: list[dict[str, Any]] = [{"method": "direct", "grains": count, **exact}]
+    for method in METHODS:
+        _, found = _at_rest(scene, method, AGAIN)
+        off = {f"{name} off": found[name] / exact[name] - 1.0 for name in FORCES}
+        rows.append({"method": method, "grains": count, **found, **off})
+    return rows
