@@ -78,7 +78,8 @@ def finite(plain: Any) -> Any:
 
 def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:
     """The scene and changes to it."""
-    parser.add_argument(name, help=what or "name of a packaged scene, or path to a TOML file")
+    what = what or "name of a packaged scene, or path to a TOML file"
+    parser.add_argument(name, metavar=name.upper(), help=what)
     parser.add_argument(
         "--set",
         dest="changes",

@@ -83,7 +83,7 @@ SHEETS: dict[str, Sheet] = {
          _number("energy drift", ".1e", "energy, over that turned over, in 2000 steps")),
     ),
     "rest": Sheet(
-        "Forces of a bed at rest by approximate sums, and their deviation from the direct sum's",
+        "Forces of a bed at rest by approximate sums, and how far from the direct sum",
         (_plain("method"), _plain("grains"), _number("piston_force", ".4f", "piston [N]"),
          *(_number(f"{side}_force off", "+.4f", f"{side} off [%]", 100.0)
            for side in ("piston", "left", "right", "bottom")),
