@@ -163,7 +163,7 @@ def test_render_draws_and_says_so(here: Here, places: dict[str, str], tmp_path: 
 BAD = [
     ("granular", "required: COMMAND"),
     ("granular fly", "invalid choice: 'fly'"),
-    ("granular run", "required: scene"),
+    ("granular run", "required: SCENE"),
     ("granular run dampr", "did you mean 'damper'"),
     ("granular run missing.toml", "there is no scene file"),
     ("granular run {list}", "grains"),
@@ -235,7 +235,7 @@ BAD = [
     ("granular render {run} -o {here}/a.mp4 --stage compress", "unknown stage"),
     ("granular render {run} -o {here}/a.mp4 --fps 0", "not above 0"),
     ("granular render {run} -o {here}/a.gif --fps 90", "at most 50"),
-    ("reduced_models identify", "required: source"),
+    ("reduced_models identify", "required: SOURCE"),
     ("reduced_models identify nothing.csv", "there is no file"),
     ("reduced_models identify {empty}", "is empty"),
     ("reduced_models identify {words}", "is 'low', not a number"),
