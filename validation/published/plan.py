@@ -105,7 +105,9 @@ def _large(protocol: Protocol, direct: bool | None = None) -> list[Series]:
     if direct is not True:
         chosen += [_listed(n, protocol) for n in LARGE]
     if direct is not False:
-        chosen += [mono(f"direct {n}", n, protocol, seeds=(1,)) for n in LARGE]
+        chosen += [
+            mono(f"direct {n}", n, protocol, seeds=(1,), pairs__method="direct") for n in LARGE
+        ]
     return chosen
 
 
@@ -119,7 +121,7 @@ def _cycle(protocol: Protocol, starts: int) -> list[Series]:
         mono("second order", 368, protocol, speed=speed, effects__friction={"torque": "second"}),
         # Rough grains slip in larger jumps, which longer steps do not follow.
         mono(
-            "second order, 0.8", 368, protocol, speed=speed, step="auto*2", effects__friction=high
+            "second order, 0.8", 368, protocol, speed=speed, step="auto/2", effects__friction=high
         ),
         mono("drag", 368, protocol, speed=speed, **drag),
     ]
@@ -169,8 +171,8 @@ def _radii() -> list[Series]:
 
 def _causes() -> list[Series]:
     return [
-        mono("direct 368, a third of the step", 368, QUICK, step="auto*2"),
-        mixture("mixture a = 0.6, R = 0.5, a third of the step", 0.6, 0.5, QUICK, step="auto*2"),
+        mono("direct 368, a third of the step", 368, QUICK, step="auto/2"),
+        mixture("mixture a = 0.6, R = 0.5, a third of the step", 0.6, 0.5, QUICK, step="auto/2"),
         mono("direct 368, source's friction", 368, QUICK, step=4e-5,
              effects__friction=_regularised(39.6, 0.006)),
         _rounded_184(),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from granular.beds import END, LOWEST_START, REFERENCE_COUNT, START
 
-STEP = "auto*6"
+STEP = "auto*1.5"
 """Time step of the beds. Friction holds them at rest where the forces balance, whatever the step:
 a third of it, and fixed steps from 0.1 to 1 ms, move force and mean distance by less than the
 scatter of the starts (the report shows it)."""

@@ -108,7 +108,7 @@ class _Clock:
 
 _NOMINAL_RATE = 5e-10
 """Seconds of one process for a pair of grains in one step."""
-_AUTOMATIC_STEP = 1e-4
+_AUTOMATIC_STEP = 4e-4
 """About, of a compressed bed [s]."""
 
 

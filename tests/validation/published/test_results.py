@@ -24,7 +24,7 @@ def series(
 ) -> dict[str, dict[str, Any]]:
     count = max(len(one) for one in figures.values())
     plain = {
-        "name": name, "protocol": protocol, "words": protocol, "step": "auto*6",
+        "name": name, "protocol": protocol, "words": protocol, "step": "auto*1.5",
         "planned": planned, "figures": {"steps": [1] * count} | figures, "errors": [],
     }  # fmt: skip
     return {f"{name} | {protocol}": plain}

@@ -22,7 +22,7 @@ def small(name: str, step: float | str) -> Series:
 
 @pytest.fixture(scope="module")
 def groups() -> list[Group]:
-    return [Group("small", [small("direct 368", "auto*4"), small("direct 736", 0.02)])]
+    return [Group("small", [small("direct 368", "auto"), small("direct 736", 0.02)])]
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_what_was_run_is_found_again(groups: list[Group], kept: Path) -> None:
     run_groups(groups, kept, workers=1, progress=False, after=lambda: calls.append(1))
     assert times() == before
     assert calls == [1]
-    assert len(outcomes_of(small("direct 368", "auto*4")._replace(seeds=(1, 2, 3)), kept)) == 2
+    assert len(outcomes_of(small("direct 368", "auto")._replace(seeds=(1, 2, 3)), kept)) == 2
 
 
 def test_figures_of_a_bed_fit_its_geometry(groups: list[Group], kept: Path) -> None:
