@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from granular.evaluation import evaluate
 from granular.scales import Scales
 from granular.scene import Scene, load_scene
 from granular.trajectory import Trajectory
@@ -77,6 +78,17 @@ def terminal_fall(run: Trajectory) -> float:
     told = abs(place[0] - place[-1] - fallen) - 4.0 * np.spacing(place[0])
     by_speed = abs(velocity / (speed * math.expm1(-rate * t)) - 1.0)
     return float(max(by_speed, told / fallen))
+
+
+def missed(run: Trajectory) -> float:
+    """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
+    data, worst = run.dataset, 0.0
+    for places, height, found in zip(
+        data["position"].values, data["frame_height"].values, data["force"].values, strict=True
+    ):
+        force = evaluate(run.scene, places, piston_height=float(height)).force
+        worst = max(worst, float(np.abs(force - found).max() / np.abs(force).max()))
+    return worst
 
 
 def momentum_change(run: Trajectory) -> float:
@@ -272,6 +284,30 @@ def _slabs(**bottom: Any) -> Scene:
     return _small("bed", **{"effects.walls": walls})
 
 
+FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
+"""A far field that matters in a bed of 23 grains."""
+
+
+def _flight() -> Scene:
+    """A grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
+    rows = [[f"{x} D", f"{y} D"] for y in (8, 30) for x in range(6, 60, 6)]
+    return _small(
+        "bed",
+        **{
+            "grains.count": len(rows) + 1,
+            "cell.width": "60 D",
+            "piston.height": "40 D",
+            "effects.drag": None,
+            "arrangement": {
+                "positions": [["3 D", "12 D"], *rows],
+                "velocities": [["5 m/s", 0.0], *([0.0, 0.0] for _ in rows)],
+            },
+            "pairs": {"method": "cut-off", "cut_off": "6 D"},
+            "output": {"scalars": 1e-3, "frames": 1e-3},
+        },
+    )
+
+
 def _count(number: int) -> Scene:
     return _small("bed", **{"grains.count": number})
 
@@ -296,7 +332,7 @@ def catalogue() -> tuple[HardCase, ...]:
     """All hard cases."""
     return (
         *_pistons(), *_collisions(), *_starts(), *_dry(), *_damped(), *_sizes(), *_steps(),
-        *_counts(), *_extremes(), *_injections(),
+        *_counts(), *_sums(), *_extremes(), *_injections(),
     )  # fmt: skip
 
 
@@ -499,6 +535,29 @@ def _counts() -> tuple[HardCase, ...]:
             ledger, LEDGER, FAIR, 0.05, 1.0,
         )
         for number, words in ((0, "no grain"), (1, "one grain"), (2, "two grains"))
+    )  # fmt: skip
+
+
+def _sums() -> tuple[HardCase, ...]:
+    return (
+        HardCase(
+            "fast grain across a skin in a step",
+            "a grain crosses its lists' skin with every step, and the radius of those it passes",
+            _flight, missed, "greatest force missed, over the greatest force",
+            1e-12, 0.04, 0.04, dt=1e-3,
+        ),
+        HardCase(
+            "far field at longer steps",
+            "a damper's far field in impulses every eighth step, as by default",
+            lambda: _small("damper", **FAR), ledger, LEDGER, FAIR, 0.05, 1.0,
+        ),
+        HardCase(
+            "resonance of the far field's impulses",
+            "impulses every 128 steps come more often than not in step with a fast mode",
+            lambda: _small("bed", **FAR, **{"pairs.far_every": 128, "effects.drag": None,
+                                            "output.scalars": 0.02, "output.frames": 0.1}),
+            ledger, LEDGER, FAIR, 0.2, 4.0, errors=BROKEN, dt=2.5e-5, may_degrade=True,
+        ),
     )  # fmt: skip
 
 

@@ -177,6 +177,7 @@ def work_precision_pieces(full: bool) -> list[Piece]:
             "references": [Setting("stormer-verlet", "auto/8")] * len(quantities),
         }
         wanted.append((load_scene("damper"), quantities, damper, options))
+        wanted.append(_pair_sums())
     return [
         Piece(
             scene.name,
@@ -186,6 +187,27 @@ def work_precision_pieces(full: bool) -> list[Piece]:
         )
         for scene, quantities, settings, options in wanted
     ]  # fmt: skip
+
+
+SUMS: tuple[dict[str, Any], ...] = (
+    {"pairs.method": "direct"},
+    *({"pairs.method": "mesh", "pairs.tolerance": one} for one in (3e-3, 3e-4, 3e-5)),
+    {"pairs.method": "mesh", "pairs.far_every": 1},
+    *({"pairs.method": "cut-off", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
+    *({"pairs.method": "verlet-list", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
+)
+"""Ways of summing pairs, and the radii of the source's list about its own 11.26 D [D, 5.2]."""
+
+
+def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[Any], dict[str, Any]]:
+    """The piston's force on 1472 grains as they settle, by ways of summing pairs."""
+    from validation.benchmark.rest import lattice
+    from validation.work_precision import Setting
+
+    scene = lattice(1472).replace(name="1472 grains, by sum over pairs")
+    settings = [Setting("stormer-verlet", "auto", sums) for sums in SUMS]
+    exact = Setting("stormer-verlet", "auto/2", SUMS[0])
+    return scene, ("piston force",), settings, {"until": 0.3, "references": [exact], "repeats": 1}
 
 
 def _exact_grain() -> list[Any]:
