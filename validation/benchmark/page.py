@@ -117,6 +117,7 @@ SHEETS: dict[str, Sheet] = {
         (_plain("seed"), _number("speed", ".4g", "speed [m/s]"),
          _number("seconds", ".1f", "wall time [s]"),
          _number("simulated", ".1f", "simulated [s]"), _plain("steps"),
+         _number("ledger", ".1e", "energy, over that turned over"),
          _number("force", ".2f", f"force [N], published {PUBLISHED['force']}"),
          _number("half distance", ".2f",
                  f"half mean distance [D], published {PUBLISHED['half distance']}")),

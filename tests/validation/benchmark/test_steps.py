@@ -54,7 +54,7 @@ def test_memory_and_starts_come_from_other_processes() -> None:
 def test_fast_compression_is_near_the_published_one() -> None:
     (row,) = compression(1, speed=0.1)
     assert row["simulated"] == pytest.approx(8.0 * 0.33 / 0.1, rel=1e-6)
-    assert row["steps"] == pytest.approx(row["simulated"] / 5e-4, rel=1e-3)
+    assert row["ledger"] < 1e-2
     assert row["force"] == pytest.approx(PUBLISHED["force"], rel=0.1)
     assert row["half distance"] == pytest.approx(PUBLISHED["half distance"], rel=0.02)
     assert np.isfinite(row["seconds"])
