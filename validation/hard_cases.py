@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from granular.evaluation import evaluate
 from granular.scales import Scales
 from granular.scene import Scene, load_scene
 from granular.trajectory import Trajectory
 from validation.exact import Problem
 from validation.exact.problem import BOTTOM_ONLY, lone_scene
+from validation.hard_sums import FAIR, LEDGER, few_grains, ledger, sum_cases
 from validation.outcomes import HardCase
 
 BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
@@ -29,11 +29,6 @@ _ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
 
 
 # What is measured -------------------------------------------------------------------------------
-
-
-def ledger(run: Trajectory) -> float:
-    """Residual of the energy ledger over the energy turned over."""
-    return float(run.settings()["ledger_residual"])
 
 
 def energy_change(run: Trajectory) -> float:
@@ -80,17 +75,6 @@ def terminal_fall(run: Trajectory) -> float:
     return float(max(by_speed, told / fallen))
 
 
-def missed(run: Trajectory) -> float:
-    """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
-    data, worst = run.dataset, 0.0
-    for places, height, found in zip(
-        data["position"].values, data["frame_height"].values, data["force"].values, strict=True
-    ):
-        force = evaluate(run.scene, places, piston_height=float(height)).force
-        worst = max(worst, float(np.abs(force - found).max() / np.abs(force).max()))
-    return worst
-
-
 def momentum_change(run: Trajectory) -> float:
     """Change of energy or momentum over what there is of it (no walls)."""
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
@@ -105,19 +89,6 @@ def momentum_change(run: Trajectory) -> float:
 
 def _as_it_is(scene: Scene) -> Scene:
     return scene
-
-
-def _small(name: str, **changes: Any) -> Scene:
-    """A packaged scene cut down to 23 grains."""
-    size = {
-        "grains.count": 23,
-        "cell.width": "15 D",
-        "piston.height": "6 D",
-        "arrangement.height": "5.5 D",
-    }
-    if name == "damper":
-        size["piston.mass"] = 1.0
-    return load_scene(name).replace(**{**size, **changes})
 
 
 def _drop(**changes: Any) -> Scene:
@@ -205,7 +176,7 @@ def _unequal(ratio: float) -> Scene:
 
 def _aspect() -> Scene:
     """A bed of grains of which half are a tenth as wide."""
-    return _small(
+    return few_grains(
         "bed",
         **{
             "grains.species": [
@@ -219,7 +190,7 @@ def _aspect() -> Scene:
 
 def _squeezed() -> Scene:
     """A bed whose piston comes down until the grains' area is more than the cell's."""
-    return _small(
+    return few_grains(
         "bed",
         **{
             "protocol": [
@@ -281,35 +252,11 @@ def _inside() -> Scene:
 def _slabs(**bottom: Any) -> Scene:
     """Finite magnetic slabs as bottom and piston."""
     walls = {"left": {}, "right": {}, "bottom": {"law": "slab", **bottom}, "top": {"law": "slab"}}
-    return _small("bed", **{"effects.walls": walls})
-
-
-FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
-"""A far field that matters in a bed of 23 grains."""
-
-
-def _flight() -> Scene:
-    """A grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
-    rows = [[f"{x} D", f"{y} D"] for y in (8, 30) for x in range(6, 60, 6)]
-    return _small(
-        "bed",
-        **{
-            "grains.count": len(rows) + 1,
-            "cell.width": "60 D",
-            "piston.height": "40 D",
-            "effects.drag": None,
-            "arrangement": {
-                "positions": [["3 D", "12 D"], *rows],
-                "velocities": [["5 m/s", 0.0], *([0.0, 0.0] for _ in rows)],
-            },
-            "pairs": {"method": "cut-off", "cut_off": "6 D"},
-            "output": {"scalars": 1e-3, "frames": 1e-3},
-        },
-    )
+    return few_grains("bed", **{"effects.walls": walls})
 
 
 def _count(number: int) -> Scene:
-    return _small("bed", **{"grains.count": number})
+    return few_grains("bed", **{"grains.count": number})
 
 
 def _injected(key: str, value: float) -> Scene:
@@ -332,13 +279,8 @@ def catalogue() -> tuple[HardCase, ...]:
     """All hard cases."""
     return (
         *_pistons(), *_collisions(), *_starts(), *_dry(), *_damped(), *_sizes(), *_steps(),
-        *_counts(), *_sums(), *_extremes(), *_injections(),
+        *_counts(), *sum_cases(), *_extremes(), *_injections(),
     )  # fmt: skip
-
-
-LEDGER = "residual of the energy ledger over the energy turned over"
-FAIR = 1e-4
-"""Residual beyond which the engine itself calls a run degraded."""
 
 
 def _pistons() -> tuple[HardCase, ...]:
@@ -462,12 +404,12 @@ def _dry() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "bed with dry friction", "many grains stick and slip",
-            lambda: _small("bed", **{"effects.drag": None, "effects.friction": {}}),
+            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {}}),
             ledger, LEDGER, 1e-2, 0.2, 2.0,
         ),
         HardCase(
             "bed with dry friction, step 100 times too large", "far beyond the stability limit",
-            lambda: _small("bed", **{"effects.drag": None, "effects.friction": {}}),
+            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {}}),
             ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, dt=2e-3, may_degrade=True,
         ),
     )  # fmt: skip
@@ -535,29 +477,6 @@ def _counts() -> tuple[HardCase, ...]:
             ledger, LEDGER, FAIR, 0.05, 1.0,
         )
         for number, words in ((0, "no grain"), (1, "one grain"), (2, "two grains"))
-    )  # fmt: skip
-
-
-def _sums() -> tuple[HardCase, ...]:
-    return (
-        HardCase(
-            "fast grain across a skin in a step",
-            "a grain crosses its lists' skin with every step, and the radius of those it passes",
-            _flight, missed, "greatest force missed, over the greatest force",
-            1e-12, 0.04, 0.04, dt=1e-3,
-        ),
-        HardCase(
-            "far field at longer steps",
-            "a damper's far field in impulses every eighth step, as by default",
-            lambda: _small("damper", **FAR), ledger, LEDGER, FAIR, 0.05, 1.0,
-        ),
-        HardCase(
-            "resonance of the far field's impulses",
-            "impulses every 128 steps come more often than not in step with a fast mode",
-            lambda: _small("bed", **FAR, **{"pairs.far_every": 128, "effects.drag": None,
-                                            "output.scalars": 0.02, "output.frames": 0.1}),
-            ledger, LEDGER, FAIR, 0.2, 4.0, errors=BROKEN, dt=2.5e-5, may_degrade=True,
-        ),
     )  # fmt: skip
 
 

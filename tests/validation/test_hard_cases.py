@@ -11,7 +11,10 @@ from validation.outcomes import CRASHED, SILENT, HardCase, outcome
 
 CASES = catalogue()
 
-COSTLY = ("slabs", "friction", "mass ratio", "aspect", "contact", "drop", "100 kg", "packing")
+COSTLY = (
+    "slabs", "friction", "mass ratio", "aspect", "contact", "drop", "100 kg", "packing", "skin",
+    "far field",
+)  # fmt: skip
 """Cases of scenes that take long to compile or to run; they are checked with the long tests."""
 
 

@@ -39,7 +39,7 @@ def lattice(count: int) -> Scene:
         ]
     )
     places += 0.05 * apart * np.random.default_rng(1).standard_normal(places.shape)
-    places = np.clip(places, 0.3, np.array([width, height]) - 0.3)
+    places = np.clip(places, 0.6, np.array([width, height]) - 0.6)
     scene = load_scene("bed")
     diameter = scene.grains.species[0].diameter
     return scene.replace(

@@ -1,0 +1,93 @@
+"""Hard cases of the sums over pairs: lists that grains outrun, a far field at longer steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from granular.evaluation import evaluate
+from granular.scene import Scene, load_scene
+from granular.trajectory import Trajectory
+from validation.outcomes import HardCase
+
+LEDGER = "residual of the energy ledger over the energy turned over"
+FAIR = 1e-4
+"""Residual beyond which the engine itself calls a run degraded."""
+
+
+def ledger(run: Trajectory) -> float:
+    """Residual of the energy ledger over the energy turned over."""
+    return float(run.settings()["ledger_residual"])
+
+
+def missed(run: Trajectory) -> float:
+    """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
+    data, worst = run.dataset, 0.0
+    for places, height, found in zip(
+        data["position"].values, data["frame_height"].values, data["force"].values, strict=True
+    ):
+        force = evaluate(run.scene, places, piston_height=float(height)).force
+        worst = max(worst, float(np.abs(force - found).max() / np.abs(force).max()))
+    return worst
+
+
+def few_grains(name: str, **changes: Any) -> Scene:
+    """A packaged scene cut down to 23 grains."""
+    size = {
+        "grains.count": 23,
+        "cell.width": "15 D",
+        "piston.height": "6 D",
+        "arrangement.height": "5.5 D",
+    }
+    if name == "damper":
+        size["piston.mass"] = 1.0
+    return load_scene(name).replace(**{**size, **changes})
+
+
+FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
+"""A far field that matters in a bed of 23 grains."""
+
+
+def _flight() -> Scene:
+    """A grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
+    rows = [[f"{x} D", f"{y} D"] for y in (8, 30) for x in range(6, 60, 6)]
+    return few_grains(
+        "bed",
+        **{
+            "grains.count": len(rows) + 1,
+            "cell.width": "60 D",
+            "piston.height": "40 D",
+            "effects.drag": None,
+            "arrangement": {
+                "positions": [["3 D", "12 D"], *rows],
+                "velocities": [["5 m/s", 0.0], *([0.0, 0.0] for _ in rows)],
+            },
+            "pairs": {"method": "cut-off", "cut_off": "6 D"},
+            "output": {"scalars": 1e-3, "frames": 1e-3},
+        },
+    )
+
+
+def sum_cases() -> tuple[HardCase, ...]:
+    """Hard cases of lists and of the far field."""
+    return (
+        HardCase(
+            "fast grain across a skin in a step",
+            "a grain crosses its lists' skin with every step, and the radius of those it passes",
+            _flight, missed, "greatest force missed, over the greatest force",
+            1e-12, 0.04, 0.04, dt=1e-3,
+        ),
+        HardCase(
+            "far field at longer steps",
+            "a damper's far field in impulses every eighth step, as by default",
+            lambda: few_grains("damper", **FAR), ledger, LEDGER, FAIR, 0.05, 1.0,
+        ),
+        HardCase(
+            "resonance of the far field's impulses",
+            "impulses every 128 steps come more often than not in step with a fast mode",
+            lambda: few_grains("bed", **FAR, **{"pairs.far_every": 128, "effects.drag": None,
+                                            "output.scalars": 0.02, "output.frames": 0.1}),
+            ledger, LEDGER, FAIR, 0.2, 2.0, dt=2.5e-5, may_degrade=True,
+        ),
+    )  # fmt: skip
