@@ -6,12 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from granular.engine.forces import (
-    kinetic_energy,
-    measure_forces,
-    potential_energies,
-    total_force,
-)
+from granular.engine.far import total_force
+from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.state import State, new_measurement, new_state
 from granular.engine.system import Constants, natural_system
 from granular.errors import InputError
@@ -87,7 +83,7 @@ def evaluate(
     )
     measurement = new_measurement(state)
     outside = measure_forces(state, constants, 0.0, measurement)
-    force = np.stack(total_force(state, constants), axis=1)[: constants.grains]
+    force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise InputError(
             "a grain stands behind a wall, above the piston, or on another grain; move it into "

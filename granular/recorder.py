@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from granular.engine.forces import total_force
+from granular.engine.far import total_force
 from granular.engine.loop import COLUMNS
 from granular.engine.state import State
 from granular.engine.system import Constants
@@ -47,7 +47,7 @@ class Recorder:
             "frame_height": state.piston[0].copy(),
             "position": self._field(state, constants.grains, state.x, state.y),
             "velocity": self._field(state, constants.grains, state.vx, state.vy),
-            "force": self._field(state, constants.grains, *total_force(state, constants)),
+            "force": self._field(state, constants.grains, *total_force(state)),
         }
         law = constants.acting.friction
         if law is not None and state.load is not None:

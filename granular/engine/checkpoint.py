@@ -52,8 +52,8 @@ def kept_arrays(state: State) -> dict[str, Any]:
     kept = {name: getattr(state, name).copy() for name in KEPT}
     if state.low is not None:
         kept["low"] = state.low.copy()
-    if state.far is not None:
-        kept["far_held"] = np.stack([state.far.held_x, state.far.held_y])
+    if state.far is not None and state.far.held is not None:
+        kept["far_held"] = state.far.held.copy()
     return kept | kept_lists(state.near or state.known)
 
 
@@ -63,6 +63,6 @@ def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
         getattr(state, name)[:] = kept[name]
     if state.low is not None:
         state.low[:] = kept["low"]
-    if state.far is not None:
-        state.far.held_x[:], state.far.held_y[:] = kept["far_held"]
+    if state.far is not None and state.far.held is not None:
+        state.far.held[:] = kept["far_held"]
     put_lists(state.near or state.known, kept)

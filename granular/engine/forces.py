@@ -12,11 +12,11 @@ from granular.effects.friction import FrictionLaw
 from granular.effects.gravity import add_weight, weight_energy
 from granular.effects.shaking import Swing, acceleration, add_inertia, mass_moment
 from granular.effects.walls import add_wall_forces, measure_walls
+from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
 from granular.engine.state import Measurement, State
 from granular.engine.system import Constants
 from granular.pairs.cells import ClosePairs, find_close_pairs
 from granular.pairs.direct import direct_sum
-from granular.pairs.far_field import FarField, FarForces, find_far_forces
 from granular.pairs.stripes import CutOff, cut_sum
 from granular.pairs.vector import lane_sum
 from granular.pairs.verlet_list import Listing, list_sum
@@ -69,86 +69,6 @@ def _pair_forces(
         )  # fmt: skip
 
 
-@compiled(inline=True)
-def find_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
-    """The far field at the present places, kept in the state; 1 where there is no room for it."""
-    if far is None:
-        return 0
-    return _find_far_field(constants.acting.friction, far, state, constants)
-
-
-@compiled
-def _find_far_field(
-    friction: FrictionLaw | None, far: FarForces, state: State, constants: Constants
-) -> int:
-    weight = None if friction is None else friction.weight
-    return find_far_forces(
-        far, constants.threaded, constants.grains, state.x, state.y, constants.charge, weight
-    )
-
-
-@compiled(inline=True)
-def _add_far_field(
-    field: FarField | None, far: FarForces | None, load: Array | None, state: State, count: int
-) -> None:
-    """Add the far field to the forces; where it acts in impulses, what is held of it."""
-    if field is not None and far is not None:
-        _add_far_forces(field.every, far, load, state, count)
-
-
-@compiled
-def _add_far_forces(
-    every: int | None, far: FarForces, load: Array | None, state: State, count: int
-) -> None:
-    if every is None:
-        for i in range(count):
-            state.fx[i] += far.fx[i]
-            state.fy[i] += far.fy[i]
-        if load is not None and far.load is not None:
-            for i in range(count):
-                load[i] += far.load[i]
-    else:
-        for i in range(count):
-            state.fx[i] += far.held_x[i]
-            state.fy[i] += far.held_y[i]
-
-
-@compiled(inline=True)
-def _steady_far_field(field: FarField | None, state: State, constants: Constants) -> int:
-    """The far field where it is a part of every force."""
-    if field is None:
-        return 0
-    return _refresh_steady(field.every, state, constants)
-
-
-@compiled(inline=True)
-def _refresh_steady(every: int | None, state: State, constants: Constants) -> int:
-    if every is None:
-        return find_far_field(state.far, state, constants)
-    return 0
-
-
-def total_force(state: State, constants: Constants) -> tuple[Array, Array]:
-    """Force on the grains [F*], with a far field that acts in impulses."""
-    far, field = state.far, constants.acting.far
-    if far is None or field is None or field.every is None:
-        return state.fx, state.fy
-    return state.fx + far.fx - far.held_x, state.fy + far.fy - far.held_y
-
-
-def hold_far_field(state: State, constants: Constants) -> None:
-    """Hold the present far field, where it acts in impulses.
-
-    The energy does not change, but what a symplectic step conserves does, a little: not to be done
-    often in a run that dissipates nothing.
-    """
-    far, field = state.far, constants.acting.far
-    if far is not None and field is not None and field.every is not None:
-        state.fx[:] += far.fx - far.held_x
-        state.fy[:] += far.fy - far.held_y
-        far.held_x[:], far.held_y[:] = far.fx, far.fy
-
-
 @compiled
 def _contact_forces(
     law: ContactLaw | None, close: ClosePairs | None, state: State, constants: Constants
@@ -195,8 +115,8 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
     """
     acting = constants.acting
     _pair_forces(acting.dipole, acting.friction, state, constants, None, None)
-    crowded = _steady_far_field(acting.far, state, constants)
-    _add_far_field(acting.far, state.far, state.load, state, constants.grains)
+    crowded = refresh_far_field(state.far, state, constants)
+    add_far_field(state.far, state, constants.grains)
     return crowded + _other_forces(state, constants, time)
 
 
@@ -211,7 +131,7 @@ def measure_forces(
         measurement.stiffness, measurement.extremes,
     )  # fmt: skip
     crowded = find_far_field(state.far, state, constants)
-    _add_far_field(acting.far, state.far, state.load, state, constants.grains)
+    add_far_field(state.far, state, constants.grains)
     return crowded + _other_forces(state, constants, time)
 
 
@@ -287,10 +207,5 @@ def potential_energies(
     touching = _contact_energy(acting.contact, state.close, state, charge, stiffness)
     weight = weight_energy(acting.gravity, count, charge, state.y)
     weight += _inertia_energy(acting.shaking, time, state, constants)
-    pairs = ENERGY * measurement.extremes[0] + _far_energy(state.far)
+    pairs = ENERGY * measurement.extremes[0] + far_energy(state.far)
     return pairs, walls, weight, touching
-
-
-@compiled
-def _far_energy(far: FarForces | None) -> float:
-    return 0.0 if far is None else far.energy[0]

@@ -18,12 +18,12 @@ from granular.engine.compensation import sum_with_low_part
 from granular.engine.state import CONTACT, DRAG, FRICTION, State
 from granular.engine.system import Constants
 from granular.pairs.cells import ClosePairs
-from granular.pairs.far_field import FarForces
 from granular.pairs.vector import lane_sum
 
 
 @compiled
-def _speed_up(low: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
+def speed_up(low: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
+    """Add to the velocity of a grain, as a compensated sum where there is a low part."""
     if low is None:
         state.vx[i] += by_x
         state.vy[i] += by_y
@@ -38,32 +38,11 @@ def _kick_freely(
 ) -> None:
     if charge is None:
         for i in range(count):
-            _speed_up(low, state, i, span * state.fx[i], span * state.fy[i])
+            speed_up(low, state, i, span * state.fx[i], span * state.fy[i])
     else:
         for i in range(count):
             gain = span / charge[i]
-            _speed_up(low, state, i, gain * state.fx[i], gain * state.fy[i])
-
-
-@compiled
-def kick_by_far_field(
-    far: FarForces | None, span: float, state: State, constants: Constants
-) -> None:
-    """The impulse over ``span`` [tau] of the far field but for what is held of it."""
-    if far is not None:
-        _kick_by_rest(state.low, far, span, state, constants.grains, constants.charge)
-
-
-@compiled
-def _kick_by_rest(
-    low: Array | None, far: FarForces, span: float, state: State, count: int, charge: Array | None
-) -> None:
-    for i in range(count):
-        gain = span
-        if charge is not None:
-            gain /= charge[i]
-        by_x, by_y = far.fx[i] - far.held_x[i], far.fy[i] - far.held_y[i]
-        _speed_up(low, state, i, gain * by_x, gain * by_y)
+            speed_up(low, state, i, gain * state.fx[i], gain * state.fy[i])
 
 
 @compiled(inline=True)
@@ -82,7 +61,7 @@ def _kick_with_drag(
             state.vx[i] = decay * vx + gain * ax
             state.vy[i] = decay * vy + gain * ay
         else:
-            _speed_up(low, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
+            speed_up(low, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
         state.push[i] = mass * lost
     state.ledger[DRAG] += lane_sum(state.push)

@@ -14,13 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.engine.forces import (
-    find_far_field,
-    kinetic_energy,
-    measure_forces,
-    potential_energies,
-)
-from granular.engine.kick import kick_by_far_field
+from granular.engine.far import find_far_field, kick_by_far_field
+from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.motion import Motion
 from granular.engine.piston import piston_energy
 from granular.engine.state import Measurement, State

@@ -14,12 +14,8 @@ from granular.arrangement import initial_motion
 from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import misplaced, restless, unbalanced
-from granular.engine.forces import (
-    compute_forces,
-    find_far_field,
-    hold_far_field,
-    measure_forces,
-)
+from granular.engine.far import find_far_field, hold_far_field
+from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.ledger import Ledger, is_dry
 from granular.engine.loop import (
     CLOSEST,
@@ -237,7 +233,7 @@ class Run:
         if not self.motion.free:
             self._take_hold(path(self.motion, 0.0)[1])
         row = self._look(_PLACE)
-        hold_far_field(self.state, self.constants)
+        hold_far_field(self.state)
         self._set_pace(row)
         self.band[:] = (0.0, row[1], row[1])
         self.seen[:2] = 0.0
@@ -434,7 +430,7 @@ class Run:
             if self.step.automatic and self._dissipates:
                 self._set_steps(self.seen[0])
             if self._dissipates:
-                hold_far_field(self.state, self.constants)
+                hold_far_field(self.state)
             self.seen[0] = 0.0
 
     @property

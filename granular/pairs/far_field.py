@@ -56,9 +56,10 @@ class FarForces(NamedTuple):
     mesh : Mesh
     radius : float
     fx, fy : float64 (m,)
-    held_x, held_y : float64 (m,)
+    held : float64 (2, m) or None
         A force that stays as it is and acts all the time, where the far field acts in impulses:
-        they make up the difference. Without it, grains at rest would be pushed to and fro.
+        they make up the difference. Without it, grains at rest would be pushed to and fro. None
+        where the far field is a part of every force.
     load : float64 (m,) or None
         Far part of the sums behind the normal force of friction.
     energy : float64 (1,)
@@ -68,8 +69,7 @@ class FarForces(NamedTuple):
     radius: float
     fx: np.ndarray
     fy: np.ndarray
-    held_x: np.ndarray
-    held_y: np.ndarray
+    held: np.ndarray | None
     load: np.ndarray | None
     energy: np.ndarray
 
@@ -81,8 +81,7 @@ def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
         radius=field.radius,
         fx=np.zeros(size),
         fy=np.zeros(size),
-        held_x=np.zeros(size),
-        held_y=np.zeros(size),
+        held=None if field.every is None else np.zeros((2, size)),
         load=np.zeros(size) if loaded else None,
         energy=np.zeros(1),
     )

@@ -1,0 +1,113 @@
+"""The far field in the engine: a part of every force, or impulses that come every so many steps."""
+
+from __future__ import annotations
+
+from granular.compiled import Array, compiled
+from granular.effects.friction import FrictionLaw
+from granular.engine.kick import speed_up
+from granular.engine.state import State
+from granular.engine.system import Constants
+from granular.pairs.far_field import FarForces, find_far_forces
+
+
+@compiled(inline=True)
+def find_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
+    """The far field at the present places, kept in the state; 1 where there is no room for it."""
+    if far is None:
+        return 0
+    return _find(constants.acting.friction, far, state, constants)
+
+
+@compiled
+def _find(friction: FrictionLaw | None, far: FarForces, state: State, constants: Constants) -> int:
+    weight = None if friction is None else friction.weight
+    return find_far_forces(
+        far, constants.threaded, constants.grains, state.x, state.y, constants.charge, weight
+    )
+
+
+@compiled(inline=True)
+def refresh_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
+    """`find_far_field`, unless what is held of it acts between its impulses."""
+    if far is None:
+        return 0
+    return _refresh(far.held, far, state, constants)
+
+
+@compiled(inline=True)
+def _refresh(held: Array | None, far: FarForces, state: State, constants: Constants) -> int:
+    if held is None:
+        return find_far_field(far, state, constants)
+    return 0
+
+
+@compiled(inline=True)
+def add_far_field(far: FarForces | None, state: State, count: int) -> None:
+    """Add it to the forces and loads; where it acts in impulses, what is held of it."""
+    if far is not None:
+        _add(far.held, far, state.load, state, count)
+
+
+@compiled
+def _add(held: Array | None, far: FarForces, load: Array | None, state: State, count: int) -> None:
+    if held is None:
+        for i in range(count):
+            state.fx[i] += far.fx[i]
+            state.fy[i] += far.fy[i]
+        if load is not None and far.load is not None:
+            for i in range(count):
+                load[i] += far.load[i]
+    else:
+        for i in range(count):
+            state.fx[i] += held[0, i]
+            state.fy[i] += held[1, i]
+
+
+@compiled
+def far_energy(far: FarForces | None) -> float:
+    """Its energy [F* D] where it was last found."""
+    return 0.0 if far is None else far.energy[0]
+
+
+@compiled
+def kick_by_far_field(
+    far: FarForces | None, span: float, state: State, constants: Constants
+) -> None:
+    """The impulse over ``span`` [tau] of the far field but for what is held of it."""
+    if far is not None:
+        _kick(state.low, far.held, far, span, state, constants.charge, constants.grains)
+
+
+@compiled
+def _kick(
+    low: Array | None, held: Array | None, far: FarForces, span: float, state: State,
+    charge: Array | None, count: int,
+) -> None:  # fmt: skip
+    if held is not None:
+        for i in range(count):
+            gain = span
+            if charge is not None:
+                gain /= charge[i]
+            by_x, by_y = far.fx[i] - held[0, i], far.fy[i] - held[1, i]
+            speed_up(low, state, i, gain * by_x, gain * by_y)
+
+
+def hold_far_field(state: State) -> None:
+    """Hold the present far field, where it acts in impulses.
+
+    The energy does not change, but what a symplectic step conserves does, a little: not to be done
+    often in a run that dissipates nothing.
+    """
+    far = state.far
+    if far is not None and far.held is not None:
+        state.fx[:] += far.fx - far.held[0]
+        state.fy[:] += far.fy - far.held[1]
+        far.held[0], far.held[1] = far.fx, far.fy
+
+
+def total_force(state: State) -> tuple[Array, Array]:
+    """Force on the grains [F*], with a far field that acts in impulses."""
+    far = state.far
+    if far is None or far.held is None:
+        return state.fx, state.fy
+    return state.fx + far.fx - far.held[0], state.fy + far.fy - far.held[1]
