@@ -27,6 +27,12 @@ _HOMES = {
     "calibrate": "reduced_models.calibration",
     "Calibration": "reduced_models.calibrated",
     "LawEstimator": "reduced_models.estimator",
+    "design": "reduced_models.designs.design",
+    "Design": "reduced_models.designs.result",
+    "Candidate": "reduced_models.designs.candidate",
+    "DamperMaps": "reduced_models.designs.maps",
+    "damper_maps": "reduced_models.designs.maps",
+    "run_study": "reduced_models.designs.study",
 }
 
 __all__ = list(_HOMES)

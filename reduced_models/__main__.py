@@ -37,6 +37,14 @@ examples:
   python -m reduced_models calibrate lab.csv my-damper.toml --parameter piston.mass
   python -m reduced_models calibrate forced.csv damper --parameter piston.mass \\
       --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
+    "design": """\
+examples:
+  python -m reduced_models design --frequency 3.2 --damping 0.1 -o out
+  python -m reduced_models design --frequency 4 --damping 0.05 --mass 5 -o out""",
+    "maps": """\
+examples:
+  python -m reduced_models maps -o out              # those that come with the package
+  python -m reduced_models maps --simulate -o out   # the study behind them, anew""",
     "simulate": """\
 examples:
   python -m reduced_models simulate model.json --until 3 -o motion.csv
@@ -73,6 +81,8 @@ def parser() -> Parser:
     _add_discover(add("discover", "find the structure of the law in a record, or in several"))
     _add_compare(add("compare", "judge laws on held-out stretches and records"))
     _add_calibrate(add("calibrate", "fit numbers of a scene to a record, by simulations"))
+    _add_design(add("design", "choose mass, grains and drag for a wanted frequency and damping"))
+    _add_maps(add("maps", "show frequency and damping over mass, grains, drag and mixture"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
     return top
 
@@ -156,6 +166,46 @@ def _add_calibrate(one: Parser) -> None:
     add_output(one)
 
 
+def _add_design(one: Parser) -> None:
+    one.add_argument(
+        "--frequency", type=float, required=True, metavar="F",
+        help="of the undamped small swing about rest [Hz]",
+    )  # fmt: skip
+    one.add_argument("--damping", type=float, required=True, metavar="R", help="damping ratio")
+    one.add_argument("--grains", type=int, metavar="N", help="number of grains; chosen without")
+    one.add_argument("--mass", type=float, metavar="M", help="of the piston [kg]; chosen without")
+    one.add_argument(
+        "--small-share", type=float, default=0.0, metavar="S", help="share of grains of 0.6 D (0)"
+    )
+    one.add_argument(
+        "--maps",
+        metavar="FILE",
+        help="study.csv that 'maps --simulate' wrote; the package's without",
+    )
+    one.add_argument(
+        "-o", "--out", metavar="DIR",
+        help="directory for report, scene and simulations; the same one again goes on",
+    )  # fmt: skip
+    one.add_argument("--workers", type=int, metavar="N", help="processes (all processors)")
+    add_output(one)
+
+
+def _add_maps(one: Parser) -> None:
+    one.add_argument(
+        "-o", "--out", metavar="DIR", required=True,
+        help="directory for report.html and study.csv; the same one again goes on",
+    )  # fmt: skip
+    one.add_argument(
+        "--simulate", action="store_true", help="simulate the study anew (about half an hour)"
+    )
+    one.add_argument(
+        "--points", type=int, default=128, metavar="N",
+        help="dampers of the study beside sixteen corners, a power of two (128)",
+    )  # fmt: skip
+    one.add_argument("--workers", type=int, metavar="N", help="processes (all processors)")
+    add_output(one)
+
+
 def _add_simulate(one: Parser) -> None:
     one.add_argument("model", metavar="MODEL", help="JSON file of a model")
     one.add_argument("--until", required=True, metavar="T", help="end of the motion [s]")
@@ -177,6 +227,8 @@ def main(arguments: Sequence[str]) -> None:
         "discover": commands.discover_source,
         "compare": commands.compare_sources,
         "calibrate": commands.calibrate_scene,
+        "design": commands.design_damper,
+        "maps": commands.map_dampers,
         "simulate": commands.simulate_model,
     }[options.command](options)
 

@@ -155,14 +155,84 @@ def calibrate_scene(options: Any) -> None:
             progress=not options.quiet,
         )
     except KeyboardInterrupt:
-        if options.out is not None:
-            kept = f"finished simulations are kept in {options.out}; the same command goes on"
-            print(kept, file=sys.stderr)
+        _say_what_is_kept(options.out)
         raise
     text = str(found)
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
     emit(found.to_plain(), text, options.json)
+
+
+def design_damper(options: Any) -> None:
+    """Propose a damper and check it."""
+    from reduced_models.designs.design import design
+    from reduced_models.designs.maps import damper_maps
+
+    _check_workers(options.workers)
+    maps = None if options.maps is None else damper_maps(Path(options.maps))
+    try:
+        found = design(
+            options.frequency,
+            options.damping,
+            grains=options.grains,
+            mass=options.mass,
+            small_share=options.small_share,
+            maps=maps,
+            out=prepared(options.out),
+            workers=options.workers,
+            progress=not options.quiet,
+        )
+    except KeyboardInterrupt:
+        _say_what_is_kept(options.out)
+        raise
+    text = str(found)
+    if options.out is not None:
+        text += f"\nreport: {options.out}/report.html"
+    emit(found.to_plain(), text, options.json)
+
+
+def map_dampers(options: Any) -> None:
+    """Show the maps, of the package's study or of one made anew."""
+    from reduced_models.designs.maps import DamperMaps, damper_maps
+    from reduced_models.designs.page import maps_page
+    from reduced_models.designs.study import run_study
+
+    _check_workers(options.workers)
+    target = prepared(options.out)
+    assert target is not None
+    if not options.simulate:
+        maps = damper_maps()
+        maps.study.to_csv(target / "study.csv", index=False)
+    else:
+        try:
+            study = run_study(
+                target, points=options.points, workers=options.workers, progress=not options.quiet
+            )
+        except KeyboardInterrupt:
+            _say_what_is_kept(options.out)
+            raise
+        study.to_csv(target / "study.csv", index=False)
+        maps = DamperMaps(study)
+    maps_page(maps).save(target / "report.html")
+    errors = {name: surface.error for name, surface in maps.surfaces.items()}
+    lines = [f"maps of {len(maps.dampers)} dampers; errors of prediction (leave-one-out):"]
+    lines += [
+        f"  {name.replace('_', ' ')}: {100.0 * errors[name]:.2g} %"
+        for name in ("rest_height", "frequency", "damping_ratio")
+    ]
+    text = "\n".join([*lines, f"report: {options.out}/report.html"])
+    emit({"dampers": len(maps.dampers), "errors": errors}, text, options.json)
+
+
+def _check_workers(workers: int | None) -> None:
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers {workers}; give 1 or more")
+
+
+def _say_what_is_kept(out: str | None) -> None:
+    if out is not None:
+        kept = f"finished simulations are kept in {out}; the same command goes on"
+        print(kept, file=sys.stderr)
 
 
 def simulate_model(options: Any) -> None:

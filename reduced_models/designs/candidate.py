@@ -1,0 +1,132 @@
+"""A damper as a designer sees it, and the box of dampers that the maps cover.
+
+Inside the box a damper is a point of four coordinates from -1 to 1, in which its figures are
+smooth: mass of the piston over the width of the cell, number of grains, affine damping ratio, and
+share of small grains.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.beds import REFERENCE_COUNT, damper
+from granular.scene import Scene
+
+GRAVITY = 9.81
+DIAMETER = 0.006
+"""Of a large grain [m], as in the packaged damper."""
+ASPECT = 0.6
+"""Diameter of small grains over that of large ones."""
+REST_TOLERANCE = "1e-3 D"
+"""The piston is at rest when it stays within this height: 1/200 of the lift."""
+SWING = "3 s"
+"""Length of the recorded motion: at least seven swings."""
+
+REFERENCE_MASS = 7.5
+REFERENCE_REST = 9.86 * DIAMETER
+EXPONENT = 2.86
+"""The published damper rests at 9.86 D; the force of the bed falls with this power of the height
+there (tests/regression/test_damper.py)."""
+
+LOWEST = (1.5, 92.0, 0.02, 0.0)
+HIGHEST = (10.0, 368.0, 0.4, 0.5)
+"""The box: mass of the piston for 368 grains [kg], grains, affine damping ratio, share of small
+grains. A lighter piston rests on a bed that its own weight shapes, a heavier one presses small
+grains into contact; less damping takes minutes to come to rest."""
+NAMES = ("mass for 368 grains", "grains", "affine damping ratio", "share of small grains")
+
+
+class Candidate(NamedTuple):
+    """A damper.
+
+    Attributes
+    ----------
+    mass : float
+        Of the piston [kg].
+    grains : int
+        Their number; the cell is as wide as keeps the packing, 60 D sqrt(grains/368).
+    drag : float
+        gamma of a large grain [kg/s].
+    small_share : float
+        Share of grains of 0.6 D.
+    """
+
+    mass: float
+    grains: int
+    drag: float
+    small_share: float = 0.0
+
+    @property
+    def scale(self) -> float:
+        """Width of the cell over that for 368 grains."""
+        return math.sqrt(self.grains / REFERENCE_COUNT)
+
+    @property
+    def viscosity(self) -> float:
+        """Of the liquid that makes the drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
+        return self.drag / (3.0 * math.pi * DIAMETER)
+
+    def scene(self, seed: int = 1) -> Scene:
+        """The damper that falls, comes to rest, is lifted by 0.2 D and released."""
+        made = damper(self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed)
+        changes = {
+            "name": "design",
+            "protocol.drop.tolerance": REST_TOLERANCE,
+            "protocol.release.duration": SWING,
+        }
+        if self.small_share > 0.0:
+            changes["grains.species"] = [
+                {"name": "large", "diameter": DIAMETER, "share": 1.0 - self.small_share},
+                {"name": "small", "diameter": ASPECT * DIAMETER, "share": self.small_share},
+            ]  # type: ignore[assignment]
+        return made.replace(**changes)
+
+    def coordinates(self) -> np.ndarray:
+        """Coordinates (4,) in the box, each from -1 to 1 inside it."""
+        plain = (self.mass / self.scale, self.grains, affine_damping_ratio(self), self.small_share)
+        low, high = _scaled(LOWEST), _scaled(HIGHEST)
+        return 2.0 * (_scaled(plain) - low) / (high - low) - 1.0
+
+
+def candidate_at(coordinates: np.ndarray) -> Candidate:
+    """The damper at a place (4,) of the box; the number of grains is rounded."""
+    low, high = _scaled(LOWEST), _scaled(HIGHEST)
+    scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
+    mass, count, ratio = (math.exp(one) for one in scaled[:3])
+    plain = Candidate(mass, round(count), 1.0, float(scaled[3]))
+    plain = plain._replace(mass=mass * plain.scale)
+    return plain._replace(drag=ratio / affine_damping_ratio(plain))
+
+
+def affine_rest_height(one: Candidate) -> float:
+    """Height at which a bed of the reference's packing would carry the piston [m].
+
+    The force of N grains falls with the power 2.86 of the height and grows with the square of the
+    mean moment, which goes with the volume of a grain.
+    """
+    volume = _mean_volume(one)
+    load = one.mass / one.scale / REFERENCE_MASS / volume**2
+    return REFERENCE_REST * one.scale * load ** (-1.0 / EXPONENT)
+
+
+def affine_damping_ratio(one: Candidate) -> float:
+    """Damping ratio if every grain followed the piston in proportion to its height.
+
+    A grain at the height y then moves with y/h of the piston's velocity: the bed's drag is a third
+    of the sum over its grains, and the frequency is sqrt(2.86 g/h).
+    """
+    frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(one))
+    drag = one.grains * one.drag * _mean_volume(one) / 3.0
+    return drag / (2.0 * one.mass * frequency)
+
+
+def _mean_volume(one: Candidate) -> float:
+    """Over that of a large grain; drag goes with the mass of a grain [D, eq. 4.16]."""
+    return 1.0 - one.small_share * (1.0 - ASPECT**3)
+
+
+def _scaled(plain: tuple[float, ...]) -> np.ndarray:
+    return np.array([*np.log(plain[:3]), plain[3]])

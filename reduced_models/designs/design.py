@@ -1,0 +1,158 @@
+"""`design`: a damper for a wanted frequency and damping, checked by simulation.
+
+The maps propose; fresh simulations of the proposal, from random starts that the study did not use,
+say what it does. Where they differ from the wish by more than is allowed, the next proposal aims as
+far to the other side (a secant step with the slopes of the maps).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from granular.beds import damper
+from granular.errors import GranularError, InputError
+from granular.studies.sweep import sweep
+from reduced_models.designs.candidate import Candidate
+from reduced_models.designs.figures import check_figures
+from reduced_models.designs.maps import DamperMaps, damper_maps
+from reduced_models.designs.proposal import Wish, propose
+from reduced_models.designs.result import Check, Design, Round
+
+FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
+SEEDS = (2, 3)
+"""Random starts of the checks; the study took the first."""
+ROUNDS = 4
+
+
+class DesignError(GranularError, RuntimeError):
+    """The simulations of all proposals missed the wish.
+
+    Attributes
+    ----------
+    design : Design
+        The last one, with all rounds.
+    """
+
+    def __init__(self, message: str, design: Design) -> None:
+        super().__init__(message)
+        self.design = design
+
+
+def design(
+    frequency: float,
+    damping: float,
+    *,
+    grains: int | None = None,
+    mass: float | None = None,
+    small_share: float = 0.0,
+    seeds: Sequence[int] = SEEDS,
+    maps: DamperMaps | None = None,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Design:
+    """A magnetic granular damper whose piston swings as wanted.
+
+    Parameters
+    ----------
+    frequency : float
+        Of the undamped small swing about rest [Hz]; that of the damped one is
+        sqrt(1 - damping^2) of it.
+    damping : float
+        Damping ratio, a fraction of critical damping.
+    grains : int, optional
+        Number of grains. If neither it nor ``mass`` is given: 368, the published number, if that
+        does, and else the nearest that does.
+    mass : float, optional
+        Of the piston [kg], where the load is given; the number of grains is free then.
+    small_share : float
+        Share of grains of 0.6 D, which makes the bed softer: the piston rests lower, and swings
+        faster.
+    seeds : sequence of int
+        Random starts of the checks, each of which must meet the wish.
+    maps : DamperMaps, optional
+        From a study of one's own.
+    out : str or Path, optional
+        Directory for simulations, scene.toml, design.json and report.html; called again, what was
+        simulated is used again.
+    workers : int, optional
+        Processes; as many as there are processors if not given.
+    progress : bool
+
+    Returns
+    -------
+    Design
+        Within 2 % of the frequency and 5 % of the damping ratio in every check.
+
+    Raises
+    ------
+    InputError
+        If the wish lies outside the maps; the message tells what can be had.
+    DesignError
+        If four proposals missed it, or a simulation failed.
+    """
+    wish = Wish(frequency, damping, grains, mass, small_share)
+    wish.check()
+    if not seeds:
+        raise InputError("seeds is empty; give at least one random start")
+    chosen = damper_maps() if maps is None else maps
+    rounds: list[Round] = []
+    aim = (frequency, damping)
+    while True:
+        proposal = _proposed(chosen, wish, aim, rounds)
+        checks = _checked(proposal, seeds, out, workers, progress)
+        rounds.append(Round(proposal, chosen.predict(proposal), checks))
+        found = Design(wish, tuple(rounds))
+        if found.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            break
+        if len(rounds) == ROUNDS:
+            raise DesignError(_missed(found), found)
+        aim = (aim[0] * frequency / found.frequency, aim[1] * damping / found.damping_ratio)
+    if out is not None:
+        found.save(out, chosen)
+    return found
+
+
+def _proposed(
+    maps: DamperMaps, wish: Wish, aim: tuple[float, float], rounds: Sequence[Round]
+) -> Candidate:
+    if rounds:
+        # The number of grains stays, or else a step of it would undo the correction.
+        last = rounds[-1].damper
+        wish = wish._replace(grains=last.grains) if wish.mass is None else wish
+    return propose(maps, wish, aim)
+
+
+def _checked(
+    proposal: Candidate,
+    seeds: Sequence[int],
+    out: str | Path | None,
+    workers: int | None,
+    progress: bool,
+) -> tuple[Check, ...]:
+    study = sweep(
+        damper(),
+        cases=[proposal.scene(seed).plain() for seed in seeds],
+        measure=check_figures,
+        out=out,
+        workers=workers,
+        progress=progress,
+    )
+    checks = []
+    for seed, outcome in zip(seeds, study.outcomes, strict=True):
+        figures = outcome["figures"]
+        if outcome["error"] is not None or not math.isfinite(figures["frequency"]):
+            cause = outcome["error"] or "the motion has no level of rest"
+            raise GranularError(f"the simulation of {proposal} failed: {cause}")
+        checks.append(Check(seed, **figures))
+    return tuple(checks)
+
+
+def _missed(found: Design) -> str:
+    return (
+        f"{len(found.rounds)} proposals missed the wish; the last has {found.frequency:.4g} Hz for "
+        f"{found.wish.frequency:g} Hz and a damping ratio of {found.damping_ratio:.3g} for "
+        f"{found.wish.damping:g}: ask for something further inside the maps"
+    )

@@ -1,0 +1,181 @@
+"""Maps of a damper's figures over piston mass, number of grains, drag and mixture.
+
+Each map is a polynomial of third degree in the coordinates of the box, fitted to the study by least
+squares. Its error is that of predicting a damper which the fit did not see (leave-one-out, by the
+diagonal of the projection; Allen 1974, doi:10.1080/00401706.1974.10489157).
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.errors import InputError
+from reduced_models.designs.candidate import LOWEST, Candidate
+from reduced_models.designs.study import COMMITTED
+
+if TYPE_CHECKING:
+    import pandas
+
+DEGREE = 3
+_POWERS = tuple(p for p in itertools.product(range(DEGREE + 1), repeat=4) if sum(p) <= DEGREE)
+COLUMNS = ("mass", "grains", "drag", "small_share")
+LOGARITHMIC = ("rest_height", "frequency", "damping_ratio")
+PLAIN = ("quadratic", "cubic")
+"""k2 h/k1 and k3 h^2/k1: how the spring bends, over the rest height h."""
+_EDGE = 1.0 + 1e-9
+
+
+class Surface(NamedTuple):
+    """The map of one figure.
+
+    Attributes
+    ----------
+    coefficients : float64 (terms,)
+        Of products of Legendre polynomials.
+    error : float
+        Leave-one-out, root mean square: relative, or absolute for ``quadratic`` and ``cubic``.
+    """
+
+    coefficients: np.ndarray
+    error: float
+
+
+class Prediction(NamedTuple):
+    """What the maps say of a damper.
+
+    Attributes
+    ----------
+    rest_height : float
+        [m]
+    frequency : float
+        Of the undamped small swing [Hz].
+    damping_ratio : float
+    lam, k1, k2, k3 : float
+        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h the rest height (SI).
+    """
+
+    rest_height: float
+    frequency: float
+    damping_ratio: float
+    lam: float
+    k1: float
+    k2: float
+    k3: float
+
+
+class DamperMaps:
+    """Maps over the box, from a study.
+
+    Parameters
+    ----------
+    study : DataFrame
+        As `run_study` returns it; rows with an error are left out.
+
+    Attributes
+    ----------
+    dampers : tuple of Candidate
+        Those that the maps were fitted to.
+    surfaces : mapping of str to Surface
+
+    Raises
+    ------
+    InputError
+        If a column is missing, or there are too few dampers.
+    """
+
+    def __init__(self, study: pandas.DataFrame) -> None:
+        wanted = (*COLUMNS, *LOGARITHMIC, "k1", "k2", "k3")
+        missing = [name for name in wanted if name not in study.columns]
+        if missing:
+            raise InputError(f"the study has no column {missing[0]!r}; make it by run_study")
+        sound = study[study[list(wanted)].notna().all(axis=1)]
+        if len(sound) < 2 * len(_POWERS):
+            raise InputError(
+                f"the study has {len(sound)} dampers that ran; at least {2 * len(_POWERS)} are "
+                "needed for maps"
+            )
+        columns = (sound[name] for name in COLUMNS)
+        self.dampers = tuple(
+            Candidate(float(m), int(n), float(g), float(r))
+            for m, n, g, r in zip(*columns, strict=True)
+        )
+        self.study = sound
+        terms = np.array([_terms(one.coordinates()) for one in self.dampers])
+        self.surfaces: Mapping[str, Surface] = {
+            name: _fitted(terms, values) for name, values in _figures(sound).items()
+        }
+
+    def predict(self, damper: Candidate) -> Prediction:
+        """Figures of a damper inside the box.
+
+        Raises
+        ------
+        InputError
+            If it lies outside.
+        """
+        place = damper.coordinates()
+        if np.abs(place).max() > _EDGE:
+            raise InputError(
+                f"{damper} lies outside the maps; they hold {LOWEST[1]:g} to 368 grains, 1.5 to "
+                "10 kg for 368 grains (as the width of the cell), affine damping ratios from 0.02 "
+                "to 0.4, up to half small grains"
+            )
+        values = {name: self.at(name, place) for name in (*LOGARITHMIC, *PLAIN)}
+        height, frequency, ratio = (math.exp(values[name]) for name in LOGARITHMIC)
+        k1 = (2.0 * math.pi * frequency) ** 2
+        return Prediction(
+            rest_height=height, frequency=frequency, damping_ratio=ratio,
+            lam=ratio * math.sqrt(k1), k1=k1,
+            k2=values["quadratic"] * k1 / height, k3=values["cubic"] * k1 / height**2,
+        )  # fmt: skip
+
+    def at(self, name: str, place: np.ndarray) -> float:
+        """A map at a place (4,); the logarithm of the first three figures."""
+        return float(_terms(place) @ self.surfaces[name].coefficients)
+
+
+@functools.cache
+def damper_maps(path: Path = COMMITTED) -> DamperMaps:
+    """The maps of the study in a CSV file; of the one that comes with the package by default.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds no study.
+    """
+    import pandas
+
+    try:
+        return DamperMaps(pandas.read_csv(path))
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path} holds no study ({error}); make one by run_study") from None
+
+
+def _figures(study: pandas.DataFrame) -> dict[str, np.ndarray]:
+    height, k1 = study["rest_height"].to_numpy(), study["k1"].to_numpy()
+    found = {name: np.log(study[name].to_numpy()) for name in LOGARITHMIC}
+    found["quadratic"] = study["k2"].to_numpy() * height / k1
+    found["cubic"] = study["k3"].to_numpy() * height**2 / k1
+    return found
+
+
+def _terms(place: np.ndarray) -> np.ndarray:
+    single = np.polynomial.legendre.legvander(place, DEGREE)
+    return np.array([math.prod(single[k, p] for k, p in enumerate(powers)) for powers in _POWERS])
+
+
+def _fitted(terms: np.ndarray, values: np.ndarray) -> Surface:
+    coefficients = np.linalg.lstsq(terms, values, rcond=None)[0]
+    orthogonal = np.linalg.qr(terms)[0]
+    leverage = (orthogonal**2).sum(axis=1)
+    left_out = (values - terms @ coefficients) / (1.0 - leverage)
+    return Surface(coefficients, float(np.sqrt((left_out**2).mean())))

@@ -1,0 +1,211 @@
+"""Pages of maps and designs, and their figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.html import Page, number
+from granular.plotting import COLOURS, GREY, figure
+from granular.simulation import versions
+from reduced_models.designs.candidate import (
+    DIAMETER,
+    HIGHEST,
+    LOWEST,
+    NAMES,
+    Candidate,
+    candidate_at,
+)
+from reduced_models.designs.maps import DamperMaps
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from reduced_models.designs.result import Design
+
+_SIDE = 41
+COUNTS, SHARES = (92, 184, 368), (0.0, 0.5)
+"""Beds that the page of maps shows."""
+
+
+def maps_page(maps: DamperMaps) -> Page:
+    """All maps as a page: pictures, their errors, and the law that they stand for."""
+    page = Page(
+        "Maps of the damper",
+        f"What {len(maps.dampers)} simulated dampers say of frequency, damping and height of rest.",
+    )
+    page.text(
+        "A map is a polynomial of third degree in the coordinates below, fitted to the study. Its "
+        "error is that of predicting a damper which the fit did not see (leave-one-out)."
+    )
+    page.table(
+        ("figure", "error of its map"),
+        [
+            ("height of rest", _percent(maps.surfaces["rest_height"].error)),
+            ("frequency of the undamped small swing", _percent(maps.surfaces["frequency"].error)),
+            ("damping ratio", _percent(maps.surfaces["damping_ratio"].error)),
+            ("k2 h/k1 of the law", number(maps.surfaces["quadratic"].error, 2)),
+            ("k3 h²/k1 of the law", number(maps.surfaces["cubic"].error, 2)),
+        ],
+    )
+    page.table(
+        ("coordinate", "from", "to"),
+        [
+            (name, number(low), number(high))
+            for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
+        ],
+    )
+    for share in SHARES:
+        words = "equal grains" if share == 0.0 else f"{100.0 * share:g} % small grains"
+        page.figure(
+            plot_maps(maps, share),
+            f"{words}: frequency [Hz] (blue), damping ratio (red, dashed) and height of rest [D] "
+            "(grey, dotted) over the piston's mass and the drag of a grain.",
+        )
+    page.section("The law")
+    page.text(
+        "The motion about rest follows z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 "
+        "= 0 with k1 = (2 pi f)^2 and lam = damping ratio times 2 pi f; k2 and k3 are mapped as "
+        "k2 h/k1 and k3 h^2/k1. A lift of 0.2 D leaves the cubic term of strongly damped dampers "
+        "open: its map says little there."
+    )
+    page.table(
+        ("grains", "mass [kg]", "drag [kg/s]", "h [D]", "f [Hz]", "damping ratio", "lam [1/s]",
+         "k1 [1/s²]", "k2 [1/(m s²)]", "k3 [1/(m² s²)]"),
+        [_law_row(maps, candidate_at(np.array([mass, grains, drag, -1.0])))
+         for grains in (-1.0, 0.0, 1.0) for mass in (-0.6, 0.6) for drag in (-0.6, 0.4)],
+    )  # fmt: skip
+    page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+    return page
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.2g} %"
+
+
+def _law_row(maps: DamperMaps, one: Candidate) -> tuple[str, ...]:
+    said = maps.predict(one)
+    values = (
+        one.mass, one.drag, said.rest_height / DIAMETER, said.frequency, said.damping_ratio,
+        said.lam, said.k1, said.k2, said.k3,
+    )  # fmt: skip
+    return (str(one.grains), *(number(value, 3) for value in values))
+
+
+def plot_maps(maps: DamperMaps, share: float = 0.0) -> Figure:
+    """Frequency, damping ratio and height of rest for 92, 184 and 368 grains.
+
+    Parameters
+    ----------
+    maps : DamperMaps
+    share : float
+        Of small grains, from 0 to 0.5.
+    """
+    with figure(1, len(COUNTS), width=10.0, height=3.6) as (drawing, axes):
+        for place, count in zip(axes, COUNTS, strict=True):
+            _draw(place, maps, count, share)
+            place.set_title(f"{count} grains", fontsize=10)
+        axes[0].set_ylabel("drag of a grain [kg/s]")
+        return drawing
+
+
+def plot_design(found: Design, maps: DamperMaps) -> Figure:
+    """The map that the design lies on, and the motions of its checks."""
+    with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
+        _draw(left, maps, found.damper.grains, found.damper.small_share)
+        for k, one in enumerate(found.rounds):
+            last = k == len(found.rounds) - 1
+            left.plot(one.damper.mass, one.damper.drag, "*" if last else "o", color="black",
+                      markersize=14 if last else 5)  # fmt: skip
+        left.set_ylabel("drag of a grain [kg/s]")
+        left.set_title(f"{found.damper.grains} grains; star: the design", fontsize=10)
+        for colour, check in zip(COLOURS, found.checks, strict=False):
+            right.plot(check.times, 1e3 * np.array(check.heights), color=colour, linewidth=0.9,
+                       label=f"random start {check.seed}")  # fmt: skip
+        right.axhline(1e3 * found.rest_height, color=GREY, linestyle=":")
+        right.set_xlabel("time [s]")
+        right.set_ylabel("height of the piston [mm]")
+        right.legend()
+        return drawing
+
+
+def _draw(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
+    """Contours over mass and drag; the box is sheared in them."""
+    side = np.linspace(-1.0, 1.0, _SIDE)
+    grains = Candidate(1.0, count, 1.0, share).coordinates()[[1, 3]]
+    places = [[np.array([one, grains[0], other, grains[1]]) for one in side] for other in side]
+    dampers = [[_exact(place, count) for place in row] for row in places]
+    mass = np.array([[one.mass for one in row] for row in dampers])
+    drag = np.array([[one.drag for one in row] for row in dampers])
+    looks: tuple[tuple[str, float, str, str], ...] = (
+        ("frequency", 1.0, COLOURS[0], "solid"),
+        ("damping_ratio", 1.0, COLOURS[1], "dashed"),
+        ("rest_height", 1.0 / DIAMETER, GREY, "dotted"),
+    )
+    for name, factor, colour, line in looks:
+        values = factor * np.exp([[maps.at(name, place) for place in row] for row in places])
+        levels: Any = (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.4) if name == "damping_ratio" else 6
+        lines = axes.contour(mass, drag, values, levels, colors=colour, linestyles=line,
+                             linewidths=1.1)  # fmt: skip
+        axes.clabel(lines, fontsize=7)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    ticks = [tick for tick in (0.75, 1, 1.5, 2, 3, 5, 7.5, 10) if mass.min() <= tick <= mass.max()]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("mass of the piston [kg]")
+
+
+def _exact(place: np.ndarray, count: int) -> Candidate:
+    """The damper at a place, with the number of grains of the picture."""
+    return candidate_at(place)._replace(grains=count)
+
+
+def design_page(found: Design, maps: DamperMaps) -> Page:
+    """A design as a page."""
+    one, wish = found.damper, found.wish
+    page = Page(
+        f"A damper of {wish.frequency:g} Hz and damping ratio {wish.damping:g}",
+        f"A piston of {one.mass:.4g} kg on {one.grains} grains with a drag of {one.drag:.4g} kg/s "
+        f"each: simulated, it swings at {found.frequency:.4g} Hz with a damping ratio of "
+        f"{found.damping_ratio:.4g}.",
+    )
+    for note in found.notes:
+        page.note(note)
+    page.table(
+        ("", "wanted", "maps", *(f"random start {check.seed}" for check in found.checks)),
+        [
+            ("frequency of the undamped swing [Hz]", number(wish.frequency),
+             number(found.promise.frequency), *(number(c.frequency) for c in found.checks)),
+            ("damping ratio", number(wish.damping), number(found.promise.damping_ratio),
+             *(number(c.damping_ratio) for c in found.checks)),
+            ("height of rest [D]", "", number(found.promise.rest_height / DIAMETER),
+             *(number(c.rest_height / DIAMETER) for c in found.checks)),
+            ("least gap at rest, over contact", "", "",
+             *(number(c.rest_gap) for c in found.checks)),
+            ("error of the energy ledger", "", "", *(number(c.ledger, 2) for c in found.checks)),
+        ],
+    )  # fmt: skip
+    page.table(
+        ("number", "value", "unit"),
+        [
+            ("mass of the piston", number(one.mass), "kg"),
+            ("grains of 6 mm" if not one.small_share else "grains of 6 and 3.6 mm",
+             str(one.grains), ""),
+            ("share of small grains", number(one.small_share), ""),
+            ("width of the cell", number(found.scene.cell.width), "m"),
+            ("drag of a large grain", number(one.drag), "kg/s"),
+            ("viscosity of the liquid, by Stokes's law", number(one.viscosity, 3), "Pa s"),
+        ],
+    )  # fmt: skip
+    page.figure(
+        plot_design(found, maps),
+        "Left: frequency [Hz] (blue), damping ratio (red) and height of rest [D] (grey) over mass "
+        "and drag; dots are earlier proposals. Right: the simulated motions after a lift of 0.2 D.",
+    )
+    page.section("The scene")
+    page.preformatted(found.scene.to_toml())
+    page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+    return page

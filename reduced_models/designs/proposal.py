@@ -1,0 +1,203 @@
+"""From a wanted frequency and damping to the damper that the maps promise them of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.beds import REFERENCE_COUNT
+from granular.errors import InputError
+from reduced_models.designs.candidate import (
+    HIGHEST,
+    LOWEST,
+    Candidate,
+    candidate_at,
+)
+from reduced_models.designs.maps import DamperMaps
+
+_MET = 1e-4
+_GRID = np.linspace(-1.0, 1.0, 33)
+_COUNTS = 24
+"""Numbers of grains that are tried where none is given, from 368 down to 92."""
+
+
+class Wish(NamedTuple):
+    """What a damper shall do, and what of it is fixed.
+
+    Attributes
+    ----------
+    frequency : float
+        Of the undamped small swing about rest [Hz].
+    damping : float
+        Ratio, a fraction of critical damping.
+    grains : int or None
+    mass : float or None
+        Of the piston [kg].
+    small_share : float
+    """
+
+    frequency: float
+    damping: float
+    grains: int | None = None
+    mass: float | None = None
+    small_share: float = 0.0
+
+    def check(self) -> None:
+        """Refuse what is no wish.
+
+        Raises
+        ------
+        InputError
+        """
+        for name, value, unit in (
+            ("frequency", self.frequency, " Hz"), ("damping", self.damping, ""),
+            ("mass", self.mass, " kg"),
+        ):  # fmt: skip
+            if value is not None and not (_is_number(value) and 0.0 < value < math.inf):
+                raise InputError(f"{name} = {value!r}; give a number above 0{unit}")
+        if self.grains is not None and self.mass is not None:
+            raise InputError(
+                f"grains = {self.grains!r} and mass = {self.mass!r} fix the frequency already; "
+                "give one of them, or none"
+            )
+        low, high = int(LOWEST[1]), int(HIGHEST[1])
+        if self.grains is not None and not (
+            isinstance(self.grains, int) and low <= self.grains <= high
+        ):
+            raise InputError(f"grains = {self.grains!r}; give a whole number from {low} to {high}")
+        if not (_is_number(self.small_share) and 0.0 <= self.small_share <= HIGHEST[3]):
+            raise InputError(
+                f"small_share = {self.small_share!r}; give a share from 0 to {HIGHEST[3]:g}"
+            )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+Places = Callable[[float, float], np.ndarray | None]
+"""Two numbers from -1 to 1 -> a place in the box; None outside it."""
+
+
+def propose(maps: DamperMaps, wish: Wish, aim: tuple[float, float] | None = None) -> Candidate:
+    """The damper of which the maps promise what is wished.
+
+    Parameters
+    ----------
+    maps : DamperMaps
+    wish : Wish
+        With neither grains nor mass fixed, the number of grains is 368 if that does, and else the
+        nearest that does.
+    aim : (float, float), optional
+        Frequency and damping to look for in the maps, where simulations have shown that the maps
+        are a little off; the wish's own if not given.
+
+    Raises
+    ------
+    InputError
+        If the wish is none, or no damper of the maps meets it: the message tells what can be had.
+    """
+    wish.check()
+    target = aim or (wish.frequency, wish.damping)
+    for places in _families(wish):
+        found = _solved(maps, places, target)
+        if found is not None:
+            return found if wish.mass is None else found._replace(mass=wish.mass)
+    raise InputError(_refusal(maps, wish))
+
+
+def _families(wish: Wish) -> list[Places]:
+    """Ways through the box on which mass and drag, or grains and drag, are free."""
+    share = _unit(wish.small_share, LOWEST[3], HIGHEST[3])
+    if wish.mass is not None:
+        return [_of_mass(wish.mass, share)]
+    counts = (
+        [float(wish.grains)]
+        if wish.grains is not None
+        else list(np.geomspace(HIGHEST[1], LOWEST[1], _COUNTS))
+    )
+    return [_of_grains(count, share) for count in counts]
+
+
+def _of_grains(count: float, share: float) -> Places:
+    grains = _unit(math.log(count), math.log(LOWEST[1]), math.log(HIGHEST[1]))
+    return lambda mass, drag: np.array([mass, grains, drag, share])
+
+
+def _of_mass(mass: float, share: float) -> Places:
+    def places(grains: float, drag: float) -> np.ndarray | None:
+        low, high = math.log(LOWEST[1]), math.log(HIGHEST[1])
+        count = math.exp(low + 0.5 * (grains + 1.0) * (high - low))
+        load = mass / math.sqrt(count / REFERENCE_COUNT)
+        place = _unit(math.log(load), math.log(LOWEST[0]), math.log(HIGHEST[0]))
+        return None if abs(place) > 1.0 else np.array([place, grains, drag, share])
+
+    return places
+
+
+def _unit(value: float, low: float, high: float) -> float:
+    return 2.0 * (value - low) / (high - low) - 1.0
+
+
+def _solved(maps: DamperMaps, places: Places, target: tuple[float, float]) -> Candidate | None:
+    """The damper of a family that meets the target; None if there is none."""
+    from scipy.optimize import least_squares
+
+    wanted = np.log(target)
+
+    def misses(free: np.ndarray) -> np.ndarray:
+        place = places(*free)
+        if place is None:
+            return np.full(2, 1e3)
+        return np.array([maps.at(name, place) for name in ("frequency", "damping_ratio")]) - wanted
+
+    start = min(
+        (np.array([one, other]) for one in _GRID[::4] for other in _GRID[::4]),
+        key=lambda free: float(np.abs(misses(free)).max()),
+    )
+    found = least_squares(misses, start, bounds=(-1.0, 1.0), xtol=1e-12)
+    if np.abs(found.fun).max() > _MET:
+        return None
+    place = places(*found.x)
+    assert place is not None
+    return candidate_at(place)
+
+
+def _refusal(maps: DamperMaps, wish: Wish) -> str:
+    """Why there is no such damper, and what can be had."""
+    pairs = np.array(
+        [
+            [maps.at(name, place) for name in ("frequency", "damping_ratio")]
+            for places in _families(wish)[::4]
+            for one in _GRID
+            for other in _GRID
+            if (place := places(one, other)) is not None
+        ]
+    )
+    fixed = "the maps hold no damper"
+    if wish.mass is not None and not len(pairs):
+        least = LOWEST[0] * math.sqrt(LOWEST[1] / REFERENCE_COUNT)
+        return (
+            f"mass = {wish.mass:g} kg; {fixed} with this piston: give a mass from {least:.3g} to "
+            f"{HIGHEST[0]:g} kg"
+        )
+    if wish.grains is not None:
+        fixed += f" of {wish.grains} grains"
+    if wish.mass is not None:
+        fixed += f" with a piston of {wish.mass:g} kg"
+    frequencies, ratios = np.exp(pairs).T
+    if not ratios.min() <= wish.damping <= ratios.max():
+        return (
+            f"damping = {wish.damping:g}; {fixed} with that damping ratio: give one from "
+            f"{ratios.min():.3g} to {ratios.max():.3g}"
+        )
+    near = np.abs(np.log(ratios / wish.damping)) < 0.1
+    low, high = frequencies[near].min(), frequencies[near].max()
+    more = "" if wish.grains is None and wish.mass is None else ", or leave grains and mass free"
+    return (
+        f"frequency = {wish.frequency:g} Hz with a damping ratio of {wish.damping:g}; {fixed} of "
+        f"that kind: give a frequency from {low:.3g} to {high:.3g} Hz{more}, or another small_share"
+    )
