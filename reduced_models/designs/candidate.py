@@ -15,7 +15,8 @@ import numpy as np
 from granular.beds import REFERENCE_COUNT, damper
 from granular.scene import Scene
 
-GRAVITY = 9.81
+GRAVITY = 9.8
+"""[m/s²], as in the packaged scenes."""
 DIAMETER = 0.006
 """Of a large grain [m], as in the packaged damper."""
 ASPECT = 0.6
