@@ -5,31 +5,8 @@
 >>> run = simulate(scene.replace(**choice.changes), **choice.keywords)
 """
 
-from __future__ import annotations
+import lazy_loader
 
-import importlib
-from typing import Any
-
-_HOMES = {
-    "ConvergenceResult": "validation.convergence",
-    "convergence": "validation.convergence",
-    "Trend": "validation.trend",
-    "energy_trend": "validation.trend",
-    "WorkPrecision": "validation.work_precision",
-    "work_precision": "validation.work_precision",
-    "cheapest": "validation.cheapest",
-    "exact_problems": "validation.exact",
-}
-
-__all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    # Names are looked up when they are used, so that importing the package costs next to nothing.
-    if name not in _HOMES:
-        raise AttributeError(f"module 'validation' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+# Names, which stand in __init__.pyi, are imported when they are used: importing the package costs
+# next to nothing.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -121,7 +121,7 @@ def _benchmark(options: Any) -> None:
 
 def _cheapest(options: Any) -> None:
     from granular.scene import load_scene
-    from validation.cheapest import cheapest
+    from validation.choice import cheapest
 
     changes = changes_from(options.changes)
     scene = load_scene(options.scene).replace(**changes)

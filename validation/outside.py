@@ -131,7 +131,7 @@ def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
 
 
 def solver(name: str) -> Callable[[Problem, int], Moment]:
-    """An outside reference at equal steps, to see its order with `validation.convergence`."""
+    """An outside reference at equal steps, to see its order with `validation.order`."""
     solve = _scipy if name == SCIPY else _diffrax
 
     def fixed(problem: Problem, count: int) -> Moment:

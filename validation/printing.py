@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from validation.convergence import ConvergenceResult
-from validation.convergence import summary as convergence_table
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
+from validation.order import ConvergenceResult
+from validation.order import summary as convergence_table
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain
 from validation.sections import choices, stability_table, studies

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.methods import COMPENSATED, METHODS, method_named
 from granular.scene import Scene, load_scene
-from validation.convergence import HIGH_ORDER
+from validation.order import HIGH_ORDER
 from validation.parts import Part, Piece, Plain
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
 
 def convergence_pieces(full: bool) -> list[Piece]:
     """Every method on every exact problem it fits."""
-    from validation.convergence import fits
     from validation.exact import NAMES, exact_problem
+    from validation.order import fits
     from validation.outside import ORDERS
 
     def piece(method: str, name: str) -> Piece:
@@ -58,8 +58,8 @@ def shown_method(name: str) -> str:
 
 
 def _converge(name: str, method: str, full: bool) -> Plain:
-    from validation.convergence import convergence, step_counts
     from validation.exact import bounce, exact_problem
+    from validation.order import convergence, step_counts
     from validation.outside import ORDERS, solver
 
     outside = method in ORDERS
@@ -155,9 +155,9 @@ DAMPER_STEPS = {
 
 def work_precision_pieces(full: bool) -> list[Piece]:
     """What accuracy costs: grain, frictionless bed and compression; in full also the damper."""
-    from validation.cheapest import candidates
+    from validation.choice import candidates
+    from validation.cost import Setting
     from validation.outside import ORDERS
-    from validation.work_precision import Setting
 
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
     kept = ("energy", "positions")
@@ -202,7 +202,7 @@ SUMS: tuple[dict[str, Any], ...] = (
 def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[Any], dict[str, Any]]:
     """The piston's force on 1472 grains as they settle, by ways of summing pairs."""
     from validation.benchmark.rest import lattice
-    from validation.work_precision import Setting
+    from validation.cost import Setting
 
     scene = lattice(1472).replace(name="1472 grains, by sum over pairs")
     settings = [Setting("stormer-verlet", "auto", sums) for sums in SUMS]
@@ -222,7 +222,7 @@ def _exact_grain() -> list[Any]:
 def _weigh(
     scene: Scene, quantities: Sequence[str], settings: Sequence[Any], options: dict[str, Any]
 ) -> Plain:
-    from validation.work_precision import work_precisions
+    from validation.cost import work_precisions
 
     found = work_precisions(scene, quantities, settings, **options)
     return {"studies": [one.to_dict() for one in found]}

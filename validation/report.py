@@ -10,8 +10,8 @@ from typing import Any
 
 from granular.errors import InputError
 from granular.html import Page
-from validation.convergence import ConvergenceResult
 from validation.energy import EnergyStudy
+from validation.order import ConvergenceResult
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain, machine, measured
 from validation.programme import PARTS, part_named

@@ -10,17 +10,17 @@ import numpy as np
 
 from granular.html import Page
 from granular.plotting import COLOURS, GREY, STYLES, figure
-from validation.convergence import CLEAR, HIGH_ORDER, ConvergenceResult
-from validation.convergence import summary as convergence_table
+from validation.cost import LEVELS, WorkPrecision
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
+from validation.order import CLEAR, HIGH_ORDER, ConvergenceResult
+from validation.order import summary as convergence_table
 from validation.outcomes import ACCURATE, STOPPED, Outcome
 from validation.outside import ORDERS
 from validation.parts import FAILED, Plain
 from validation.source_experiment import COMPENSATED, PLAIN, PRINTED_PEAKS, SourceExperiment
 from validation.table import Table, table
 from validation.trend import SIGNIFICANCE
-from validation.work_precision import LEVELS, WorkPrecision
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

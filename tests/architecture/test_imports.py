@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import pkgutil
 import subprocess
 import sys
 from pathlib import Path
@@ -46,15 +48,27 @@ def test_import_is_light(package: str) -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_public_names_exist() -> None:
-    import granular
-    import reduced_models
+PACKAGES = (
+    "granular", "granular.observables", "reduced_models", "validation", "validation.published",
+)  # fmt: skip
 
-    for package in (granular, reduced_models):
-        for name in package.__all__:
-            assert getattr(package, name) is not None
-        with pytest.raises(AttributeError, match="no attribute"):
-            package.nothing_of_this_name  # noqa: B018
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_public_names_exist(name: str) -> None:
+    package = importlib.import_module(name)
+    assert package.__all__
+    for public in package.__all__:
+        assert getattr(package, public) is not None
+    with pytest.raises(AttributeError, match="nothing_of_this_name"):
+        package.nothing_of_this_name  # noqa: B018
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_no_module_hides_a_public_name(name: str) -> None:
+    """A module that is imported becomes an attribute of its package, whatever stood there."""
+    package = importlib.import_module(name)
+    modules = {one.name for one in pkgutil.iter_modules(package.__path__)}
+    assert not modules & set(package.__all__)
 
 
 def test_files_stay_small() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from granular.methods import METHODS
 from granular.scales import Scales
-from validation.convergence import (
+from validation.exact import NAMES, Moment, Problem, bounce, exact_problem
+from validation.order import (
     CLEAR,
     ConvergenceResult,
     Solver,
@@ -18,7 +19,6 @@ from validation.convergence import (
     fitted_slope,
     summary,
 )
-from validation.exact import NAMES, Moment, Problem, bounce, exact_problem
 from validation.programme import shown_method
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))

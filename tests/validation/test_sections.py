@@ -7,7 +7,8 @@ import math
 import pytest
 
 from granular.html import Page
-from validation.convergence import ConvergenceResult, Slope
+from validation.cost import USUAL, Point, Setting, WorkPrecision
+from validation.order import ConvergenceResult, Slope
 from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome
 from validation.sections import (
     choices,
@@ -17,7 +18,6 @@ from validation.sections import (
     stability_matrix,
 )
 from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExperiment, SourceRun
-from validation.work_precision import USUAL, Point, Setting, WorkPrecision
 
 
 def result(

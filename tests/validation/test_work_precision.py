@@ -12,10 +12,8 @@ from granular import load_scene, simulate
 from granular.errors import InputError
 from granular.plotting import figure
 from granular.record import PistonRecord
-from validation.cheapest import candidates, choice
-from validation.exact import bounce
-from validation.quantities import QUANTITIES, Quantity, small_swing
-from validation.work_precision import (
+from validation.choice import candidates, choice
+from validation.cost import (
     LEVELS,
     Point,
     Setting,
@@ -23,6 +21,8 @@ from validation.work_precision import (
     work_precision,
     work_precisions,
 )
+from validation.exact import bounce
+from validation.quantities import QUANTITIES, Quantity, small_swing
 
 
 def point(method: str, steps: int, error: float, seconds: float) -> Point:

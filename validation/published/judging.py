@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from validation.published.entries import entries
+from validation.published.catalogue import entries
 from validation.published.entry import DIFFERS, NOT_COMPARABLE, NOT_RUN, Entry, Finding, Verdict
 from validation.published.entry import verdict as verdict_of
 from validation.published.results import Results

@@ -10,8 +10,8 @@ from granular.errors import InputError
 from granular.methods import METHODS
 from granular.scene import Scene
 from granular.simulation import checked_step
+from validation.cost import Setting, WorkPrecision, work_precision
 from validation.quantities import Quantity, quantity_named
-from validation.work_precision import Setting, WorkPrecision, work_precision
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
 CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")

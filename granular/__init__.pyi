@@ -1,0 +1,15 @@
+from .beds import bidisperse as bidisperse
+from .beds import damper as damper
+from .beds import mono_bed as mono_bed
+from .errors import GranularError as GranularError
+from .evaluation import Evaluation as Evaluation
+from .evaluation import evaluate as evaluate
+from .record import PistonRecord as PistonRecord
+from .scene import Scene as Scene
+from .scene import load_scene as load_scene
+from .scene import scene_names as scene_names
+from .simulation import simulate as simulate
+from .studies.sweep import Study as Study
+from .studies.sweep import sweep as sweep
+from .trajectory import Trajectory as Trajectory
+from .trajectory import load_trajectory as load_trajectory

@@ -1,0 +1,170 @@
+from .area_profile import (
+    area_fraction_profile as area_fraction_profile,
+)
+from .area_profile import (
+    area_profile_series as area_profile_series,
+)
+from .biexponential import (
+    BiexponentialFit as BiexponentialFit,
+)
+from .biexponential import (
+    biexponential_fit as biexponential_fit,
+)
+from .bond_order import (
+    global_psi6 as global_psi6,
+)
+from .bond_order import (
+    local_psi6 as local_psi6,
+)
+from .bond_order import (
+    psi6 as psi6,
+)
+from .bond_order import (
+    psi6_series as psi6_series,
+)
+from .correlation import (
+    Correlation as Correlation,
+)
+from .correlation import (
+    order_correlation_of_run as order_correlation_of_run,
+)
+from .correlation import (
+    pearson_correlation as pearson_correlation,
+)
+from .defects import (
+    Dislocations as Dislocations,
+)
+from .defects import (
+    defect_series as defect_series,
+)
+from .defects import (
+    disclination_charges as disclination_charges,
+)
+from .defects import (
+    dislocations as dislocations,
+)
+from .distance import (
+    mean_pair_distance as mean_pair_distance,
+)
+from .distance import (
+    pair_distance_series as pair_distance_series,
+)
+from .distance import (
+    source_pair_distance as source_pair_distance,
+)
+from .fluctuation import (
+    fluctuation_series as fluctuation_series,
+)
+from .fluctuation import (
+    relative_fluctuation as relative_fluctuation,
+)
+from .force_distribution import (
+    Histogram as Histogram,
+)
+from .force_distribution import (
+    force_distribution_of_run as force_distribution_of_run,
+)
+from .force_distribution import (
+    knuth_bins as knuth_bins,
+)
+from .force_distribution import (
+    knuth_histogram as knuth_histogram,
+)
+from .forces import (
+    force_magnitudes as force_magnitudes,
+)
+from .forces import (
+    grain_forces as grain_forces,
+)
+from .forces import (
+    interaction_forces as interaction_forces,
+)
+from .forces import (
+    piston_force as piston_force,
+)
+from .forces import (
+    wall_forces as wall_forces,
+)
+from .hexatic import (
+    hexatic_susceptibility as hexatic_susceptibility,
+)
+from .hexatic import (
+    susceptibility_of_run as susceptibility_of_run,
+)
+from .hysteresis import (
+    Cycle as Cycle,
+)
+from .hysteresis import (
+    cycle_bounds as cycle_bounds,
+)
+from .hysteresis import (
+    hysteresis_energy as hysteresis_energy,
+)
+from .hysteresis import (
+    hysteresis_of_run as hysteresis_of_run,
+)
+from .orientation import (
+    BondCorrelation as BondCorrelation,
+)
+from .orientation import (
+    bond_correlation as bond_correlation,
+)
+from .orientation import (
+    bond_correlation_of_run as bond_correlation_of_run,
+)
+from .packing import packing_fraction as packing_fraction
+from .packing import packing_series as packing_series
+from .piston_distance import (
+    least_piston_distance as least_piston_distance,
+)
+from .piston_distance import (
+    piston_distance_series as piston_distance_series,
+)
+from .radial import (
+    RadialDistribution as RadialDistribution,
+)
+from .radial import (
+    radial_distribution as radial_distribution,
+)
+from .radial import (
+    radial_distribution_of_run as radial_distribution_of_run,
+)
+from .regularity import (
+    hexagon_regularity as hexagon_regularity,
+)
+from .regularity import (
+    regularity_series as regularity_series,
+)
+from .response import (
+    FrequencyResponse as FrequencyResponse,
+)
+from .response import (
+    frequency_response as frequency_response,
+)
+from .response import (
+    response_of_run as response_of_run,
+)
+from .temperature import (
+    kinetic_temperature as kinetic_temperature,
+)
+from .temperature import (
+    temperature_series as temperature_series,
+)
+from .voronoi import (
+    CellShares as CellShares,
+)
+from .voronoi import (
+    VoronoiCells as VoronoiCells,
+)
+from .voronoi import (
+    cell_polygons as cell_polygons,
+)
+from .voronoi import (
+    cell_shares as cell_shares,
+)
+from .voronoi import (
+    share_series as share_series,
+)
+from .voronoi import (
+    voronoi_cells as voronoi_cells,
+)
