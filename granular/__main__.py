@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from granular.console import (
     add_run,
     add_scene,
     changes_from,
+    command_parser,
     emit,
     launch,
     time_step,
@@ -77,24 +77,9 @@ colours:
 
 def parser() -> Parser:
     """The command line's grammar."""
-    top = Parser(
-        prog="python -m granular",
-        description="Simulate beds of repelling magnets and the piston on them.",
-        epilog=EXAMPLES[""],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    top, add = command_parser(
+        "python -m granular", "Simulate beds of repelling magnets and the piston on them.", EXAMPLES
     )
-    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    def add(name: str, what: str) -> Parser:
-        one: Parser = commands.add_parser(
-            name,
-            help=what,
-            description=what[0].upper() + what[1:] + ".",
-            epilog=EXAMPLES[name],
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        return one
-
     add_output(add("scenes", "list the packaged scenes"))
     one = add("show", "tell what a scene holds, in SI and in natural units")
     add_scene(one)

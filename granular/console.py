@@ -12,7 +12,7 @@ import math
 import sys
 import tomllib
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from granular.errors import GranularError, InputError, Interrupted
@@ -55,6 +55,35 @@ def _complain(message: str, code: int) -> int:
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+def command_parser(
+    prog: str, description: str, examples: Mapping[str, str]
+) -> tuple[Parser, Callable[[str, str], Parser]]:
+    """A parser of commands, and what adds a command by its name and what it does.
+
+    ``examples`` holds texts by command that stand at the end of its help; those of the whole under
+    the empty name.
+    """
+    top = Parser(
+        prog=prog,
+        description=description,
+        epilog=examples[""],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add(name: str, what: str) -> Parser:
+        one: Parser = commands.add_parser(
+            name,
+            help=what,
+            description=what[0].upper() + what[1:] + ".",
+            epilog=examples[name],
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        return one
+
+    return top, add
 
 
 def emit(result: dict[str, Any], text: str, as_json: bool) -> None:

@@ -27,13 +27,14 @@ from granular.errors import InputError
 from granular.render import still
 from reduced_models import Candidate, damper_maps, design, fit
 from reduced_models.designs.page import plot_design, plot_maps
+from reduced_models.designs.proposal import Wish, propose
 
 QUICK = True  # False: 368 grains for the first design, the published number
 
 # %% [markdown]
 # ## The maps
 #
-# They hold how high the piston rests, how fast it swings about rest, and how strongly that swing is
+# They hold how high the piston rests, how fast it swings, and how strongly that swing is
 # damped, over mass of the piston, number of grains, drag of a grain and share of small grains. Blue:
 # frequency [Hz]; red: damping ratio; grey: height of rest [D]. Each error is that of predicting a
 # damper that the maps did not see.
@@ -99,11 +100,9 @@ still(run, colour="force")
 # %% [markdown]
 # ## Where the load is given
 #
-# With the mass fixed, the number of grains is what is free. Here only the proposal, without a check:
+# With the mass fixed, the number of grains is what is free. Only the proposal, without a check:
 
 # %%
-from reduced_models.designs.proposal import Wish, propose
-
 loaded = propose(maps, Wish(frequency=3.6, damping=0.1, mass=4.0))
 print(f"{loaded.mass:g} kg on {loaded.grains} grains, {loaded.drag:.3g} kg/s each")
 print(f"a liquid of {loaded.viscosity:.2g} Pa s, by Stokes's law")

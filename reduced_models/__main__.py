@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from typing import Any
 
-from granular.console import Parser, add_output, add_run, add_scene, launch
+from granular.console import Parser, add_output, add_run, add_scene, command_parser, launch
 
 EXAMPLES = {
     "": """\
@@ -58,24 +57,9 @@ _LAW = (
 
 def parser() -> Parser:
     """The command line's grammar."""
-    top = Parser(
-        prog="python -m reduced_models",
-        description="From a motion to its equation.",
-        epilog=EXAMPLES[""],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    top, add = command_parser(
+        "python -m reduced_models", "From a motion to its equation.", EXAMPLES
     )
-    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    def add(name: str, what: str) -> Parser:
-        one: Parser = commands.add_parser(
-            name,
-            help=what,
-            description=what[0].upper() + what[1:] + ".",
-            epilog=EXAMPLES[name],
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        return one
-
     _add_identify(add("identify", "simulate or read a motion, compare laws, and write a report"))
     _add_fit(add("fit", "fit one law to one record, or to several at once"))
     _add_discover(add("discover", "find the structure of the law in a record, or in several"))

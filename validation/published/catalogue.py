@@ -149,14 +149,18 @@ def _distances() -> list[Entry]:
     return rows
 
 
+def _force_rows(name: str, series: str, words: str) -> list[Entry]:
+    return [
+        Entry(f"{name}.mean[{k}]", f"piston force, {words}, N = {n}",
+              mean_of(f"{series} {n}", "force"), "N", FORCE, spread_key=f"{name}.std[{k}]")
+        for k, n in enumerate(ALL_SIZES)
+    ]  # fmt: skip
+
+
 def _forces() -> list[Entry]:
     name = "piston_force_direct_sum"
     line = Line("direct", LISTED)
-    rows = [
-        Entry(f"{name}.mean[{k}]", f"piston force, every pair, N = {n}",
-              mean_of(f"direct {n}", "force"), "N", FORCE, spread_key=f"{name}.std[{k}]")
-        for k, n in enumerate(ALL_SIZES)
-    ]  # fmt: skip
+    rows = _force_rows(name, "direct", "every pair")
     fits = "piston_force_verlet.linear_fit_direct"
     return [
         *rows,
@@ -171,11 +175,7 @@ def _forces() -> list[Entry]:
 def _list_forces() -> list[Entry]:
     name = "piston_force_verlet"
     line = Line("list", LISTED)
-    rows = [
-        Entry(f"{name}.mean[{k}]", f"piston force, source's list, N = {n}",
-              mean_of(f"list {n}", "force"), "N", FORCE, spread_key=f"{name}.std[{k}]")
-        for k, n in enumerate(ALL_SIZES)
-    ]  # fmt: skip
+    rows = _force_rows(name, "list", "source's list")
     rows += [
         Entry(f"{name}.percent_difference[{k}]", f"what the list loses, N = {n}",
               percent_difference(n), "%", Rule(absolute=1.5))
