@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from granular.evaluation import evaluate
-from granular.scene import Scene, load_scene
+from granular.scene import Scene
 from granular.trajectory import Trajectory
+from validation.hard_measures import FAIR, LEDGER, few_grains, ledger
 from validation.outcomes import HardCase
-
-LEDGER = "residual of the energy ledger over the energy turned over"
-FAIR = 1e-4
-"""Residual beyond which the engine itself calls a run degraded."""
-
-
-def ledger(run: Trajectory) -> float:
-    """Residual of the energy ledger over the energy turned over."""
-    return float(run.settings()["ledger_residual"])
 
 
 def missed(run: Trajectory) -> float:
@@ -30,19 +20,6 @@ def missed(run: Trajectory) -> float:
         force = evaluate(run.scene, places, piston_height=float(height)).force
         worst = max(worst, float(np.abs(force - found).max() / np.abs(force).max()))
     return worst
-
-
-def few_grains(name: str, **changes: Any) -> Scene:
-    """A packaged scene cut down to 23 grains."""
-    size = {
-        "grains.count": 23,
-        "cell.width": "15 D",
-        "piston.height": "6 D",
-        "arrangement.height": "5.5 D",
-    }
-    if name == "damper":
-        size["piston.mass"] = 1.0
-    return load_scene(name).replace(**{**size, **changes})
 
 
 FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
