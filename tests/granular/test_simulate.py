@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular import Scene, Trajectory, load_trajectory, simulate
+from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.errors import (
     EnergyError,
     GranularError,
@@ -74,6 +74,10 @@ def test_threads_give_the_same_bits(bed: Scene) -> None:
     one = simulate(large, dt=2e-5, t_end=2e-3, threads=1, progress=False)
     two = simulate(large, dt=2e-5, t_end=2e-3, threads=2, progress=False)
     assert same(one, two)
+
+
+@pytest.mark.long
+def test_threads_leave_a_bed_alone_that_is_not_parted(bed: Scene) -> None:
     few = bed.replace(**{"output.scalars": 1e-3})
     assert same(
         simulate(few, t_end=2e-3, threads=1, progress=False),
@@ -115,12 +119,12 @@ def test_any_method_resumes_to_the_same_bits(
     assert part.dataset.equals(whole.dataset)
 
 
-def test_absent_effects_leave_no_variables(scene: Scene) -> None:
-    bare = scene.replace(**{"effects.drag": None, "effects.walls.left": "none"})
-    run = simulate(bare, t_end=5e-3, progress=False)
+def test_absent_effects_leave_no_variables() -> None:
+    """Of a grain over the bottom alone, without drag."""
+    run = simulate(load_scene("single-particle"), t_end=5e-3, progress=False)
     assert "drag_loss" not in run.dataset
     assert "left_force" not in run.dataset
-    assert "right_force" in run.dataset
+    assert "bottom_force" in run.dataset
 
 
 def test_piston_record(scene: Scene, tmp_path: Path) -> None:

@@ -35,13 +35,15 @@ def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
     assert run.settings()["ledger_residual"] < 1e-4
 
 
+SPECIES = [
+    {"name": "big", "diameter": 0.006, "share": 0.5},
+    {"name": "small", "diameter": 0.004, "share": 0.5},
+]
+
+
 def test_contact_force_is_minus_gradient() -> None:
-    species = [
-        {"name": "big", "diameter": 0.006, "share": 0.5},
-        {"name": "small", "diameter": 0.004, "share": 0.5},
-    ]
     scene = load_scene("bed").replace(
-        **{"grains.species": species, "grains.count": 4, "effects.contact.modulus": 1e6}
+        **{"grains.species": SPECIES, "grains.count": 4, "effects.contact.modulus": 1e6}
     )
     place = np.array([[0.05, 0.05], [0.0545, 0.0515], [0.0555, 0.0475], [0.2, 0.05]])
     force = evaluate(scene, place).force
@@ -60,9 +62,10 @@ def test_contact_force_is_minus_gradient() -> None:
 def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
     from granular.arrangement import initial_motion
 
-    place = initial_motion(bed)[0]
-    touching = bed.replace(**{"effects.contact.modulus": 1e8})
-    assert np.array_equal(evaluate(bed, place).force, evaluate(touching, place).force)
+    mixture = bed.replace(**{"grains.species": SPECIES})
+    place = initial_motion(mixture)[0]
+    touching = mixture.replace(**{"effects.contact.modulus": 1e8})
+    assert np.array_equal(evaluate(mixture, place).force, evaluate(touching, place).force)
 
 
 @settings(max_examples=60, deadline=None)

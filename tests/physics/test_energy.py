@@ -111,7 +111,8 @@ def test_drag_alone_decays_exactly(bed: Scene) -> None:
     """V = v0 exp(-gamma t/m) to rounding at any step: the drag flow is exact."""
     scene = bed.replace(
         **{"grains.count": 1, "effects.dipole": None, "effects.walls": None,
-           "effects.gravity": None, "piston": None, "arrangement.positions": [["5 D", "12 D"]],
+           "effects.gravity.acceleration": 0.0, "piston": None,
+           "arrangement.positions": [["5 D", "12 D"]],
            "arrangement.velocities": [[0.3, -0.1]]}
     )  # fmt: skip
     run = simulate(scene, dt=1e-3, t_end=0.1, progress=False)

@@ -15,10 +15,13 @@ MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
 
 
 def lone_grain(**changes: object) -> Scene:
-    """One grain with a constant load, no other force."""
+    """One grain with a constant load, no other force.
+
+    Gravity and drag are named, of no size, so that the tests that need them share compiled code.
+    """
     return load_scene("bed").replace(
         **{"grains.count": 1, "effects.dipole": None, "effects.walls": None,
-           "effects.gravity": None, "effects.drag": None, "piston": None,
+           "effects.gravity.acceleration": 0.0, "effects.drag.coefficient": 0.0, "piston": None,
            "effects.friction.load": 0.01, "arrangement.positions": [["30 D", "10 D"]],
            "protocol": [{"kind": "hold", "name": "slide", "duration": 1.0}],
            "output.scalars": 1e-3, "output.frames": 0.05, **changes}

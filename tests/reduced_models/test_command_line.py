@@ -18,7 +18,7 @@ from reduced_models.__main__ import main
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A good record, and a few things that are none."""
     folder = tmp_path_factory.mktemp("files")
-    time = np.linspace(0.0, 3.0, 600)
+    time = np.linspace(0.0, 6.0, 1500)  # as in other tests: fits of one shape are compiled once
     swing = np.exp(-0.8 * time) * np.cos(21.8 * time)
     noise = np.random.default_rng(3).normal(0.0, 3e-6, len(time))
     PistonRecord(time, 0.059 + 0.0012 * swing + noise).to_csv(folder / "lab.csv")
@@ -116,7 +116,7 @@ def test_fit_compare_and_simulate(
     words = ["fit", "lab.csv", "--law", law, "--bound", "d=0:5", "-o", "fitted.json", "--quiet"]
     assert launch(main, words) == 0
     assert "model: fitted.json" in capsys.readouterr().out
-    words = ["simulate", "fitted.json", "--until", "3 s", "--samples", "600", "-o", "motion.csv"]
+    words = ["simulate", "fitted.json", "--until", "6 s", "--samples", "1500", "-o", "motion.csv"]
     assert launch(main, words) == 0
     record = PistonRecord.from_csv(files / "lab.csv")
     predicted = PistonRecord.from_csv(files / "motion.csv")
