@@ -298,7 +298,7 @@ def test_remanence_needs_the_force(tmp_path: Path) -> None:
 
 def test_features_of_a_known_swing() -> None:
     """A linear oscillator: level of rest, undamped period and damping ratio, and its force."""
-    times = np.linspace(0.0, 4.0, 2000)
+    times = np.linspace(0.0, 6.0, 1500)
     swing = 1e-3 * np.exp(-0.8 * times) * np.cos(math.sqrt(21.8**2 - 0.8**2) * times)
     force = 70.0 - 7.0 * 21.8**2 * swing
     record = PistonRecord(times, 0.059 + swing, force=force)
