@@ -15,6 +15,44 @@ from granular import Scene, load_scene
 
 ROOT = Path(__file__).parent.parent
 
+LONG_FILES = (
+    "reduced_models/test_discovery.py",
+    "physics/test_walls.py",
+    "reduced_models/test_fit.py",
+    "granular/test_simulate.py",
+    "reduced_models/test_identify.py",
+    "granular/pairs/test_far_field.py",
+    "reduced_models/test_laws.py",
+    "physics/test_contact.py",
+    "reduced_models/test_compare.py",
+    "physics/test_friction.py",
+    "reduced_models/test_calibration.py",
+    "granular/protocol/test_stages.py",
+    "architecture/test_absent_effects.py",
+    "physics/test_energy.py",
+    "regression/test_damper.py",
+    "granular/test_drive.py",
+    "granular/pairs/test_cut_off.py",
+    "granular/studies/test_sweep.py",
+)
+"""Files that take longest where nothing is compiled yet, about half a minute and more.
+
+Fits and simulations take turns: two workers that start beside each other then seldom compile the
+same code twice.
+"""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Workers take the files in the order below, not those of the most tests first."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first: a long one that starts last leaves the other workers idle."""
+    place = {ROOT / "tests" / name: k for k, name in enumerate(LONG_FILES)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
+
 
 @pytest.fixture(scope="session")
 def bed() -> Scene:

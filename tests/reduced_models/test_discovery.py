@@ -71,7 +71,9 @@ def test_sparse_regression_finds_the_structure(name: str) -> None:
     assert np.abs(coefficient_errors(found, name)).max() < 0.04
 
 
-@pytest.mark.parametrize("name", ["van-der-pol-like", "quadratic-drag"])
+@pytest.mark.parametrize(
+    "name", ["quadratic-drag", pytest.param("van-der-pol-like", marks=pytest.mark.long)]
+)
 def test_symbolic_regression_finds_the_structure(name: str) -> None:
     assert is_exact(discover(made(name, 0), "operon", polish=0), name)
 
