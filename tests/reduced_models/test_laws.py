@@ -21,7 +21,13 @@ def errors(model: ReducedModel, true: dict[str, float]) -> list[float]:
     return [abs(model.parameters[key] / value - 1.0) for key, value in true.items()]
 
 
-@pytest.mark.parametrize("name", LAWS)
+# One law of each kind: linear, with a damping, a spring, a jump, a state of its own.
+QUICK = ("linear", "van-der-pol-like", "duffing", "coulomb", "bouc-wen")
+
+
+@pytest.mark.parametrize(
+    "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.long) for one in LAWS]
+)
 def test_a_law_finds_itself(made: Any, name: str) -> None:
     """Within five of its own standard errors; 95 % intervals are two of them to each side."""
     true = made.true[name]
