@@ -32,11 +32,13 @@ EXPONENT = 2.86
 """The published damper rests at 9.86 D; the force of the bed falls with this power of the height
 there (tests/regression/test_damper.py)."""
 
-LOWEST = (1.5, 92.0, 0.02, 0.0)
-HIGHEST = (10.0, 368.0, 0.4, 0.5)
+LOWEST = (2.0, 92.0, 0.02, 0.0)
+HIGHEST = (10.0, 368.0, 0.25, 0.5)
 """The box: mass of the piston for 368 grains [kg], grains, affine damping ratio, share of small
-grains. A lighter piston rests on a bed that its own weight shapes, a heavier one presses small
-grains into contact; less damping takes minutes to come to rest."""
+grains. Under a lighter piston the bed keeps the disorder of its start, and one damper differs from
+the next; a heavier one presses small grains into contact. Less damping takes minutes to come to
+rest; with more of it grains lag behind the piston, and laws of second order no longer agree on
+frequency and damping."""
 NAMES = ("mass for 368 grains", "grains", "affine damping ratio", "share of small grains")
 
 
