@@ -39,7 +39,7 @@ from granular.observables.plots import plot_cells
 from granular.render import still
 from validation.published.values import published_value
 
-QUICK = True  # False: the source's own protocol, 1 mm/s after 5 T; about half an hour
+QUICK = True  # False: the source's own protocol, 1 mm/s after 5 T; far longer
 
 ASPECT = 0.6
 SPEED = 33e-3 if QUICK else 1e-3

@@ -57,10 +57,81 @@ def bidisperse(found: Numbers) -> None:
     assert found["orders"][0.5] < found["orders"][0.0]
 
 
+def damper_to_equation(found: Numbers) -> None:
+    # 368 grains rest at 9.86 D with a period of 0.288 s. A quarter of them is half as high, and the
+    # period goes with the root of the height: 0.288/sqrt(9.86/5.21) = 0.209 s.
+    assert found["rest_height"] == pytest.approx(5.2, abs=0.1)
+    assert found["period"] == pytest.approx(0.207, abs=0.004)
+    assert found["damping_ratio"] == pytest.approx(0.0128, abs=0.002)
+    # The source's law is as bad as the linear one; springs that stiffen are ten times better.
+    errors = found["errors"]
+    assert errors["van-der-pol-like"] == pytest.approx(errors["linear"], rel=0.15)
+    assert errors["polynomial-spring"] < 0.1 * errors["linear"]
+    assert errors["sindy"] < 0.1 * errors["linear"]
+    assert min(found["fall_errors"].values()) > 0.2
+
+
+def laboratory_record(found: Numbers) -> None:
+    # The truth is known: the fit's own 95 % interval is about 0.06 wide to each side.
+    assert found["power_corrected"] == pytest.approx(found["TRUTH"]["power"], abs=0.12)
+    # The spring's first two derivatives tell the exponent: (n + 1)/r = (2.5 + 1)/59 mm, and with
+    # the offset r is 63 mm.
+    assert found["power_as_read"] == pytest.approx(3.5 * 63 / 59 - 1, abs=0.12)
+    assert found["envelope_decay"] == pytest.approx(found["TRUTH"]["lam"], rel=0.03)
+    assert found["residual"] == pytest.approx(found["NOISE"], rel=0.1)
+    # Of four intervals of 95 % two or more miss in one record of seventy.
+    assert sum(found["inside"].values()) >= 3
+    assert found["dampings"]["profile"][0] == 0.0
+    # A tenth of a millimetre of a swing of twelve.
+    assert found["prediction_error"] < 1e-4
+    assert len(found["refused"]) == len(found["bad"])
+    assert all(found["doubts"].values())
+    assert found["same_prediction"]
+
+
+def what_accuracy_costs(found: Numbers) -> None:
+    orders = {"symplectic-euler": 1, "stormer-verlet": 2, "blanes-moan-4": 4, "blanes-moan-6": 6}
+    for name, order in orders.items():
+        assert found["slopes"][name] == pytest.approx(order, abs=0.05)
+    # Few steps lie between too coarse and rounding.
+    assert found["slopes"]["kahan-li-8"] == pytest.approx(8, abs=0.2)
+    # The cut-off takes 2 to 10 % off, more in larger beds; the mesh's tolerance is 3e-4 of a force.
+    assert -0.06 < found["biases"]["cut-off"] < -0.02
+    assert found["biases"]["mesh"] == pytest.approx(0.0, abs=2e-3)
+
+
+def hard_cases(found: Numbers) -> None:
+    assert found["nearest"] == pytest.approx(found["CLOSEST"], rel=0.05)
+    # 470 variable steps were enough, and 2700 equal ones.
+    assert found["variable_steps"] < 1000
+    assert found["equal_steps"] > 2000
+    assert found["silent"] == []
+    assert found["heavy_ledger"] < 1e-4
+    assert found["stop_error"] == "EnergyError"
+    assert (found["verlet_verdict"], found["control_verdict"]) == ("none", "loses")
+
+
+def own_effect_and_law(found: Numbers) -> None:
+    # Central differences at 3e-7 m are good to 1e-8.
+    assert found["own_gradient"] < 1e-7
+    assert found["bed_gradient"] < 1e-7
+    # Rounding of a hundred steps.
+    assert found["loop_difference"] < 1e-12
+    assert found["energy_order"] == pytest.approx(2.0, abs=0.1)
+    assert found["balance"] < 1e-5
+    assert found["weight_is_g"]
+    assert "spring" in found["unknown_effect"]
+
+
 CHECKS: dict[str, Callable[[Numbers], None]] = {
     "01_first_bed": first_bed,
     "02_compression_and_structure": compression,
     "03_bidisperse_order": bidisperse,
+    "04_damper_to_equation": damper_to_equation,
+    "05_laboratory_record": laboratory_record,
+    "06_what_accuracy_costs": what_accuracy_costs,
+    "07_hard_cases": hard_cases,
+    "08_own_effect_and_law": own_effect_and_law,
 }
 KEEP = """
 import pickle as _pickle
