@@ -239,7 +239,7 @@ silent = [one.case for one in outcomes if not one.allowed]
 # %%
 swing = wide_swing(0.5)
 period = harmonic_period(swing.scene, 0.5)
-SWINGS = 400 if QUICK else 4000
+SWINGS, STEPS = (400, 60) if QUICK else (4000, 120)
 
 
 def energy_course(method: str, steps_a_swing: int) -> tuple[np.ndarray, np.ndarray]:
@@ -257,8 +257,8 @@ def energy_course(method: str, steps_a_swing: int) -> tuple[np.ndarray, np.ndarr
     return data["time"].values[:-1], share.values[:-1]
 
 
-courses = {"stormer-verlet": energy_course("stormer-verlet", 60)}
-courses["runge-kutta-4"] = energy_course("runge-kutta-4", 60)
+courses = {"stormer-verlet": energy_course("stormer-verlet", STEPS)}
+courses["runge-kutta-4"] = energy_course("runge-kutta-4", STEPS)
 trends = {name: energy_trend(*course) for name, course in courses.items()}
 figure, pair = plt.subplots(1, 2, figsize=(9, 3.0), layout="constrained")
 for axes, (name, (times, share)) in zip(pair, courses.items(), strict=True):

@@ -79,8 +79,8 @@ def laboratory_record(found: Numbers) -> None:
     assert found["power_as_read"] == pytest.approx(3.5 * 63 / 59 - 1, abs=0.12)
     assert found["envelope_decay"] == pytest.approx(found["TRUTH"]["lam"], rel=0.03)
     assert found["residual"] == pytest.approx(found["NOISE"], rel=0.1)
-    # Of four intervals of 95 % two or more miss in one record of seventy.
-    assert sum(found["inside"].values()) >= 3
+    # An interval of 95 % twice as wide misses once in ten thousand times.
+    assert found["far"] == []
     assert found["dampings"]["profile"][0] == 0.0
     # A tenth of a millimetre of a swing of twelve.
     assert found["prediction_error"] < 1e-4
