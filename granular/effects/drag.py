@@ -59,3 +59,23 @@ def flow(rate: float, span: float) -> tuple[float, float, float, float, float]:
     else:
         c = (span - 2.0 * gain + a / rate) / rate
     return decay, gain, a, b, c
+
+
+@compiled
+def way(rate: float, span: float, gain: float, speed: float, push: float) -> float:
+    """Way in ``span``, from a speed under an acceleration; ``gain`` as `flow` has it."""
+    bend = (span - gain) / rate if rate * span > 1e-6 else 0.5 * span * span
+    return gain * speed + bend * push
+
+
+@compiled
+def stopping_way(rate: float, speed: float, brake: float) -> float:
+    """Way to rest under drag and the deceleration ``brake``.
+
+    With the time of the stop t, e^(c t) = 1 + c v/brake, it is v/c - brake t/c.
+    """
+    if rate * speed <= 1e-6 * brake:
+        return 0.5 * speed * speed / brake
+    if brake <= 0.0:
+        return speed / rate
+    return (speed - brake / rate * math.log1p(rate * speed / brake)) / rate

@@ -89,10 +89,9 @@ def _start_grain(
         return
     share = 1.0 - law.dynamic * load / force
     _push_grain(rate, span, share, state, i, mass)
-    # Friction takes its force times the way, which the speed's integral is.
     _, gain, _, _, _ = drag.flow(rate, span)
-    way = (span - gain) / rate if rate * span > 1e-6 else 0.5 * span * span
-    state.ledger[FRICTION] += law.dynamic * load * share * force / mass * way
+    way = drag.way(rate, span, gain, 0.0, share * force / mass)
+    state.ledger[FRICTION] += law.dynamic * load * way
 
 
 @compiled
@@ -108,6 +107,37 @@ def _rub_grain(
 
 
 @compiled
+def _slide_grain(
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """Force, drag and friction together, friction against the mean direction of the motion.
+
+    One after the other, as fast grains take them, they would give a creeping grain more energy in
+    each step than it has.
+    """
+    decay, gain, a, b, c = drag.flow(rate, span)
+    ax, ay = state.fx[i] / mass, state.fy[i] / mass
+    vx, vy = state.vx[i], state.vy[i]
+    ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
+    length = math.hypot(ux, uy)
+    if length == 0.0:
+        _stop_grain(law, rate, state, i, mass, load)
+        return
+    ux, uy = ux / length, uy / length
+    brake = law.dynamic * load / mass
+    ax, ay = ax - brake * ux, ay - brake * uy
+    wx, wy = decay * vx + gain * ax, decay * vy + gain * ay
+    if wx * ux + wy * uy <= 0.0:
+        _stop_grain(law, rate, state, i, mass, load)
+        return
+    state.vx[i], state.vy[i] = wx, wy
+    lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+    state.ledger[DRAG] += mass * lost
+    way = drag.way(rate, span, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+    state.ledger[FRICTION] += law.dynamic * load * way
+
+
+@compiled
 def _kick_with_friction(
     law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
     charge: Array | None, opening: bool,
@@ -120,8 +150,10 @@ def _kick_with_friction(
         if state.vx[i] == 0.0 and state.vy[i] == 0.0:
             _start_grain(law, rate, span, state, i, mass, load)
         elif _sticks(law, span, state, i, mass, load):
-            _stop_grain(law, state, i, mass, load)
-        elif opening or _slow(law, span, state, i, mass, load):
+            _stop_grain(law, rate, state, i, mass, load)
+        elif _slow(law, span, state, i, mass, load):
+            _slide_grain(law, rate, span, state, i, mass, load)
+        elif opening:
             _push_grain(rate, span, 1.0, state, i, mass)
             _rub_grain(law, span, state, i, mass, load)
         else:
@@ -145,12 +177,16 @@ def _sticks(law: FrictionLaw, span: float, state: State, i: int, mass: float, lo
 
 
 @compiled
-def _stop_grain(law: FrictionLaw, state: State, i: int, mass: float, load: float) -> None:
-    """Stop a grain; friction takes its share of the energy, the rest becomes potential energy."""
-    square = state.vx[i] * state.vx[i] + state.vy[i] * state.vy[i]
-    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / math.sqrt(square)
+def _stop_grain(
+    law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """Stop a grain; friction and drag take their shares, the rest becomes potential energy."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load
-    state.ledger[FRICTION] += 0.5 * mass * square * friction / (friction + against)
+    way = drag.stopping_way(rate, speed, (friction + against) / mass)
+    state.ledger[FRICTION] += friction * way
+    state.ledger[DRAG] += 0.5 * mass * speed * speed - (friction + against) * way
     state.vx[i] = state.vy[i] = 0.0
 
 

@@ -16,26 +16,25 @@ WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
 DOUBTFUL = 1e-4
 """Residual beyond which a run is called degraded."""
-DRY_FACTOR = 10.0
-"""With dry friction both limits are this much wider for the first, and `DRY_DOUBT` for the second:
-grains slip in jumps of a few natural times, whose energy a long step resolves only to first order,
-while the forces of the bed hardly change (piston force and mean distance at steps from 1e-4 to
-1e-3 s agree within the scatter of the starts)."""
-DRY_DOUBT = 100.0
+COARSE_FACTOR = 10.0
+"""With the source's regularised friction the first limit is this much wider, and the second
+`COARSE_DOUBT`: its force follows the velocity before each kick, to first order only."""
+COARSE_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
 _LEAST_TURNOVER = 1e-5
 """Least energy turned over that counts, over the potential energy that is there: what has just
 begun to move from rest has a large relative error of no consequence."""
 
 
-def is_dry(scene: Scene) -> bool:
-    """Whether grains or the piston rub."""
-    return scene.effects.friction is not None or bool(scene.piston and scene.piston.friction)
+def is_coarse(scene: Scene) -> bool:
+    """Whether grains rub by the source's regularised friction."""
+    friction = scene.effects.friction
+    return friction is not None and friction.scheme == "regularised"
 
 
 def doubtful(scene: Scene) -> float:
     """Residual over the energy turned over beyond which a run of the scene is called degraded."""
-    return DOUBTFUL * (DRY_DOUBT if is_dry(scene) else 1.0)
+    return DOUBTFUL * (COARSE_DOUBT if is_coarse(scene) else 1.0)
 
 
 def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
@@ -76,8 +75,8 @@ class Ledger:
         return self.worst / self.moved if self.moved > 0.0 else 0.0
 
     @classmethod
-    def opened(cls, row: np.ndarray, *, dry: bool) -> Ledger:
-        """A ledger from the first record; with dry friction or without."""
+    def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
+        """A ledger from the first record; coarse with the source's regularised friction."""
         rows = row[None]
         potential = float(_columns(rows, *POTENTIALS).sum())
         return cls(
@@ -85,7 +84,7 @@ class Ledger:
             potential=potential,
             piston=float(row[COLUMNS.index("piston")]),
             moved=_LEAST_TURNOVER * float(np.abs(_columns(rows, *POTENTIALS)).sum()),
-            wrong=WRONG * (DRY_FACTOR if dry else 1.0),
+            wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -42,25 +42,54 @@ def _free_kick(
 ) -> None:  # fmt: skip
     if resistance is None:
         _raise_speed(state.low, span * force / mass, state)
+    elif abs(state.piston[1]) < 2.0 * resistance.force * span / mass:
+        _slide(resistance, force, span, mass, state)
+    elif opening:
+        _push(resistance, force, span, mass, state)
+        _rub(resistance, span, mass, state)
     else:
-        # As for grains: where friction alone could stop the piston, both must act together.
-        slow = abs(state.piston[1]) < 2.0 * resistance.force * span / mass
-        first = opening or slow
-        if not first:
-            _rub(resistance, span, mass, state)
-        if state.piston[1] != 0.0 or abs(force) > resistance.force:
-            decay, gain, a, b, c = drag.flow(resistance.rate, span)
-            v, push = state.piston[1], force / mass
-            state.piston[1] = decay * v + gain * push
-            state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
-        if first:
-            _rub(resistance, span, mass, state)
+        _rub(resistance, span, mass, state)
+        _push(resistance, force, span, mass, state)
+
+
+@compiled
+def _push(resistance: Resistance, force: float, span: float, mass: float, state: State) -> None:
+    """Force and drag, exactly."""
+    decay, gain, a, b, c = drag.flow(resistance.rate, span)
+    v, push = state.piston[1], force / mass
+    state.piston[1] = decay * v + gain * push
+    state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
+
+
+@compiled
+def _slide(resistance: Resistance, force: float, span: float, mass: float, state: State) -> None:
+    """Force, drag and friction together, where friction alone could stop the piston.
+
+    As for grains: one after the other, they would stop for good a piston that is pushed on, and
+    give a creeping one more energy than it has.
+    """
+    v = state.piston[1]
+    if v == 0.0 and abs(force) <= resistance.force:
+        return
+    sign = math.copysign(1.0, v if v != 0.0 else force)
+    net = force - sign * resistance.force
+    decay, gain, _, _, _ = drag.flow(resistance.rate, span)
+    if sign * (decay * v + gain * net / mass) <= 0.0:
+        way = drag.stopping_way(resistance.rate, abs(v), -sign * net / mass)
+        state.piston[1] = 0.0
+        state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * way
+        return
+    state.ledger[PISTON] += resistance.force * drag.way(
+        resistance.rate, span, gain, sign * v, sign * net / mass
+    )
+    _push(resistance, net, span, mass, state)
 
 
 @compiled
 def _rub(resistance: Resistance, span: float, mass: float, state: State) -> None:
+    """A sliding piston loses speed, and stops where it has no more."""
     speed = abs(state.piston[1])
-    if speed > 0.0 and resistance.force > 0.0:
+    if speed > 0.0:
         left = sliding(speed, resistance.force * span / mass)
         state.piston[1] *= left
         state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)

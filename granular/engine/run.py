@@ -16,7 +16,7 @@ from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import misplaced, restless, unbalanced
 from granular.engine.far import find_far_field, hold_far_field
 from granular.engine.forces import compute_forces, measure_forces
-from granular.engine.ledger import Ledger, is_dry
+from granular.engine.ledger import Ledger, is_coarse
 from granular.engine.loop import (
     CLOSEST,
     COLUMNS,
@@ -36,7 +36,7 @@ from granular.engine.loop import (
 from granular.engine.motion import Motion, drive_frequency, greatest_speed, path
 from granular.engine.state import WORK, Measurement, State, new_measurement, new_state
 from granular.engine.step import Plan
-from granular.engine.step_size import REVIEW, Pace, Step, whole_ticks
+from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
 from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_density
@@ -246,7 +246,7 @@ class Run:
     def _open_ledger(self) -> None:
         if self.ledger is None:
             row = self._look(_PLACE)
-            self.ledger = Ledger.opened(row, dry=is_dry(self.scene))
+            self.ledger = Ledger.opened(row, coarse=is_coarse(self.scene))
 
     def _jump(self, by: float) -> None:
         before = self._energy(self._look(_PLACE))
@@ -555,7 +555,7 @@ class Run:
     def _shorter(self) -> str:
         """What to do about steps that are too long."""
         if self.step.automatic:
-            return f"shorten dt (for instance 'auto/{4.0 / self.step.factor:g}')"
+            return f"shorten dt (for instance {multiple(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     def _misplaced(self, remedy: str) -> RunError:

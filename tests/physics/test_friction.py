@@ -187,14 +187,16 @@ def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     assert (np.linalg.norm(force, axis=1) <= 0.6 * load * (1 + 1e-12)).all()
 
 
-def test_ledger_closes_to_first_order_with_friction(small_bed: Scene) -> None:
-    scene = small_bed.replace(**{"effects.drag": None, "effects.friction": {}})
+@pytest.mark.parametrize("drag", [None, {"coefficient": 0.1}])
+def test_ledger_closes_to_second_order_with_friction(small_bed: Scene, drag: dict | None) -> None:
+    scene = small_bed.replace(**{"effects.drag": drag, "effects.friction": {}})
+    steps = np.array([8e-5, 2e-5, 5e-6])
     closures = [
         simulate(scene, dt=dt, t_end=0.4, progress=False).settings()["ledger_residual"]
-        for dt in (8e-5, 2e-5, 5e-6)
+        for dt in steps
     ]
-    assert closures[2] < closures[1] < closures[0] < 0.01
-    assert closures[0] / closures[2] > 8.0
+    assert closures[0] < 1e-3
+    assert np.polyfit(np.log(steps), np.log(closures), 1)[0] == pytest.approx(2.0, abs=0.2)
 
 
 def test_regularised_law_agrees_where_it_is_resolved() -> None:
