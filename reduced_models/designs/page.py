@@ -117,6 +117,8 @@ def plot_design(found: Design, maps: DamperMaps) -> Figure:
         _draw(left, maps, found.damper.grains, found.damper.small_share)
         for k, one in enumerate(found.rounds):
             last = k == len(found.rounds) - 1
+            if one.damper.grains != found.damper.grains:
+                continue  # lies on another map
             left.plot(one.damper.mass, one.damper.drag, "*" if last else "o", color="black",
                       markersize=14 if last else 5)  # fmt: skip
         left.set_ylabel("drag of a grain [kg/s]")

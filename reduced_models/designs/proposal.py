@@ -20,8 +20,8 @@ from reduced_models.designs.maps import DamperMaps
 
 _MET = 1e-4
 _GRID = np.linspace(-1.0, 1.0, 33)
-_COUNTS = 24
-"""Numbers of grains that are tried where none is given, from 368 down to 92."""
+COUNTS = tuple(round(count) for count in np.geomspace(HIGHEST[1], LOWEST[1], 24))
+"""Numbers of grains that are tried, in this order, where none is given."""
 
 
 class Wish(NamedTuple):
@@ -82,7 +82,7 @@ Places = Callable[[float, float], np.ndarray | None]
 """Two numbers from -1 to 1 -> a place in the box; None outside it."""
 
 
-def propose(maps: DamperMaps, wish: Wish, aim: tuple[float, float] | None = None) -> Candidate:
+def propose(maps: DamperMaps, wish: Wish) -> Candidate:
     """The damper of which the maps promise what is wished.
 
     Parameters
@@ -91,9 +91,6 @@ def propose(maps: DamperMaps, wish: Wish, aim: tuple[float, float] | None = None
     wish : Wish
         With neither grains nor mass fixed, the number of grains is 368 if that does, and else the
         nearest that does.
-    aim : (float, float), optional
-        Frequency and damping to look for in the maps, where simulations have shown that the maps
-        are a little off; the wish's own if not given.
 
     Raises
     ------
@@ -101,25 +98,38 @@ def propose(maps: DamperMaps, wish: Wish, aim: tuple[float, float] | None = None
         If the wish is none, or no damper of the maps meets it: the message tells what can be had.
     """
     wish.check()
-    target = aim or (wish.frequency, wish.damping)
-    for places in _families(wish):
-        found = _solved(maps, places, target)
-        if found is not None:
-            return found if wish.mass is None else found._replace(mass=wish.mass)
-    raise InputError(_refusal(maps, wish))
+    aim = (wish.frequency, wish.damping)
+    found = (proposal(maps, one, aim) for one in narrowed(wish))
+    first = next((one for one in found if one is not None), None)
+    if first is None:
+        raise InputError(_refusal(maps, wish))
+    return first
 
 
-def _families(wish: Wish) -> list[Places]:
+def narrowed(wish: Wish) -> list[Wish]:
+    """The wish with each number of grains that may be tried; as it is where that is settled."""
+    if wish.grains is not None or wish.mass is not None:
+        return [wish]
+    return [wish._replace(grains=count) for count in COUNTS]
+
+
+def proposal(maps: DamperMaps, wish: Wish, aim: tuple[float, float]) -> Candidate | None:
+    """The damper of a narrowed wish to which the maps give a frequency and a damping ratio.
+
+    ``aim`` differs from the wish where simulations have shown that the maps are a little off. None
+    if there is no such damper in the maps.
+    """
+    found = _solved(maps, _places(wish), aim)
+    return found if found is None or wish.mass is None else found._replace(mass=wish.mass)
+
+
+def _places(wish: Wish) -> Places:
     """Ways through the box on which mass and drag, or grains and drag, are free."""
     share = _unit(wish.small_share, LOWEST[3], HIGHEST[3])
     if wish.mass is not None:
-        return [_of_mass(wish.mass, share)]
-    counts = (
-        [float(wish.grains)]
-        if wish.grains is not None
-        else list(np.geomspace(HIGHEST[1], LOWEST[1], _COUNTS))
-    )
-    return [_of_grains(count, share) for count in counts]
+        return _of_mass(wish.mass, share)
+    assert wish.grains is not None
+    return _of_grains(wish.grains, share)
 
 
 def _of_grains(count: float, share: float) -> Places:
@@ -171,10 +181,10 @@ def _refusal(maps: DamperMaps, wish: Wish) -> str:
     pairs = np.array(
         [
             [maps.at(name, place) for name in ("frequency", "damping_ratio")]
-            for places in _families(wish)[::4]
+            for narrow in narrowed(wish)[::4]
             for one in _GRID
             for other in _GRID
-            if (place := places(one, other)) is not None
+            if (place := _places(narrow)(one, other)) is not None
         ]
     )
     fixed = "the maps hold no damper"

@@ -121,6 +121,20 @@ class Design:
             for one in self.checks
         )
 
+    def spread(self, name: str) -> tuple[float, float]:
+        """Least and greatest value over the random starts of the last round."""
+        values = [getattr(one, name) for one in self.checks]
+        return min(values), max(values)
+
+    def agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
+        """Whether the random starts differ by so little that all could be within the tolerances."""
+        pairs = (
+            ("frequency", frequency_tolerance * self.wish.frequency),
+            ("damping_ratio", damping_tolerance * self.wish.damping),
+        )
+        return all(high - low <= 2.0 * room for name, room in pairs
+                   for low, high in [self.spread(name)])  # fmt: skip
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What is to be doubted, in plain words."""
