@@ -46,7 +46,7 @@ def main() -> None:
     """Draw all pictures."""
     IMAGES.mkdir(exist_ok=True)
     run = simulate(damper())
-    save(still(run, -1, colour="force"), IMAGES / "damper.png", overwrite=True)
+    save(still(run, 2, colour="speed"), IMAGES / "damper.png", overwrite=True)
     draw_fall(run)
     draw_compression()
     save(plot_maps(damper_maps()), IMAGES / "maps.png", overwrite=True)

@@ -154,9 +154,13 @@ def _draw(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
         axes.clabel(lines, fontsize=7)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    ticks = [tick for tick in (0.75, 1, 1.5, 2, 3, 5, 7.5, 10) if mass.min() <= tick <= mass.max()]
-    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.set_xticks([], minor=True)
+    for values, ticks, set_ticks in (
+        (mass, (0.75, 1, 1.5, 2, 3, 5, 7.5, 10), axes.set_xticks),
+        (drag, (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), axes.set_yticks),
+    ):
+        shown = [tick for tick in ticks if values.min() <= tick <= values.max()]
+        set_ticks(shown, [f"{tick:g}" for tick in shown])
+        set_ticks([], minor=True)
     axes.set_xlabel("mass of the piston [kg]")
 
 

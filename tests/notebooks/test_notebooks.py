@@ -123,6 +123,14 @@ def own_effect_and_law(found: Numbers) -> None:
     assert "spring" in found["unknown_effect"]
 
 
+def designing_a_damper(found: Numbers) -> None:
+    # What `design` promises, for a random start that neither the maps nor its checks used.
+    assert found["own_frequency"] == pytest.approx(found["wanted_frequency"], rel=0.02)
+    assert found["own_damping"] == pytest.approx(found["wanted_damping"], rel=0.05)
+    assert found["loaded"].mass == 4.0
+    assert len(found["refusals"]) == 2
+
+
 CHECKS: dict[str, Callable[[Numbers], None]] = {
     "01_first_bed": first_bed,
     "02_compression_and_structure": compression,
@@ -132,6 +140,7 @@ CHECKS: dict[str, Callable[[Numbers], None]] = {
     "06_what_accuracy_costs": what_accuracy_costs,
     "07_hard_cases": hard_cases,
     "08_own_effect_and_law": own_effect_and_law,
+    "09_designing_a_damper": designing_a_damper,
 }
 KEEP = """
 import pickle as _pickle
