@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,7 +102,6 @@ def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -
     values, shift, scale, z0, v0 = problem.physical(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=problem.map is None)
     quality = _quality(solution, k, training)
-    speeds = np.gradient(record.height, record.time)
     parameters = dict(zip(problem.law.parameters, map(float, values), strict=True))
     return ReducedModel(
         law=problem.law,
@@ -114,10 +113,7 @@ def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -
         at_rest=analysis.at_rest,
         quality=quality,
         undetermined=analysis.undetermined,
-        domain={
-            "height": (float(record.height.min()), float(record.height.max())),
-            "velocity": (float(speeds.min()), float(speeds.max())),
-        },
+        domain=_domain([one.record for one in solution.joint.grids]),
         notes=(
             *_notes(quality),
             *_bound_notes(parameters, training.bounds),
@@ -125,6 +121,16 @@ def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -
         ),
         provenance=provenance(record, training),
     )
+
+
+def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
+    """What all records of a fit hold together."""
+    heights = np.concatenate([one.height for one in records])
+    speeds = np.concatenate([np.gradient(one.height, one.time) for one in records])
+    return {
+        "height": (float(heights.min()), float(heights.max())),
+        "velocity": (float(speeds.min()), float(speeds.max())),
+    }
 
 
 def provenance(record: PistonRecord, training: Training) -> dict[str, str]:

@@ -197,9 +197,10 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     difference = sympy.expand(left - right)
     factor = difference.coeff(a, 1)
-    if factor == 0 or difference.has(a**2) or factor.has(a):
+    rest = sympy.expand(difference - factor * a)
+    if factor == 0 or rest.has(a) or factor.has(a):
         raise InputError(f"the law {equation!r} must be linear in z''")
-    acceleration = -(difference - factor * a) / factor
+    acceleration = -rest / factor
     for name in inputs:
         if name not in names:
             raise InputError(f"the law {equation!r} does not name its input {name!r}")

@@ -314,6 +314,7 @@ def test_equations() -> None:
         ("z'' + z", "one equals sign"),
         ("z'' = z = 1", "one equals sign"),
         ("z''**2 + z = 0", "linear in z''"),
+        ("z'' + sin(z''*c) = 0", "linear in z''"),
         ("z' + z = 0", "linear in z''"),
         ("z'' + x' = 0", "prime that does not follow z"),
         ("z'' + (z = 0", "cannot be read"),

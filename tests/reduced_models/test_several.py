@@ -32,6 +32,10 @@ def test_shared_and_own_parameters() -> None:
         assert models[0].parameters[name] == models[1].parameters[name]
         assert models[0].parameters[name] == pytest.approx(value, rel=0.01)
     assert all(model.quality.relative < 0.03 for model in models)
+    # Both models know the heights of both records.
+    low = min(float(record.height.min()) for record in records)
+    high = max(float(record.height.max()) for record in records)
+    assert [model.domain["height"] for model in models] == [(low, high)] * 2
     # What two records tell together, each tells less sharply.
     alone = fit(records[0], "linear")
     together, single = (np.diff(model.intervals["omega"])[0] for model in (models[0], alone))
