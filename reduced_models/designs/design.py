@@ -25,8 +25,8 @@ from reduced_models.designs.result import Check, Design, Round
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 SEEDS = (2, 3, 4)
 """Random starts of the checks; the study took the first."""
-CORRECTIONS = 4
-"""Proposals with the same number of grains."""
+CORRECTIONS = 5
+"""Proposals with the same number of grains, or the same mass."""
 STEEPEST = 4.0
 """The frequency may follow the maps so many times as fast, or as slowly."""
 MOST = 8
@@ -106,7 +106,8 @@ def design(
     chosen = damper_maps() if maps is None else maps
     propose(chosen, wish)  # refuses what the maps do not hold, before anything is simulated
     rounds: list[Round] = []
-    for one in narrowed(wish):
+    ways = narrowed(wish)
+    for one in ways:
         aim = (frequency, damping)
         first = len(rounds)
         for _ in range(CORRECTIONS):
@@ -120,7 +121,7 @@ def design(
                 if out is not None:
                     found.save(out, chosen)
                 return found
-            if not found.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            if len(ways) > 1 and not found.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
             aim = _corrected(wish, rounds[first:])
     raise DesignError(_missed(found), found)
@@ -175,9 +176,9 @@ def _checked(
 
 def _missed(found: Design) -> str:
     low, high = found.spread("damping_ratio")
+    free = "give another mass" if found.wish.mass else "leave the number of grains free"
     return (
         f"{len(found.rounds)} proposals missed the wish; the last has {found.frequency:.4g} Hz for "
         f"{found.wish.frequency:g} Hz and a damping ratio of {low:.3g} to {high:.3g}, by the "
-        f"random start, for {found.wish.damping:g}: ask for more damping, or leave the number of "
-        "grains free"
+        f"random start, for {found.wish.damping:g}: ask for more damping, or {free}"
     )
