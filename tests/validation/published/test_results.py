@@ -175,6 +175,7 @@ def test_committed_results_hold_their_own_verdicts() -> None:
     plain = json.loads(path.read_text(encoding="utf-8"))
     assert {"command", "date", "numpy", "numba", "granular-damper"} <= set(plain["made"])
     rows = {one["key"]: one["verdict"] for one in plain["entries"]}
+    assert "not run yet" not in rows.values()
     assert rows == {one.entry.key: one.verdict.words for one in judged(committed())}
 
 
