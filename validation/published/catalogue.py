@@ -50,8 +50,8 @@ OTHER_MACHINE = (
     "a list saves nothing at this size."
 )
 LARGEST = (
-    "One start by the direct sum, here and in the source; the same bed by the mesh came to 49.08 N. "
-    "The full protocol has not been run at this size."
+    "One start by the direct sum, here and in the source; the same bed by the mesh came to "
+    "49.08 N. The full protocol has not been run at this size."
 )
 UNITS_OPEN = (
     "The source fits by eye and prints neither its unit of time nor how height is scaled; a swing "
