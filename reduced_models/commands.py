@@ -201,6 +201,10 @@ def map_dampers(options: Any) -> None:
     target = prepared(options.out)
     assert target is not None
     if not options.simulate:
+        if (target / "cases").is_dir():
+            raise InputError(
+                f"{shown(target)} holds a study of its own; add --simulate, or give another -o"
+            )
         maps = damper_maps()
         maps.study.to_csv(target / "study.csv", index=False)
     else:

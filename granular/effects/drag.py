@@ -79,3 +79,11 @@ def stopping_way(rate: float, speed: float, brake: float) -> float:
     if brake <= 0.0:
         return speed / rate
     return (speed - brake / rate * math.log1p(rate * speed / brake)) / rate
+
+
+@compiled
+def stopping_time(rate: float, speed: float, brake: float) -> float:
+    """Time to rest under drag and the deceleration ``brake``: log(1 + c v/brake)/c."""
+    if rate * speed <= 1e-6 * brake:
+        return speed / brake
+    return math.log1p(rate * speed / brake) / rate

@@ -10,9 +10,10 @@ with the thickness eps and the plates' distance E. [D, eq. 4.10] lacks the "- ph
 some forty times too large, and the mono-disperse formula is not its limit. To second order in the
 torque [D, eq. 3.2] 2 cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
 
-Two schemes. ``velocity`` (default) solves kick and friction one after the other, each exactly,
-while the positions stand still: a sliding grain loses mu_d N/m of its speed per time until it
-stops, a grain at rest stays at rest, to the last bit, while the force on it is at most mu_s N.
+Two schemes. ``velocity`` (default) solves kick and friction while the positions stand still, each
+exactly where the grain is fast, and together where it creeps: a sliding grain loses mu_d N/m of its
+speed per time until it stops, a grain at rest stays at rest, to the last bit, while the force on it
+is at most mu_s N.
 ``regularised`` is the source's law [D, eq. 4.5], a force: minus the other forces below a
 threshold speed and mu_s N, otherwise mu_d N against the velocity. It does positive work below the
 threshold, and chatters unless the step is very small.

@@ -1,9 +1,10 @@
 """Kicks: velocities after a span of time, while all positions stand still.
 
 Force and drag are solved together, exactly; dry friction and the dashpots of contacts each exactly,
-one after the other. The kick that opens a step and the one that closes it take these parts in
-opposite order, so that a step stays symmetric, and the energy that each part takes is entered in
-the ledger exactly.
+one after the other, in opposite order in the kick that opens a step and in the one that closes it,
+so that a step stays symmetric. On grains that friction would stop within a few such kicks it acts
+together with force and drag, along one mean direction. What each part takes is entered in the
+ledger.
 """
 
 from __future__ import annotations
@@ -121,20 +122,35 @@ def _slide_grain(
     ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
     length = math.hypot(ux, uy)
     if length == 0.0:
-        _stop_grain(law, rate, state, i, mass, load)
+        _turn_grain(law, rate, span, state, i, mass, load)
         return
     ux, uy = ux / length, uy / length
+    if vx * ux + vy * uy < 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
     brake = law.dynamic * load / mass
     ax, ay = ax - brake * ux, ay - brake * uy
     wx, wy = decay * vx + gain * ax, decay * vy + gain * ay
     if wx * ux + wy * uy <= 0.0:
-        _stop_grain(law, rate, state, i, mass, load)
+        _turn_grain(law, rate, span, state, i, mass, load)
         return
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     state.ledger[DRAG] += mass * lost
     way = drag.way(rate, span, gain, vx * ux + vy * uy, ax * ux + ay * uy)
     state.ledger[FRICTION] += law.dynamic * load * way
+
+
+@compiled
+def _turn_grain(
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A grain that comes to rest within the span; the force may set it off for what is left."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
+    spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
+    _stop_grain(law, rate, state, i, mass, load)
+    _start_grain(law, rate, max(span - spent, 0.0), state, i, mass, load)
 
 
 @compiled
@@ -192,13 +208,15 @@ def _stop_grain(
 
 @compiled
 def _slow(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
-    """Whether friction alone could stop the grain in the span.
+    """Whether the force and twice the friction would stop the grain in the span.
 
     Force and friction must then act together, or a grain that is pushed on would be stopped for
     good: the static friction that then holds it is greater.
     """
-    speed = math.hypot(state.vx[i], state.vy[i])
-    return speed < 2.0 * law.dynamic * load * span / mass
+    vx, vy = state.vx[i], state.vy[i]
+    speed = math.hypot(vx, vy)
+    against = max(-(vx * state.fx[i] + vy * state.fy[i]) / speed, 0.0)
+    return speed * mass < span * (against + 2.0 * law.dynamic * load)
 
 
 @compiled

@@ -42,7 +42,7 @@ def _free_kick(
 ) -> None:  # fmt: skip
     if resistance is None:
         _raise_speed(state.low, span * force / mass, state)
-    elif abs(state.piston[1]) < 2.0 * resistance.force * span / mass:
+    elif _slow(resistance, force, span, mass, state):
         _slide(resistance, force, span, mass, state)
     elif opening:
         _push(resistance, force, span, mass, state)
@@ -50,6 +50,14 @@ def _free_kick(
     else:
         _rub(resistance, span, mass, state)
         _push(resistance, force, span, mass, state)
+
+
+@compiled
+def _slow(resistance: Resistance, force: float, span: float, mass: float, state: State) -> bool:
+    """Whether the force and twice the friction would stop the piston in the span."""
+    v = state.piston[1]
+    against = max(-math.copysign(force, force * v), 0.0)
+    return abs(v) * mass < span * (against + 2.0 * resistance.force)
 
 
 @compiled
@@ -68,21 +76,26 @@ def _slide(resistance: Resistance, force: float, span: float, mass: float, state
     As for grains: one after the other, they would stop for good a piston that is pushed on, and
     give a creeping one more energy than it has.
     """
-    v = state.piston[1]
-    if v == 0.0 and abs(force) <= resistance.force:
-        return
-    sign = math.copysign(1.0, v if v != 0.0 else force)
-    net = force - sign * resistance.force
-    decay, gain, _, _, _ = drag.flow(resistance.rate, span)
-    if sign * (decay * v + gain * net / mass) <= 0.0:
-        way = drag.stopping_way(resistance.rate, abs(v), -sign * net / mass)
-        state.piston[1] = 0.0
+    v, rate, friction = state.piston[1], resistance.rate, resistance.force
+    if v != 0.0:
+        sign = math.copysign(1.0, v)
+        net = force - sign * friction
+        decay, gain, _, _, _ = drag.flow(rate, span)
+        if sign * (decay * v + gain * net / mass) > 0.0:
+            way = drag.way(rate, span, gain, abs(v), sign * net / mass)
+            state.ledger[PISTON] += friction * way
+            _push(resistance, net, span, mass, state)
+            return
+        brake = -sign * net / mass
+        way = drag.stopping_way(rate, abs(v), brake)
         state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * way
-        return
-    state.ledger[PISTON] += resistance.force * drag.way(
-        resistance.rate, span, gain, sign * v, sign * net / mass
-    )
-    _push(resistance, net, span, mass, state)
+        state.piston[1] = 0.0
+        span = max(span - drag.stopping_time(rate, abs(v), brake), 0.0)
+    if abs(force) > friction:
+        net = force - math.copysign(friction, force)
+        _, gain, _, _, _ = drag.flow(rate, span)
+        state.ledger[PISTON] += friction * drag.way(rate, span, gain, 0.0, abs(net) / mass)
+        _push(resistance, net, span, mass, state)
 
 
 @compiled

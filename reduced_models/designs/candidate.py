@@ -32,7 +32,7 @@ EXPONENT = 2.86
 """The published damper rests at 9.86 D; the force of the bed falls with this power of the height
 there (tests/regression/test_damper.py)."""
 
-LOWEST = (2.0, 92.0, 0.02, 0.0)
+LOWEST = (2.0, 92.0, 0.023, 0.0)
 HIGHEST = (10.0, 368.0, 0.25, 0.5)
 """The box: mass of the piston for 368 grains [kg], grains, affine damping ratio, share of small
 grains. Under a lighter piston the bed keeps the disorder of its start, and one damper differs from
@@ -69,7 +69,7 @@ class Candidate(NamedTuple):
 
     @property
     def viscosity(self) -> float:
-        """Of the liquid that makes the drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
+        """Of the liquid that makes a large grain's drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
@@ -108,10 +108,9 @@ def affine_rest_height(one: Candidate) -> float:
     """Height at which a bed of the reference's packing would carry the piston [m].
 
     The force of N grains falls with the power 2.86 of the height and grows with the square of the
-    mean moment, which goes with the volume of a grain.
+    mean moment.
     """
-    volume = _mean_volume(one)
-    load = one.mass / one.scale / REFERENCE_MASS / volume**2
+    load = one.mass / one.scale / REFERENCE_MASS / _mean_mass(one) ** 2
     return REFERENCE_REST * one.scale * load ** (-1.0 / EXPONENT)
 
 
@@ -122,13 +121,13 @@ def affine_damping_ratio(one: Candidate) -> float:
     of the sum over its grains, and the frequency is sqrt(2.86 g/h).
     """
     frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(one))
-    drag = one.grains * one.drag * _mean_volume(one) / 3.0
+    drag = one.grains * one.drag * _mean_mass(one) / 3.0
     return drag / (2.0 * one.mass * frequency)
 
 
-def _mean_volume(one: Candidate) -> float:
-    """Over that of a large grain; drag goes with the mass of a grain [D, eq. 4.16]."""
-    return 1.0 - one.small_share * (1.0 - ASPECT**3)
+def _mean_mass(one: Candidate) -> float:
+    """Over that of a large grain; moment and drag go with the mass of a grain [D, eq. 4.16]."""
+    return 1.0 - one.small_share * (1.0 - ASPECT**2)
 
 
 def _scaled(plain: tuple[float, ...]) -> np.ndarray:

@@ -38,11 +38,11 @@ class DesignError(GranularError, RuntimeError):
 
     Attributes
     ----------
-    design : Design
-        The last one, with all rounds.
+    design : Design or None
+        The last one, with all rounds; None where the first simulation failed.
     """
 
-    def __init__(self, message: str, design: Design) -> None:
+    def __init__(self, message: str, design: Design | None) -> None:
         super().__init__(message)
         self.design = design
 
@@ -114,7 +114,12 @@ def design(
             candidate = proposal(chosen, one, aim)
             if candidate is None or len(rounds) == MOST:
                 break
-            checks = _checked(candidate, seeds, out, workers, progress)
+            try:
+                checks = _checked(candidate, seeds, out, workers, progress)
+            except GranularError as error:
+                raise DesignError(
+                    str(error), Design(wish, tuple(rounds)) if rounds else None
+                ) from None
             rounds.append(Round(candidate, chosen.predict(candidate), checks))
             found = Design(wish, tuple(rounds))
             if found.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
@@ -134,19 +139,22 @@ def _corrected(wish: Wish, rounds: Sequence[Round]) -> tuple[float, float]:
     faster or more slowly than the maps, takes a secant step on logarithms.
     """
     last = rounds[-1]
-    slope = 1.0  # of what is measured over what is promised
-    if len(rounds) > 1:
-        promised = math.log(last.promise.frequency / rounds[-2].promise.frequency)
-        measured = math.log(_mean(last, "frequency") / _mean(rounds[-2], "frequency"))
-        slope = min(max(measured / promised, 1.0 / STEEPEST), STEEPEST) if promised else 1.0
-    return (
-        last.promise.frequency * (wish.frequency / _mean(last, "frequency")) ** (1.0 / slope),
-        last.promise.damping_ratio * wish.damping / _mean(last, "damping_ratio"),
-    )
+    aim = last.promise.frequency
+    if abs(last.mean("frequency") / wish.frequency - 1.0) > 0.5 * FREQUENCY_TOLERANCE:
+        aim *= (wish.frequency / last.mean("frequency")) ** (1.0 / _slope(rounds))
+    return aim, last.promise.damping_ratio * wish.damping / last.mean("damping_ratio")
 
 
-def _mean(one: Round, name: str) -> float:
-    return sum(getattr(check, name) for check in one.checks) / len(one.checks)
+def _slope(rounds: Sequence[Round]) -> float:
+    """How the measured frequency followed the promised one, where it was moved enough to tell."""
+    if len(rounds) < 2:
+        return 1.0
+    before, last = rounds[-2:]
+    promised = math.log(last.promise.frequency / before.promise.frequency)
+    measured = math.log(last.mean("frequency") / before.mean("frequency"))
+    if abs(promised) < FREQUENCY_TOLERANCE or measured * promised <= 0.0:
+        return 1.0
+    return min(max(measured / promised, 1.0 / STEEPEST), STEEPEST)
 
 
 def _checked(
@@ -169,16 +177,25 @@ def _checked(
         figures = outcome["figures"]
         if outcome["error"] is not None or not math.isfinite(figures["frequency"]):
             cause = outcome["error"] or "the motion has no level of rest"
-            raise GranularError(f"the simulation of {proposal} failed: {cause}")
+            raise GranularError(
+                f"the simulation of {proposal.mass:.4g} kg on {proposal.grains} grains with a drag "
+                f"of {proposal.drag:.4g} kg/s failed: {cause}"
+            )
         checks.append(Check(seed, **figures))
     return tuple(checks)
 
 
 def _missed(found: Design) -> str:
     low, high = found.spread("damping_ratio")
-    free = "give another mass" if found.wish.mass else "leave the number of grains free"
+    wish = found.wish
+    if wish.mass is not None:
+        remedy = "give another mass, or leave it free"
+    elif wish.grains is not None:
+        remedy = "give another number of grains, or leave it free"
+    else:
+        remedy = "ask for a heavier damping, or another frequency"
     return (
         f"{len(found.rounds)} proposals missed the wish; the last has {found.frequency:.4g} Hz for "
-        f"{found.wish.frequency:g} Hz and a damping ratio of {low:.3g} to {high:.3g}, by the "
-        f"random start, for {found.wish.damping:g}: ask for more damping, or {free}"
+        f"{wish.frequency:g} Hz and a damping ratio of {low:.3g} to {high:.3g}, by the "
+        f"random start, for {wish.damping:g}: {remedy}"
     )

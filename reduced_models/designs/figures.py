@@ -53,7 +53,9 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
 def _least_gap(run: Trajectory) -> float:
     from scipy.spatial.distance import pdist
 
-    positions = run.dataset["position"].values[-1]
+    data = run.dataset
+    resting = int(np.abs(data["frame_time"].values - run.stage("drop").end).argmin())
+    positions = data["position"].values[resting]
     radii = 0.5 * run.scene.grains.diameters()
     rows, columns = np.triu_indices(len(radii), 1)
     return float((pdist(positions) / (radii[rows] + radii[columns])).min())

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.errors import InputError
-from reduced_models.designs.candidate import LOWEST, Candidate
+from reduced_models.designs.candidate import HIGHEST, LOWEST, NAMES, Candidate
 from reduced_models.designs.study import COMMITTED
 
 if TYPE_CHECKING:
@@ -96,6 +96,11 @@ class DamperMaps:
         if missing:
             raise InputError(f"the study has no column {missing[0]!r}; make it by run_study")
         sound = study[study[list(wanted)].notna().all(axis=1)]
+        positive = [*COLUMNS[:3], *LOGARITHMIC, "k1"]
+        for name in positive:
+            if not (np.isfinite(sound[name]) & (sound[name] > 0.0)).all():
+                worst = float(sound[name].min())
+                raise InputError(f"the study has {name} = {worst:g}; it must be above 0")
         if len(sound) < 2 * len(_POWERS):
             raise InputError(
                 f"the study has {len(sound)} dampers that ran; at least {2 * len(_POWERS)} are "
@@ -122,11 +127,11 @@ class DamperMaps:
         """
         place = damper.coordinates()
         if np.abs(place).max() > _EDGE:
-            raise InputError(
-                f"{damper} lies outside the maps; they hold {LOWEST[1]:g} to 368 grains, 1.5 to "
-                "10 kg for 368 grains (as the width of the cell), affine damping ratios from 0.02 "
-                "to 0.4, up to half small grains"
+            limits = ", ".join(
+                f"{name} {low:g} to {high:g}"
+                for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
             )
+            raise InputError(f"{damper} lies outside the maps; keep to {limits}")
         values = {name: self.at(name, place) for name in (*LOGARITHMIC, *PLAIN)}
         height, frequency, ratio = (math.exp(values[name]) for name in LOGARITHMIC)
         k1 = (2.0 * math.pi * frequency) ** 2

@@ -209,7 +209,8 @@ def design_page(found: Design, maps: DamperMaps) -> Page:
     page.figure(
         plot_design(found, maps),
         "Left: frequency [Hz] (blue), damping ratio (red) and height of rest [D] (grey) over mass "
-        "and drag; dots are earlier proposals. Right: the simulated motions after a lift of 0.2 D.",
+        "and drag; dots are earlier proposals with as many grains. Right: the simulated motions "
+        "after a lift of 0.2 D.",
     )
     page.section("The scene")
     page.preformatted(found.scene.to_toml())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from numbers import Integral, Real
 from typing import NamedTuple
 
 import numpy as np
@@ -65,7 +66,7 @@ class Wish(NamedTuple):
             )
         low, high = int(LOWEST[1]), int(HIGHEST[1])
         if self.grains is not None and not (
-            isinstance(self.grains, int) and low <= self.grains <= high
+            isinstance(self.grains, Integral) and low <= self.grains <= high
         ):
             raise InputError(f"grains = {self.grains!r}; give a whole number from {low} to {high}")
         if not (_is_number(self.small_share) and 0.0 <= self.small_share <= HIGHEST[3]):
@@ -75,7 +76,7 @@ class Wish(NamedTuple):
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 Places = Callable[[float, float], np.ndarray | None]
@@ -181,7 +182,7 @@ def _refusal(maps: DamperMaps, wish: Wish) -> str:
     pairs = np.array(
         [
             [maps.at(name, place) for name in ("frequency", "damping_ratio")]
-            for narrow in narrowed(wish)[::4]
+            for narrow in [*narrowed(wish)[::4], narrowed(wish)[-1]]
             for one in _GRID
             for other in _GRID
             if (place := _places(narrow)(one, other)) is not None

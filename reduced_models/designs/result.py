@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.console import finite
 from granular.scene import Scene
-from reduced_models.designs.candidate import Candidate
+from reduced_models.designs.candidate import ASPECT, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.proposal import Wish
 from reduced_models.sources import prepared
@@ -60,6 +60,10 @@ class Round(NamedTuple):
     promise: Prediction
     checks: tuple[Check, ...]
 
+    def mean(self, name: str) -> float:
+        """Of a figure, over the checks."""
+        return sum(getattr(one, name) for one in self.checks) / len(self.checks)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
@@ -98,20 +102,17 @@ class Design:
     @property
     def frequency(self) -> float:
         """Of the undamped small swing [Hz], mean over the checks."""
-        return self._mean("frequency")
+        return self.rounds[-1].mean("frequency")
 
     @property
     def damping_ratio(self) -> float:
         """Mean over the checks."""
-        return self._mean("damping_ratio")
+        return self.rounds[-1].mean("damping_ratio")
 
     @property
     def rest_height(self) -> float:
         """[m], mean over the checks."""
-        return self._mean("rest_height")
-
-    def _mean(self, name: str) -> float:
-        return sum(getattr(one, name) for one in self.checks) / len(self.checks)
+        return self.rounds[-1].mean("rest_height")
 
     def met(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
         """Whether every check lies within these relative tolerances of the wish."""
@@ -140,7 +141,7 @@ class Design:
         """What is to be doubted, in plain words."""
         found = []
         gap = min(one.fall_gap for one in self.checks)
-        contact = 1.0 if self.wish.small_share == 0.0 else 0.8
+        contact = 1.0 if self.wish.small_share == 0.0 else ASPECT
         if gap < contact:
             found.append(
                 f"in the fall two grains came as near as {gap:.3g} D, closer than their contact, "

@@ -167,6 +167,36 @@ def test_friction_and_drag_together_stop_a_grain_as_in_closed_form() -> None:
     assert errors[0] / errors[-1] > 8.0
 
 
+@pytest.mark.parametrize("gamma", [0.0, 0.05])
+def test_grain_that_is_thrown_up_slides_back(gamma: float) -> None:
+    """Its weight is greater than static friction: it turns without a rest, at any step."""
+    load, speed, g = 0.005, 0.1, 9.8
+    b, c = 0.45 * load / MASS, gamma / MASS
+    scene = lone_grain(
+        **{"effects.gravity.acceleration": g, "effects.drag.coefficient": gamma,
+           "effects.friction.load": load, "arrangement.velocities": [[0.0, speed]]}
+    )  # fmt: skip
+    if gamma == 0.0:
+        up = speed / (g + b)
+        top = 0.5 * speed * up
+        down = 0.5 * (g - b) * (0.03 - up) ** 2
+    else:
+        up = np.log1p(c * speed / (g + b)) / c
+        top = (speed - (g + b) * up) / c
+        down = (g - b) / c * ((0.03 - up) + np.expm1(-c * (0.03 - up)) / c)
+    errors = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        each = scene.replace(**{"output.scalars": dt, "output.frames": dt})
+        run = simulate(each, dt=dt, t_end=0.03, progress=False)
+        lost = run.dataset["friction_loss"].values
+        assert (np.diff(lost) >= 0.0).all()
+        place = run.dataset["position"].values[:, 0, 1]
+        errors.append(abs(place[-1] - place[0] - (top - down)))
+        assert lost[-1] == pytest.approx(0.45 * load * (top + down), rel=0.05 * dt / 2.5e-4)
+    # Second order, with a phase of the turn that differs from step to step.
+    assert (np.array(errors) < (g + b) * np.array([1e-3, 5e-4, 2.5e-4]) ** 2).all()
+
+
 def test_friction_never_gives_energy(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"effects.drag": None, "effects.friction": {}})
     lost = simulate(scene, t_end=0.3, progress=False).dataset["friction_loss"].values

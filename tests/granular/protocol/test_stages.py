@@ -168,8 +168,30 @@ def test_piston_friction(friction: float, moves: bool) -> None:
         assert height == pytest.approx(0.12 - 0.5 * (9.8 - friction / 2.0) * time**2, rel=1e-6)
     else:
         assert (height == 0.12).all()
-    # The first slip, from rest, is resolved to first order only.
-    assert run.settings()["ledger_residual"] < 1e-4
+    assert run.settings()["ledger_residual"] < 1e-6
+
+
+@pytest.mark.parametrize("friction", [5.0, 25.0])
+def test_piston_that_is_thrown_up(friction: float) -> None:
+    """It turns where its weight is greater than the friction, and sticks where it is not."""
+    push, weight, mass, until = 80.0, 19.6, 2.0, 0.05
+    run = empty(
+        {"kind": "push", "name": "push", "mean": push, "duration": until},
+        {"kind": "free", "name": "flight", "duration": 0.2},
+        **{"piston.friction": friction},
+    )
+    rise = (push - weight - friction) / mass
+    speed, brake = rise * until, (weight + friction) / mass
+    top = 0.12 + 0.5 * rise * until**2 + 0.5 * speed**2 / brake
+    left = 0.2 - speed / brake
+    fallen = 0.5 * max(weight - friction, 0.0) / mass * left**2 if left > 0.0 else 0.0
+    height, loss = (run.dataset[name].values for name in ("piston_height", "piston_loss"))
+    assert left > 0.0
+    assert height[-1] == pytest.approx(top - fallen, abs=1e-5)
+    assert (np.diff(loss) >= 0.0).all()
+    assert loss[-1] == pytest.approx(friction * (top - 0.12 + fallen), rel=1e-3)
+    if friction > weight:
+        assert run.dataset["piston_velocity"].values[-1] == 0.0
 
 
 def test_shaken_cell() -> None:
