@@ -17,8 +17,9 @@ WRONG = 1e-2
 DOUBTFUL = 1e-4
 """Residual beyond which a run is called degraded."""
 COARSE_FACTOR = 10.0
-"""With the source's regularised friction the first limit is this much wider, and the second
-`COARSE_DOUBT`: its force follows the velocity before each kick, to first order only."""
+"""With the source's regularised friction, or its list of pairs under friction, the first limit is
+this much wider, and the second `COARSE_DOUBT`: the former's force follows the velocity before each
+kick, to first order only; the latter misses pairs that come closer."""
 COARSE_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
 _LEAST_TURNOVER = 1e-5
@@ -27,9 +28,11 @@ begun to move from rest has a large relative error of no consequence."""
 
 
 def is_coarse(scene: Scene) -> bool:
-    """Whether grains rub by the source's regularised friction."""
+    """Whether grains rub by the source's regularised friction, or with its list of pairs."""
     friction = scene.effects.friction
-    return friction is not None and friction.scheme == "regularised"
+    return friction is not None and (
+        friction.scheme == "regularised" or scene.pair_method == "verlet-list"
+    )
 
 
 def doubtful(scene: Scene) -> float:
