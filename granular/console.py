@@ -13,6 +13,7 @@ import sys
 import tomllib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from granular.errors import GranularError, InputError, Interrupted
@@ -103,6 +104,12 @@ def finite(plain: Any) -> Any:
     if isinstance(plain, float) and not math.isfinite(plain):
         return None
     return plain
+
+
+def write_json(path: Path, plain: dict[str, Any]) -> None:
+    """Write plain data as a JSON file for people and programs."""
+    text = json.dumps(finite(plain), indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
 
 
 def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:

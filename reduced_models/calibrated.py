@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.console import finite
+from granular.console import write_json
 from granular.record import PistonRecord
 from granular.scene import Scene
 from reduced_models.model import Direction
@@ -205,8 +204,7 @@ class Calibration:
         """
         target = prepared(out)
         assert target is not None
-        text = json.dumps(finite(self.to_plain()), indent=2, allow_nan=False)
-        (target / "calibration.json").write_text(text + "\n", encoding="utf-8")
+        write_json(target / "calibration.json", self.to_plain())
         self.scene.save(target / "scene.toml")
         self.page().save(target / "report.html")
 

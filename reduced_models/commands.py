@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -141,7 +142,7 @@ def calibrate_scene(options: Any) -> None:
         raise InputError(f"{options.record!r} is a scene; give a record, a CSV or Parquet file")
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
-    try:
+    with _saying_what_is_kept(options.out):
         found = calibrate(
             record,
             load_scene(options.scene).replace(**changes_from(options.changes)),
@@ -154,9 +155,6 @@ def calibrate_scene(options: Any) -> None:
             checks=not options.no_checks,
             progress=not options.quiet,
         )
-    except KeyboardInterrupt:
-        _say_what_is_kept(options.out)
-        raise
     text = str(found)
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
@@ -170,7 +168,7 @@ def design_damper(options: Any) -> None:
 
     _check_workers(options.workers)
     maps = None if options.maps is None else damper_maps(Path(options.maps))
-    try:
+    with _saying_what_is_kept(options.out):
         found = design(
             options.frequency,
             options.damping,
@@ -182,9 +180,6 @@ def design_damper(options: Any) -> None:
             workers=options.workers,
             progress=not options.quiet,
         )
-    except KeyboardInterrupt:
-        _say_what_is_kept(options.out)
-        raise
     text = str(found)
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
@@ -208,13 +203,10 @@ def map_dampers(options: Any) -> None:
         maps = damper_maps()
         maps.study.to_csv(target / "study.csv", index=False)
     else:
-        try:
+        with _saying_what_is_kept(options.out):
             study = run_study(
                 target, points=options.points, workers=options.workers, progress=not options.quiet
             )
-        except KeyboardInterrupt:
-            _say_what_is_kept(options.out)
-            raise
         study.to_csv(target / "study.csv", index=False)
         maps = DamperMaps(study)
     maps_page(maps).save(target / "report.html")
@@ -233,10 +225,16 @@ def _check_workers(workers: int | None) -> None:
         raise InputError(f"--workers {workers}; give 1 or more")
 
 
-def _say_what_is_kept(out: str | None) -> None:
-    if out is not None:
-        kept = f"finished simulations are kept in {out}; the same command goes on"
-        print(kept, file=sys.stderr)
+@contextlib.contextmanager
+def _saying_what_is_kept(out: str | None) -> Iterator[None]:
+    """Tell after Ctrl-C where the finished simulations are."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if out is not None:
+            kept = f"finished simulations are kept in {out}; the same command goes on"
+            print(kept, file=sys.stderr)
+        raise
 
 
 def simulate_model(options: Any) -> None:

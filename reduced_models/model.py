@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granular.console import finite
+from granular.console import write_json
 from granular.errors import InputError
 from granular.record import PistonRecord
 from reduced_models.law import Law
@@ -395,8 +395,7 @@ class ReducedModel:
 
     def save(self, path: str | Path) -> None:
         """Write the model to a JSON file, which `load_model` reads back to the same bits."""
-        text = json.dumps(finite(self.to_plain()), indent=2, allow_nan=False)
-        Path(path).write_text(text + "\n", encoding="utf-8")
+        write_json(Path(path), self.to_plain())
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:

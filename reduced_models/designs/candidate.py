@@ -8,7 +8,7 @@ share of small grains.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class Candidate(NamedTuple):
     def scene(self, seed: int = 1) -> Scene:
         """The damper that falls, comes to rest, is lifted by 0.2 D and released."""
         made = damper(self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed)
-        changes = {
+        changes: dict[str, Any] = {
             "name": "design",
             "protocol.drop.tolerance": REST_TOLERANCE,
             "protocol.release.duration": SWING,
@@ -84,7 +84,7 @@ class Candidate(NamedTuple):
             changes["grains.species"] = [
                 {"name": "large", "diameter": DIAMETER, "share": 1.0 - self.small_share},
                 {"name": "small", "diameter": ASPECT * DIAMETER, "share": self.small_share},
-            ]  # type: ignore[assignment]
+            ]
         return made.replace(**changes)
 
     def coordinates(self) -> np.ndarray:

@@ -158,7 +158,7 @@ def _slope(rounds: Sequence[Round]) -> float:
 
 
 def _checked(
-    proposal: Candidate,
+    candidate: Candidate,
     seeds: Sequence[int],
     out: str | Path | None,
     workers: int | None,
@@ -166,7 +166,7 @@ def _checked(
 ) -> tuple[Check, ...]:
     study = sweep(
         damper(),
-        cases=[proposal.scene(seed).plain() for seed in seeds],
+        cases=[candidate.scene(seed).plain() for seed in seeds],
         measure=check_figures,
         out=out,
         workers=workers,
@@ -178,8 +178,8 @@ def _checked(
         if outcome["error"] is not None or not math.isfinite(figures["frequency"]):
             cause = outcome["error"] or "the motion has no level of rest"
             raise GranularError(
-                f"the simulation of {proposal.mass:.4g} kg on {proposal.grains} grains with a drag "
-                f"of {proposal.drag:.4g} kg/s failed: {cause}"
+                f"the simulation of {candidate.mass:.4g} kg on {candidate.grains} grains with a "
+                f"drag of {candidate.drag:.4g} kg/s failed: {cause}"
             )
         checks.append(Check(seed, **figures))
     return tuple(checks)

@@ -29,7 +29,8 @@ COLUMNS = ("mass", "grains", "drag", "small_share")
 LOGARITHMIC = ("rest_height", "frequency", "damping_ratio")
 PLAIN = ("quadratic", "cubic")
 """k2 h/k1 and k3 h^2/k1: how the spring bends, over the rest height h."""
-_EDGE = 1.0 + 1e-9
+_EDGE = 1.01
+"""How far a damper at the edge of the box may lie beyond it: its number of grains is rounded."""
 
 
 class Surface(NamedTuple):

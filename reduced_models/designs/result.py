@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.console import finite
+from granular.console import write_json
 from granular.scene import Scene
 from reduced_models.designs.candidate import ASPECT, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
@@ -203,8 +202,7 @@ class Design:
 
         target = prepared(out)
         assert target is not None
-        text = json.dumps(finite(self.to_plain()), indent=2, allow_nan=False)
-        (target / "design.json").write_text(text + "\n", encoding="utf-8")
+        write_json(target / "design.json", self.to_plain())
         self.scene.save(target / "scene.toml")
         design_page(self, maps).save(target / "report.html")
 

@@ -150,6 +150,8 @@ def test_what_a_refusal_offers_can_be_had():
         propose(damper_maps(), Wish(9.0, 0.1))
     high = float(str(caught.value).split(" to ")[-1].split(" Hz")[0])
     propose(damper_maps(), Wish(0.99 * high, 0.1))
+    with pytest.raises(InputError):
+        propose(damper_maps(), Wish(1.05 * high, 0.1))
 
 
 def test_study_refuses_other_numbers_of_points():
