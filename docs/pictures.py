@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from granular import Trajectory, damper, mono_bed, simulate
-from granular.plotting import COLOURS, GREY, figure
 from granular.render import save, still
+from granular.shared.plotting import COLOURS, GREY, figure
 from reduced_models import damper_maps, fit
 from reduced_models.designs.page import plot_maps
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.console import (
+from granular.shared.console import (
     Parser,
     add_output,
     add_run,
@@ -18,11 +18,11 @@ from granular.console import (
     launch,
     time_step,
 )
-from granular.errors import InputError
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from granular.scene import Scene
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
+    from granular.scene.scene import Scene
 
 
 EXAMPLES = {
@@ -157,13 +157,13 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _scene(options: Any) -> Scene:
-    from granular.scene import load_scene
+    from granular.scene.scene import load_scene
 
     return load_scene(options.scene).replace(**changes_from(options.changes))
 
 
 def _scenes(options: Any) -> None:
-    from granular.scene import SCENES, scene_names
+    from granular.scene.scene import SCENES, scene_names
 
     first = {}
     for name in scene_names():
@@ -175,14 +175,14 @@ def _scenes(options: Any) -> None:
 
 
 def _show(options: Any) -> None:
-    from granular.summary import scene_figures, scene_text
+    from granular.run.summary import scene_figures, scene_text
 
     scene = _scene(options)
     emit({"scene": scene.plain(), "figures": scene_figures(scene)}, scene_text(scene), options.json)
 
 
 def _run(options: Any) -> None:
-    from granular.simulation import simulate
+    from granular.run.simulation import simulate
 
     run = simulate(
         _scene(options),
@@ -198,7 +198,7 @@ def _run(options: Any) -> None:
 
 
 def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
-    from granular.summary import run_figures, run_text
+    from granular.run.summary import run_figures, run_text
 
     return run_figures(run), run_text(run)
 
@@ -212,7 +212,7 @@ def _export(options: Any) -> None:
 
 def _export_deck(options: Any) -> None:
     from granular.export import to_lammps
-    from granular.store import is_run
+    from granular.run.store import is_run
 
     at_run = is_run(Path(options.run))
     if at_run and options.changes:
@@ -230,7 +230,7 @@ def _export_deck(options: Any) -> None:
 
 def _export_frames(options: Any) -> None:
     from granular.export import to_extxyz, to_gsd, to_source_files
-    from granular.trajectory import load_trajectory
+    from granular.run.trajectory import load_trajectory
 
     if options.changes or options.dt:
         raise InputError("--set and --dt are for --format lammps; leave them out")
@@ -257,7 +257,7 @@ def _render(options: Any) -> None:
 
 def _render_still(options: Any) -> None:
     from granular.render import save, still
-    from granular.units import si_value
+    from granular.scene.units import si_value
 
     if options.stage is not None or options.fps is not None:
         raise InputError(

@@ -16,8 +16,8 @@ import dataclasses
 import itertools
 import math
 
-from granular.errors import InputError
-from granular.schema import unknown
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
 
 COMPENSATED = "+compensated"
 """Behind the name of a composition method: positions and velocities as compensated sums."""

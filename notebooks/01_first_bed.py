@@ -30,7 +30,7 @@ import numpy as np
 
 from granular import evaluate, load_scene, load_trajectory, simulate
 from granular.render import still
-from granular.summary import run_text, scene_text
+from granular.run.summary import run_text, scene_text
 
 QUICK = True  # False: the source's bed of 368 grains
 

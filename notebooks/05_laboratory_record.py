@@ -32,7 +32,7 @@ from scipy.integrate import solve_ivp
 
 from granular import GranularError
 from reduced_models import PistonRecord, fit, load_model
-from reduced_models.envelope import envelope
+from reduced_models.records.envelope import envelope
 
 QUICK = True  # False: a record four times as long, and intervals by bootstrap too
 

@@ -33,10 +33,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, damper, evaluate, load_scene, simulate
-from granular.arrangement import initial_motion
-from granular.scales import Scales
+from granular.scene.arrangement import initial_motion
+from granular.scene.scales import Scales
 from reduced_models import Law, compare, fit
-from reduced_models.estimates import Estimates
+from reduced_models.records.first_guesses import Estimates
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
 
@@ -282,8 +282,8 @@ SOURCE = '''
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.scales import Scales
-from granular.schema import Section, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import Section, quantity
 
 
 class Spring(Section):
@@ -339,8 +339,8 @@ print(wrong_stiffness)
 # ## What needs a change of the package
 #
 # A scene does not know this effect yet. There is no hook by which a user could register one:
-# `granular/scene.py` must name the section among its effects, `granular/engine/system.py` must
-# hand the number to the loop, and `granular/engine/forces.py` must call the two functions. The
+# `granular/scene/scene.py` must name the section among its effects, `granular/engine/system.py`
+# must hand the number to the loop, and `granular/engine/forces.py` must call the two functions. The
 # guide, `docs/guide/own-law-and-effect.md`, shows the three places. Until then a scene says so:
 
 # %%

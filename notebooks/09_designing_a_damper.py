@@ -25,8 +25,8 @@
 import warnings
 
 from granular import simulate
-from granular.errors import InputError
 from granular.render import still
+from granular.shared.errors import InputError
 from reduced_models import Candidate, damper_maps, design, fit
 from reduced_models.designs.page import plot_design, plot_maps
 from reduced_models.designs.proposal import Wish, propose

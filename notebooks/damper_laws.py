@@ -16,10 +16,10 @@ from typing import Literal
 import numpy as np
 
 from granular import PistonRecord, damper, simulate
-from granular.errors import GranularError
+from granular.shared.errors import GranularError
 from reduced_models import Comparison, ReducedModel, compare, discover
+from reduced_models.identification.page import comparison_page
 from reduced_models.laws import LAWS
-from reduced_models.report import comparison_page
 
 TRAINING, JUDGED = (0.2, 2.0), 1.5
 """Lifts [D]."""

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from granular.console import Parser, add_output, add_run, add_scene, command_parser, launch
+from granular.shared.console import Parser, add_output, add_run, add_scene, command_parser, launch
 
 EXAMPLES = {
     "": """\

@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.console import changes_from, emit, time_step
-from granular.errors import InputError, StoreError
-from granular.record import PistonRecord
-from reduced_models.sources import METHOD, RunOptions, prepared, record_of, shown
+from granular.run.record import PistonRecord
+from granular.shared.console import changes_from, emit, time_step
+from granular.shared.errors import InputError, StoreError
+from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, shown
 
 if TYPE_CHECKING:
-    from reduced_models.model import ReducedModel
+    from reduced_models.models.model import ReducedModel
 
 _MOST_SAMPLES = 10**7
 
 
 def laws_from(names: Sequence[str] | None) -> tuple[str, ...]:
     """Laws to fit; "all" stands for those of the package."""
-    from reduced_models.identification import LAWS as DEFAULT
+    from reduced_models.identification.identification import LAWS as DEFAULT
     from reduced_models.laws import LAWS
 
     found: list[str] = []
@@ -57,7 +57,7 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 def identify_source(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
-    from reduced_models.identification import identify
+    from reduced_models.identification.identification import identify
 
     found = identify(
         options.source,
@@ -80,7 +80,7 @@ def identify_source(options: Any) -> None:
 
 def fit_sources(options: Any) -> None:
     """Fit a law to the records of some sources."""
-    from reduced_models.fitting import fit
+    from reduced_models.fitting.fitting import fit
 
     models = fit(
         _records(options.sources, options),
@@ -110,7 +110,7 @@ def discover_source(options: Any) -> None:
 
 def compare_sources(options: Any) -> None:
     """Compare laws on the records of some sources."""
-    from reduced_models.comparison import compare
+    from reduced_models.identification.comparison import compare
 
     target = prepared(options.out)
     table = compare(
@@ -122,7 +122,7 @@ def compare_sources(options: Any) -> None:
     )
     text = str(table)
     if target is not None:
-        from reduced_models.report import comparison_page
+        from reduced_models.identification.page import comparison_page
 
         comparison_page(table).save(target / "report.html")
         table.best.save(target / "model.json")
@@ -133,9 +133,9 @@ def compare_sources(options: Any) -> None:
 
 def calibrate_scene(options: Any) -> None:
     """Fit numbers of a scene to a record."""
-    from granular.scene import Scene, load_scene
-    from reduced_models.calibration import calibrate
-    from reduced_models.sources import opened
+    from granular.scene.scene import Scene, load_scene
+    from reduced_models.calibration.calibration import calibrate
+    from reduced_models.records.sources import opened
 
     source = opened(options.record)
     if isinstance(source, Scene):
@@ -239,8 +239,8 @@ def _saying_what_is_kept(out: str | None) -> Iterator[None]:
 
 def simulate_model(options: Any) -> None:
     """Predict a motion by a saved model."""
-    from granular.units import si_value
-    from reduced_models.model import load_model
+    from granular.scene.units import si_value
+    from reduced_models.models.model import load_model
 
     model = load_model(options.model)
     end = si_value(options.until, "s")

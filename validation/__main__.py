@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from granular.console import Parser, add_output, add_scene, changes_from, emit, launch
+from granular.shared.console import Parser, add_output, add_scene, changes_from, emit, launch
 from validation.published.command import add_published, run_published
 
 _PARTS = {
@@ -120,7 +120,7 @@ def _benchmark(options: Any) -> None:
 
 
 def _cheapest(options: Any) -> None:
-    from granular.scene import load_scene
+    from granular.scene.scene import load_scene
     from validation.choice import cheapest
 
     changes = changes_from(options.changes)

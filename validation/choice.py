@@ -6,10 +6,10 @@ import dataclasses
 import shlex
 from typing import Any
 
-from granular.errors import InputError
 from granular.methods import METHODS
-from granular.scene import Scene
-from granular.simulation import checked_step
+from granular.run.simulation import checked_step
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 from validation.cost import Setting, WorkPrecision, work_precision
 from validation.quantities import Quantity, quantity_named
 

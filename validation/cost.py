@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.errors import GranularError, InputError
-from granular.scales import Scales
-from granular.scene import Scene
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+from granular.shared.errors import GranularError, InputError
 from validation.outside import ORDERS, adaptive
 from validation.quantities import Quantity, quantity_named
 from validation.table import Table, table
@@ -186,7 +186,7 @@ class WorkPrecision:
 
         A family's label says how many of its settings failed.
         """
-        from granular.plotting import COLOURS, GREY, STYLES
+        from granular.shared.plotting import COLOURS, GREY, STYLES
 
         for k, (name, points) in enumerate(self.families().items()):
             done = [one for one in points if not one.failed and one.error > 0.0]
@@ -417,7 +417,7 @@ def finest(scene: Scene) -> Setting:
 
 
 def _run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:
-    from granular.simulation import simulate
+    from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the error is measured here, and shown

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from granular.errors import RunError
 from granular.methods import METHODS, method_named
-from granular.scales import Scales
-from granular.scene import Scene, load_scene
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene, load_scene
+from granular.shared.errors import RunError
 from validation.table import Table, table
 from validation.trend import BLOCKS, Trend, energy_trend
 
@@ -175,7 +175,7 @@ def energy_study(run: EnergyRun) -> EnergyStudy:
     InputError
         If it is stopped before there are samples enough to test.
     """
-    from granular.simulation import simulate
+    from granular.run.simulation import simulate
 
     stopped = None
     with warnings.catch_warnings():

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from granular.scales import Scales
-from granular.scene import Scene, load_scene
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene, load_scene
 from validation.exact import Problem
 from validation.exact.problem import BOTTOM_ONLY, lone_scene
 from validation.hard_measures import (

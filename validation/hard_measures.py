@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from granular.scales import Scales
-from granular.scene import Scene, load_scene
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene, load_scene
 from validation.exact import Problem
 
 LEDGER = "residual of the energy ledger over the energy turned over"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.evaluation import evaluate
-from granular.scene import Scene
-from granular.trajectory import Trajectory
+from granular.run.evaluation import evaluate
+from granular.run.trajectory import Trajectory
+from granular.scene.scene import Scene
 from validation.hard_measures import FAIR, LEDGER, few_grains, ledger
 from validation.outcomes import HardCase
 

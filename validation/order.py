@@ -22,14 +22,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError, RunError
+from granular.shared.errors import InputError, RunError
 from validation.exact.problem import Moment, Problem
 from validation.table import Table, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 CLEAR = 7.0
 """An error this many times the rounding moves the slope of a decade by 0.04 at most, and only where
@@ -224,7 +224,7 @@ def toolkit(method: str) -> Solver:
     makes about as many.
     """
     from granular.methods import method_named
-    from granular.simulation import simulate
+    from granular.run.simulation import simulate
 
     variable = method_named(method).variable
     automatic: dict[str, int] = {}

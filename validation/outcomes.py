@@ -13,9 +13,9 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-from granular.errors import GranularError
-from granular.scene import Scene
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.scene.scene import Scene
+from granular.shared.errors import GranularError
 
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"

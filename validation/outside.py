@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.arrangement import initial_motion
-from granular.errors import InputError
 from granular.protocol import Hold
-from granular.scales import Scales
-from granular.scene import Scene
+from granular.scene.arrangement import initial_motion
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 from validation.exact.problem import Moment, Problem
 
 SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"

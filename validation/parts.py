@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.errors import GranularError, InputError
+from granular.shared.errors import GranularError, InputError
 
 Plain = dict[str, Any]
 
@@ -153,7 +153,7 @@ def machine() -> dict[str, str]:
     """The machine, and versions of what it computes with."""
     import os
 
-    from granular.simulation import versions
+    from granular.run.simulation import versions
 
     found = {"processor": _processor(), "cores": str(os.cpu_count()), "system": platform.system()}
     return found | versions()

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import COMPENSATED, METHODS, method_named
-from granular.scene import Scene, load_scene
+from granular.scene.scene import Scene, load_scene
 from validation.order import HIGH_ORDER
 from validation.parts import Part, Piece, Plain
 
@@ -212,7 +212,7 @@ def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[Any], dict[str, Any]]
 
 def _exact_grain() -> list[Any]:
     """The lone grain's exact energy error and position [D] after 1 s."""
-    from granular.scales import Scales
+    from granular.scene.scales import Scales
     from validation.exact import exact_problem
 
     problem = exact_problem("bounce")

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from granular.errors import InputError, RecordError
-from granular.record import PistonRecord
-from granular.scales import Scales
-from granular.schema import unknown
-from granular.trajectory import Trajectory
+from granular.run.record import PistonRecord
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError, RecordError
 
 _LEAST_SWINGS = 3
 

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.errors import InputError
-from granular.html import Page
+from granular.shared.errors import InputError
+from granular.shared.html import Page
 from validation.energy import EnergyStudy
 from validation.order import ConvergenceResult
 from validation.outcomes import Outcome

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.html import Page
-from granular.plotting import COLOURS, GREY, STYLES, figure
+from granular.shared.html import Page
+from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost import LEVELS, WorkPrecision
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table

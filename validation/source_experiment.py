@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from granular.effects.wall_experimental import force
-from granular.scales import Scales
+from granular.scene.scales import Scales
 from validation.exact import bounce
 from validation.table import Table, table
 
@@ -186,7 +186,7 @@ class SourceExperiment:
 
     def plot(self, axes: Axes) -> None:
         """Draw the errors of each form over the step, and those relative to the finest step."""
-        from granular.plotting import COLOURS
+        from granular.shared.plotting import COLOURS
 
         for k, form in enumerate(dict.fromkeys(one.form for one in self.runs)):
             runs = self.of(form)
@@ -206,7 +206,7 @@ class SourceExperiment:
 
     def plot_path(self, axes: Axes) -> None:
         """Draw the height over time at the finest step, beside free fall."""
-        from granular.plotting import COLOURS, GREY
+        from granular.shared.plotting import COLOURS, GREY
 
         run = self.of(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
@@ -221,7 +221,7 @@ class SourceExperiment:
 
     def plot_peaks(self, axes: Axes) -> None:
         """Draw how far each peak is from the start's height, at the finest step."""
-        from granular.plotting import COLOURS
+        from granular.shared.plotting import COLOURS
 
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
             run = self.of(form)[-1]
@@ -294,7 +294,7 @@ def _form(form: str, step: float, exact: float) -> SourceRun:
 
 
 def _toolkit(step: float, exact: float) -> SourceRun:
-    from granular.simulation import simulate
+    from granular.run.simulation import simulate
 
     begun = time.perf_counter()
     run = simulate(

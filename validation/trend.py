@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 
 BLOCKS = 32
 SIGNIFICANCE = 0.01

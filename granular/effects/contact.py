@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.scales import Scales
-from granular.schema import Section, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import Section, quantity
 
 if TYPE_CHECKING:
-    from granular.scene import Grains
+    from granular.scene.scene import Grains
 
 
 class Contact(Section):

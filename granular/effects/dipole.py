@@ -8,7 +8,7 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 from __future__ import annotations
 
 from granular.compiled import compiled
-from granular.schema import Section
+from granular.scene.schema import Section
 
 STRENGTH = 0.75
 ENERGY = STRENGTH / 3.0

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 
 from granular.compiled import compiled
-from granular.scales import Scales
-from granular.schema import Section, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import Section, quantity
 
 
 class Drag(Section):

@@ -28,11 +28,11 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.direct import padded_values
-from granular.scales import Scales
-from granular.schema import FieldError, Section, choice, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, Section, choice, quantity
 
 if TYPE_CHECKING:
-    from granular.scene import Cell, Grains
+    from granular.scene.scene import Cell, Grains
 
 SCHEMES = ("velocity", "regularised")
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.scales import Scales
-from granular.schema import Section, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import Section, quantity
 
 
 class Gravity(Section):

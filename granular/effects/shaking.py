@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.scales import Scales
-from granular.schema import Section, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import Section, quantity
 
 
 class Shaking(Section):

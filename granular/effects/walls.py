@@ -14,7 +14,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects import wall_experimental, wall_infinite, wall_slab
 from granular.pairs.vector import lane_sum
-from granular.schema import FieldError, Section, choice, one, quantity
+from granular.scene.schema import FieldError, Section, choice, one, quantity
 
 LAWS = ("experimental", "infinite", "slab")
 SIDES = ("left", "right", "bottom", "top")

@@ -6,8 +6,14 @@ import numpy as np
 
 from granular.engine.state import State
 from granular.engine.system import Constants
-from granular.errors import EnergyError, NotAtRestError, NotFiniteError, OutsideError, RunError
-from granular.scales import Scales
+from granular.scene.scales import Scales
+from granular.shared.errors import (
+    EnergyError,
+    NotAtRestError,
+    NotFiniteError,
+    OutsideError,
+    RunError,
+)
 
 
 def misplaced(

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from granular.engine.loop import COLUMNS
-from granular.scene import Scene
+from granular.scene.scene import Scene
 
 POTENTIALS = ("pair", "wall", "weight", "contact")
 ENERGIES = ("kinetic", *POTENTIALS, "piston")
@@ -79,7 +79,7 @@ class Ledger:
 
     @classmethod
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
-        """A ledger from the first record; coarse with the source's regularised friction."""
+        """A ledger from the first record; ``coarse`` as `is_coarse` says."""
         rows = row[None]
         potential = float(_columns(rows, *POTENTIALS).sum())
         return cls(

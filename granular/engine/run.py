@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from granular.arrangement import initial_motion
 from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import misplaced, restless, unbalanced
@@ -40,13 +39,14 @@ from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
 from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_density
-from granular.errors import RunError, StoreError
 from granular.methods import Method
 from granular.pairs.far_field import FarField
 from granular.protocol import Stage
 from granular.protocol.stage import Timed
-from granular.recorder import Recorder
-from granular.scene import Scene
+from granular.run.recorder import Recorder
+from granular.scene.arrangement import initial_motion
+from granular.scene.scene import Scene
+from granular.shared.errors import RunError, StoreError
 
 CALL_SECONDS = 0.1
 """Length of one call of the compiled loop: how long an interruption may have to wait."""

@@ -11,14 +11,14 @@ from granular.effects.contact import ContactLaw
 from granular.effects.friction import FrictionLaw
 from granular.effects.shaking import Swing
 from granular.effects.walls import OPEN, WallLaws
-from granular.errors import InputError
 from granular.methods import Method
 from granular.pairs.direct import padded_values
 from granular.pairs.far_field import FarField
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import Listing
-from granular.scales import Scales
-from granular.scene import Piston, Scene
+from granular.scene.scales import Scales
+from granular.scene.scene import Piston, Scene
+from granular.shared.errors import InputError
 
 
 class Acting(NamedTuple):

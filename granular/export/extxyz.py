@@ -10,7 +10,7 @@ import numpy as np
 from granular.export.frames import BedFrame, bed_frames, opened
 from granular.export.target import replacing
 from granular.observables.forces import grain_masses
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
 
 PROPERTIES = "species:S:1:pos:R:3:velo:R:3:force:R:3:radius:R:1:mass:R:1:id:I:1"
 

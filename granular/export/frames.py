@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
-from granular.trajectory import Trajectory, load_trajectory
+from granular.run.trajectory import Trajectory, load_trajectory
+from granular.shared.errors import InputError
 
 BLOCK = 64
 """Frames that are read at once: few enough to fit into memory with any bed."""

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.export.frames import BedFrame, bed_frames, opened
 from granular.export.target import replacing
 from granular.observables.forces import grain_masses
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
 
 
 def to_gsd(

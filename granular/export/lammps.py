@@ -18,17 +18,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.arrangement import initial_motion
 from granular.export.frames import bed_frames, opened
 from granular.export.lammps_deck import Deck, pair_name, script, wall_name
 from granular.export.lammps_stages import Leg, check_scene, leg
 from granular.export.lammps_step import collision_frequency, stiffest_frequency
 from granular.export.lammps_tables import NEAREST_PAIR, NEAREST_WALL, pair_table, wall_table
 from granular.export.target import check_target, make_directory, replacing
-from granular.scales import Scales
-from granular.scene import Scene, load_scene
-from granular.store import is_run
-from granular.trajectory import Trajectory, load_trajectory
+from granular.run.store import is_run
+from granular.run.trajectory import Trajectory, load_trajectory
+from granular.scene.arrangement import initial_motion
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene, load_scene
 
 
 class _Start(NamedTuple):
@@ -149,7 +149,7 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
 
 def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     """The time step [s] that is given, or that the bed's stiffest modes allow."""
-    from granular.simulation import checked_step
+    from granular.run.simulation import checked_step
 
     asked = checked_step(dt, deck.scene)
     if asked.seconds is not None:

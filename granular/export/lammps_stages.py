@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.export.lammps_tables import WALL_EXPONENTS
 from granular.protocol import Descend, Follow, Lift, Move, Oscillate, Stage
 from granular.protocol.stage import Timed
-from granular.scene import Scene
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 
 
 class PistonPath(NamedTuple):

@@ -36,8 +36,8 @@ from granular.export.frames import BedFrame, bed_frames, opened
 from granular.export.target import check_target, make_directory, replacing
 from granular.observables import force_magnitudes, source_pair_distance
 from granular.protocol import Move
-from granular.scales import Scales
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
 
 STEPS_PER_TIME = 10**6
 """Steps of the source in its unit of time T [D, 2.3.2]."""

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 
 
 @contextlib.contextmanager

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.frames import (
     checked_positions,
     frame_array,
@@ -14,11 +13,12 @@ from granular.observables.frames import (
     present,
     values_of_grains,
 )
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 def area_fraction_profile(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
 """Rates of the starts, over the span of x; every two of them make one."""

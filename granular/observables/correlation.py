@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.bond_order import psi6
 from granular.observables.frames import frame_positions
 from granular.observables.voronoi import cell_shares, voronoi_cells
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 class Correlation(NamedTuple):

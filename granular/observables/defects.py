@@ -12,7 +12,7 @@ from granular.observables.voronoi import VoronoiCells, voronoi_cells
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 class Dislocations(NamedTuple):

@@ -11,7 +11,7 @@ from granular.observables.frames import frame_array, over_frames, present_positi
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 BLOCK = 1024
 """Grains whose distances to all others are held at once."""

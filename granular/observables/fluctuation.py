@@ -13,7 +13,7 @@ from granular.observables.voronoi import voronoi_cells
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 def relative_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndarray:

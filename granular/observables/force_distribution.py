@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.forces import force_magnitudes, interaction_forces
 from granular.observables.frames import species_names
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 MOST_BINS = 1000
 

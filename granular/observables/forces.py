@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.frames import frame_array
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 _WALLS = ("left", "right", "bottom", "piston")
 

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.bond_order import global_psi6
 from granular.observables.frames import chosen_frames
 from granular.observables.voronoi import voronoi_cells
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> float:

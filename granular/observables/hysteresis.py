@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.forces import piston_force
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 LEAST_STROKE = 0.01
 """A reversal of the piston by less than this share of its whole range makes no cycle."""

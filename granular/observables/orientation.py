@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.bond_order import local_psi6
 from granular.observables.frames import checked_positions, chosen_frames
 from granular.observables.pairs_in_bins import (
@@ -17,11 +16,12 @@ from granular.observables.pairs_in_bins import (
     spanning,
 )
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 class BondCorrelation(NamedTuple):

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.frames import piston_heights, present
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 def packing_fraction(diameters: np.ndarray, width: float, height: float | np.ndarray) -> np.ndarray:

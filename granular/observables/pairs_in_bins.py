@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.frames import spanned_box
+from granular.shared.errors import InputError
 
 FARTHEST = 10.0
 """Default of the greatest distance, in mean spacings: farther, large beds would be slow."""

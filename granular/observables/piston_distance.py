@@ -16,7 +16,7 @@ from granular.observables.frames import (
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:

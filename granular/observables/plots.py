@@ -15,13 +15,13 @@ from granular.observables.force_distribution import Histogram
 from granular.observables.forces import piston_force
 from granular.observables.regularity import hexagon_regularity
 from granular.observables.voronoi import VoronoiCells, cell_polygons
-from granular.plotting import COLOURS, GREY, STYLES, figure
+from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 _FEWER = "#a0a4a8"
 _MORE = "#d1495b"

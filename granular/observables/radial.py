@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.frames import chosen_frames, present_positions, spanned_box
 from granular.observables.pairs_in_bins import binned_pairs, checked_edges, default_edges, spanning
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 class RadialDistribution(NamedTuple):

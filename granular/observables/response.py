@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
-from granular.schema import unknown
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
     from granular.protocol import Oscillate, Push
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 LEAST_PERIODS = 3
 """Whole periods that are needed after the transient."""

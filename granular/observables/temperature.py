@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.observables.forces import grain_masses
 from granular.observables.frames import frame_array, present, species_names, values_of_grains
+from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 
 def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from granular.observables.frames import checked_positions, frame_dataset, frame_
 if TYPE_CHECKING:
     import xarray
 
-    from granular.trajectory import Trajectory
+    from granular.run.trajectory import Trajectory
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from granular.pairs.verlet_list import RADIUS, SKIN, Listing
-from granular.schema import FieldError, Section, choice, quantity, whole
+from granular.scene.schema import FieldError, Section, choice, quantity, whole
 
 METHODS = ("auto", "direct", "mesh", "cut-off", "verlet-list")
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from granular.engine.motion import TABLE, Motion
 from granular.protocol.stage import Stage
-from granular.scales import Scales
-from granular.schema import FieldError, numbers
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, numbers
 
 
 class Follow(Stage):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from granular.engine.motion import Motion
 from granular.protocol.stage import Timed
-from granular.scales import Scales
+from granular.scene.scales import Scales
 
 
 class Hold(Timed):

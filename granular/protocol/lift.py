@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from granular.engine.motion import Motion
 from granular.protocol.stage import Stage
-from granular.scales import Scales
-from granular.schema import quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import quantity
 
 
 class Lift(Stage):

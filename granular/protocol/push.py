@@ -6,8 +6,8 @@ import math
 
 from granular.engine.motion import Motion
 from granular.protocol.stage import Timed
-from granular.scales import Scales
-from granular.schema import FieldError, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, quantity
 
 
 class Push(Timed):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from granular.engine.motion import Motion
-from granular.scales import Scales
-from granular.schema import FieldError, Section, choice, quantity, text
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, Section, choice, quantity, text
 
 REST_LIMIT = 60.0
 """Longest wait for rest where the stage gives no duration [s]."""

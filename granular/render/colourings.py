@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.export.frames import BedFrame
 from granular.observables.fluctuation import relative_fluctuation
 from granular.observables.forces import force_magnitudes
 from granular.observables.regularity import hexagon_regularity
 from granular.observables.voronoi import VoronoiCells
-from granular.scene import Scene
-from granular.schema import unknown
+from granular.scene.scene import Scene
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
 
 SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
 SIDES = {

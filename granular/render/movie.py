@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from granular.errors import InputError
 from granular.export.frames import bed_frames, opened
 from granular.export.target import check_target, replacing
 from granular.render.colourings import colouring
 from granular.render.picture import BedPicture, colour_limits, highest
 from granular.render.selection import stage_frames
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
 
 
 def movie(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from granular.effects.walls import Wall
-from granular.scene import Scene
+from granular.scene.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ from granular.export.frames import BedFrame
 from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import View, classes, colouring
 from granular.render.page import INK, draw_walls, new_page, wall_thickness
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

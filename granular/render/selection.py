@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from granular.errors import InputError
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
 
 
 def frame_number(run: Trajectory, frame: int = -1, time: float | None = None) -> int:

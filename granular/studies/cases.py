@@ -9,9 +9,9 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from granular.errors import InputError
-from granular.scene import Scene
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
 

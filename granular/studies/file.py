@@ -21,9 +21,9 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from granular.errors import InputError
-from granular.scene import load_scene, scene_names
-from granular.schema import unknown
+from granular.scene.scene import load_scene, scene_names
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
 from granular.studies.measures import measure_named
 
 KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")

@@ -6,9 +6,9 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
-from granular.errors import InputError
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
 from granular.studies.cases import Measure
-from granular.trajectory import Trajectory
 
 
 def last_values(run: Trajectory) -> Mapping[str, Any]:

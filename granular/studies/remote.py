@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import Any
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 
 
 @contextlib.contextmanager

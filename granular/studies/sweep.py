@@ -10,8 +10,8 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.errors import InputError
-from granular.scene import Scene
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 from granular.studies.cases import Case, Measure, make_cases
 from granular.studies.measures import last_values
 from granular.studies.work import Outcome, compute, keep_outcome, read_outcome

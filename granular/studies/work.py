@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from granular.errors import GranularError, StoreError
+from granular.shared.errors import GranularError, StoreError
 from granular.studies.cases import Case, Measure
 
 Outcome = dict[str, Any]
@@ -51,7 +51,7 @@ def compute(case: Case, measure: Measure, directory: Path | None, keep_runs: boo
 
     A worker writes what it has done itself: it is not lost when the command that waits for it is.
     """
-    from granular.simulation import simulate
+    from granular.run.simulation import simulate
 
     if directory is not None:
         done = read_outcome(directory, case.key)

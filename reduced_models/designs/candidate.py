@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.beds import REFERENCE_COUNT, damper
-from granular.scene import Scene
+from granular.scene.beds import REFERENCE_COUNT, damper
+from granular.scene.scene import Scene
 
 GRAVITY = 9.8
 """[m/s²], as in the packaged scenes."""

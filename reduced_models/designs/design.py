@@ -13,8 +13,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from granular.beds import damper
-from granular.errors import GranularError, InputError
+from granular.scene.beds import damper
+from granular.shared.errors import GranularError, InputError
 from granular.studies.sweep import sweep
 from reduced_models.designs.candidate import Candidate
 from reduced_models.designs.figures import check_figures

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
 
 LAW = "polynomial-spring"
 """The law that predicts the damper's swings best among those without a fitted height map; its
@@ -30,7 +30,7 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
         of two grains at rest over that of their contact, and of two grains in the whole run over
         the large diameter; ``ledger``.
     """
-    from reduced_models.fitting import fit
+    from reduced_models.fitting.fitting import fit
 
     motion = run.piston("release").from_zero()
     with warnings.catch_warnings():

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from reduced_models.designs.candidate import HIGHEST, LOWEST, NAMES, Candidate
 from reduced_models.designs.study import COMMITTED
 

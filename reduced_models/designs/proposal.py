@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.beds import REFERENCE_COUNT
-from granular.errors import InputError
+from granular.scene.beds import REFERENCE_COUNT
+from granular.shared.errors import InputError
 from reduced_models.designs.candidate import (
     HIGHEST,
     LOWEST,

@@ -6,12 +6,12 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.console import write_json
-from granular.scene import Scene
+from granular.scene.scene import Scene
+from granular.shared.console import write_json
 from reduced_models.designs.candidate import ASPECT, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.proposal import Wish
-from reduced_models.sources import prepared
+from reduced_models.records.sources import prepared
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.beds import damper
-from granular.errors import InputError
+from granular.scene.beds import damper
+from granular.shared.errors import InputError
 from reduced_models.designs.candidate import Candidate, candidate_at
 from reduced_models.designs.figures import damper_figures
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from granular.errors import InputError
-from granular.record import PistonRecord
-from reduced_models.derivatives import Estimator, derivatives
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError
 from reduced_models.discovery.polishing import parametrised, polished
 from reduced_models.discovery.result import Candidate, Discovery, pareto_front
 from reduced_models.discovery.selection import (
@@ -32,9 +31,10 @@ from reduced_models.discovery.terms import (
     terms_of,
 )
 from reduced_models.discovery.weak import Motion, WeakForm, weak_form
-from reduced_models.estimates import estimates
-from reduced_models.inputs import column
-from reduced_models.model import HeightMap
+from reduced_models.models.model import HeightMap
+from reduced_models.records.derivatives import Estimator, derivatives
+from reduced_models.records.first_guesses import estimates
+from reduced_models.records.inputs import column
 
 if TYPE_CHECKING:
     import sympy

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.record import PistonRecord
+from granular.run.record import PistonRecord
 from reduced_models.discovery.polishing import parametrised
 from reduced_models.discovery.result import Candidate, Discovery, pareto_front
 from reduced_models.discovery.terms import complexity
-from reduced_models.estimates import noise_level
-from reduced_models.model import HeightMap
+from reduced_models.models.model import HeightMap
+from reduced_models.records.first_guesses import noise_level
 
 if TYPE_CHECKING:
     import sympy

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.errors import GranularError
-from granular.record import PistonRecord
+from granular.run.record import PistonRecord
+from granular.shared.errors import GranularError
 from reduced_models.discovery.result import Candidate
 from reduced_models.discovery.terms import complexity, symbols, terms_of, text_of
-from reduced_models.estimates import Estimates
-from reduced_models.fitting import fit
-from reduced_models.law import Law
-from reduced_models.model import HeightMap
+from reduced_models.fitting.fitting import fit
+from reduced_models.laws.law import Law
+from reduced_models.models.model import HeightMap
+from reduced_models.records.first_guesses import Estimates
 
 if TYPE_CHECKING:
     import sympy

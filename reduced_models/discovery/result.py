@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from reduced_models.discovery.terms import Term, terms_of, text_of
-from reduced_models.model import HeightMap, ReducedModel
+from reduced_models.models.model import HeightMap, ReducedModel
 
 if TYPE_CHECKING:
     import sympy

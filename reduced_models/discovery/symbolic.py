@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from reduced_models.discovery.scaled import scaled
 
 if TYPE_CHECKING:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from granular.errors import InputError
-from granular.schema import unknown
-from reduced_models.law import Law
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
 from reduced_models.laws.bouc_wen import BOUC_WEN
 from reduced_models.laws.coulomb import COULOMB
 from reduced_models.laws.duffing import DUFFING
+from reduced_models.laws.law import Law
 from reduced_models.laws.linear import LINEAR
 from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
 from reduced_models.laws.power_law_spring import POWER_LAW_SPRING

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from reduced_models.estimates import Estimates
-from reduced_models.law import Law
+from reduced_models.laws.law import Law
+from reduced_models.records.first_guesses import Estimates
 
 
 def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:

@@ -15,9 +15,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from reduced_models.estimates import Estimates
-from reduced_models.law import Law, SwingForm
-from reduced_models.weak_form import quadratic_damping
+from reduced_models.laws.law import Law, SwingForm
+from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.weak_form import quadratic_damping
 
 _UNEXPLAINED = 0.3
 """Share of the record that its quadratic damping may leave over before it says nothing."""

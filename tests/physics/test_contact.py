@@ -60,7 +60,7 @@ def test_contact_force_is_minus_gradient() -> None:
 
 
 def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
-    from granular.arrangement import initial_motion
+    from granular.scene.arrangement import initial_motion
 
     mixture = bed.replace(**{"grains.species": SPECIES})
     place = initial_motion(mixture)[0]

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, evaluate, load_scene, simulate
-from granular.arrangement import initial_motion
-from granular.errors import SceneError
+from granular.scene.arrangement import initial_motion
+from granular.shared.errors import SceneError
 
 MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
 
@@ -40,7 +40,7 @@ def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) 
     )  # fmt: skip
     r = 2.5
     load = evaluate(scene, np.array([[0.1, 0.05], [0.1 + r * diameter, 0.05]])).normal_load
-    from granular.scales import Scales
+    from granular.scene.scales import Scales
 
     natural = load / Scales.of(scene.grains).force * r**3
     assert natural == pytest.approx([wanted, wanted], rel=5e-6)
@@ -74,7 +74,7 @@ def test_mixture_load_from_the_formula(share: float, small: float) -> None:
     r = np.linalg.norm(positions[:, None] - positions[None], axis=2) / 0.006
     np.fill_diagonal(r, np.inf)
     k = 0.75 * 0.006 * np.outer(np.cos(tilt) / (np.cos(lean + tilt) * np.hypot(d, e)), np.sin(tilt))
-    from granular.scales import Scales
+    from granular.scene.scales import Scales
 
     wanted = (q[:, None] * q[None] * k / r**3).sum(axis=1) * Scales.of(scene.grains).force
     np.testing.assert_allclose(evaluate(scene, positions).normal_load, wanted, rtol=1e-10)

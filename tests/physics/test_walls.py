@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from granular import Scene, Trajectory, evaluate, load_scene, simulate
 from granular.effects import wall_experimental, wall_infinite, wall_slab
-from granular.errors import SceneError
+from granular.shared.errors import SceneError
 
 LENGTH = 10.0
 
@@ -98,7 +98,7 @@ def walled(law: str, **more: object) -> Scene:
 
 @pytest.mark.parametrize("law", ["infinite", "slab"])
 def test_scene_force_is_minus_gradient(law: str) -> None:
-    from granular.arrangement import initial_motion
+    from granular.scene.arrangement import initial_motion
 
     scene = walled(law, **{"effects.dipole": None, "effects.gravity": None})
     positions = initial_motion(scene)[0]

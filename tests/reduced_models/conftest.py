@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models.laws import LAWS
-from reduced_models.rollout import motion
+from reduced_models.laws.solution import motion
 
 TIME = np.linspace(0.0, 40.0, 2000)
 TRUE = {

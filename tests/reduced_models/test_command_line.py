@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from granular.console import BAD_INPUT, finite, launch
+from granular.shared.console import BAD_INPUT, finite, launch
 from reduced_models.__main__ import main
 
 

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import granular.simulation
+import granular.run.simulation
 from granular import Scene, load_trajectory, simulate
-from granular.store import is_run
+from granular.run.store import is_run
 
 KILLS = 100
 STEP = 2e-6
 
 
 def go_on(scene: Scene, path: Path) -> None:
-    granular.simulation.COMMIT_SECONDS = 0.02
+    granular.run.simulation.COMMIT_SECONDS = 0.02
     simulate(scene, STEP, out=path, resume=True, progress=False)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular.methods import METHODS
-from granular.scales import Scales
+from granular.scene.scales import Scales
 from validation.exact import NAMES, Moment, Problem, bounce, exact_problem
 from validation.order import (
     CLEAR,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from granular.errors import InputError
-from granular.scales import Scales
+from granular.scene.scales import Scales
+from granular.shared.errors import InputError
 from validation.exact import NAMES, Problem, exact_problem, oscillation
 from validation.exact.bounce import bounce_period, bounce_scene, well
 from validation.exact.constants import natural_units

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from granular import simulate
-from granular.errors import EnergyError
+from granular.shared.errors import EnergyError
 from validation.hard_cases import catalogue, near_limit, verlet_swing
 from validation.outcomes import CRASHED, SILENT, HardCase, outcome
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import pytest
 
 from granular import Scene, Trajectory, load_scene
-from granular.errors import EnergyError, SceneError
+from granular.shared.errors import EnergyError, SceneError
 from validation.outcomes import (
     ACCURATE,
     CRASHED,

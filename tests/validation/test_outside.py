@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate
-from granular.arrangement import initial_motion
-from granular.errors import InputError
-from granular.scales import Scales
+from granular.scene.arrangement import initial_motion
+from granular.scene.scales import Scales
+from granular.shared.errors import InputError
 from validation.exact import bounce, exact_problem
 from validation.outside import ORDERS, adaptive, rate, solver, start
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from granular.errors import InputError, SceneError
 from granular.methods import METHODS
+from granular.shared.errors import InputError, SceneError
 from validation.energy import EnergyRun, energy_runs, energy_study
 from validation.parts import FAILED, Part, Piece, Plain, measured
 from validation.programme import PARTS

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from granular.html import Page
+from granular.shared.html import Page
 from validation.cost import USUAL, Point, Setting, WorkPrecision
 from validation.order import ConvergenceResult, Slope
 from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from validation.trend import energy_trend
 
 LENGTH = 1600

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from granular import load_scene, simulate
-from granular.errors import InputError
-from granular.plotting import figure
-from granular.record import PistonRecord
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError
+from granular.shared.plotting import figure
 from validation.choice import candidates, choice
 from validation.cost import (
     LEVELS,

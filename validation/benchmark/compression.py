@@ -9,7 +9,7 @@ import numpy as np
 
 from granular import mono_bed, simulate
 from granular.observables import source_pair_distance
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
 
 SPEED = 8.33e-3
 """Of the piston [m/s]: T = stroke/speed = 39.6 s, and eight T in all."""

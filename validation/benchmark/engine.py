@@ -14,7 +14,7 @@ from granular.engine.step_size import Pace, Step
 from granular.engine.system import natural_system
 from granular.methods import method_named
 from granular.pairs.section import METHODS
-from granular.scene import Scene, load_scene
+from granular.scene.scene import Scene, load_scene
 from validation.benchmark.hand import Bed
 
 STEP = 0.02

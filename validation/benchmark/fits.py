@@ -87,10 +87,10 @@ def _measured(law: str, samples: int, rounds: int, store: str) -> dict[str, Any]
 
 def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
     """Seconds of the first fit and of some further ones in this process, and how good they are."""
-    from granular.record import PistonRecord
-    from reduced_models.fitting import fit
+    from granular.run.record import PistonRecord
+    from reduced_models.fitting.fitting import fit
     from reduced_models.laws import law_named
-    from reduced_models.rollout import motion
+    from reduced_models.laws.solution import motion
 
     truth, shape = TRUTHS[law], law_named(law)
     values = [truth.parameters[name] for name in shape.parameters]

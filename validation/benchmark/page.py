@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.html import Page
-from granular.plotting import figure
+from granular.shared.html import Page
+from granular.shared.plotting import figure
 from validation.benchmark.compression import PUBLISHED
 from validation.benchmark.sums import exponent
 from validation.parts import FAILED, Plain

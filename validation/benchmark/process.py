@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from granular.errors import GranularError
+from granular.shared.errors import GranularError
 
 
 class ProcessError(GranularError):

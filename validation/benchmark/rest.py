@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from granular import simulate
-from granular.scene import Scene, load_scene
+from granular.scene.scene import Scene, load_scene
 
 FORCES = ("piston_force", "left_force", "right_force", "bottom_force")
 METHODS = ("mesh", "cut-off")

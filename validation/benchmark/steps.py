@@ -11,11 +11,11 @@ import numba
 import numpy as np
 
 from granular import evaluate, simulate
-from granular.arrangement import initial_motion
-from granular.errors import EnergyError
 from granular.pairs.direct import PARTED_FROM
-from granular.scales import Scales
-from granular.scene import Scene
+from granular.scene.arrangement import initial_motion
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+from granular.shared.errors import EnergyError
 from validation.benchmark.engine import PAIR_METHODS, EngineSteps, bed_of
 from validation.benchmark.timing import least_seconds
 

@@ -27,8 +27,8 @@ def exact_problem(name: str) -> Problem:
     InputError
         If there is none; the nearest name is given.
     """
-    from granular.errors import InputError
-    from granular.schema import unknown
+    from granular.scene.schema import unknown
+    from granular.shared.errors import InputError
 
     if name not in NAMES:
         raise InputError(unknown(name, NAMES, "exact problem"))

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.scene import Scene
+from granular.scene.scene import Scene
 from validation.exact.constants import DIGITS, Number, natural_units
 from validation.exact.problem import BOTTOM_ONLY, Moment, Problem, lone_scene
 from validation.exact.quadrature import Potential, period, place_from_top, speed

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.scene import Scene
+from granular.scene.scene import Scene
 from validation.exact.constants import DIGITS
 from validation.exact.problem import Moment, Problem, lone_scene
 

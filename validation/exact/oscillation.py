@@ -12,7 +12,7 @@ compared with is that of `validation.exact.bounce`, by quadrature, at every ampl
 
 from __future__ import annotations
 
-from granular.scene import Scene
+from granular.scene.scene import Scene
 from validation.exact.bounce import bounce_scene, moment
 from validation.exact.constants import DIGITS, Number, natural_units
 from validation.exact.problem import Problem

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.scene import Scene
+from granular.scene.scene import Scene
 
 
 class Moment(NamedTuple):
@@ -87,7 +87,7 @@ def lone_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) ->
     **parts
         Further keys of the scene; ``arrangement`` must be among them.
     """
-    from granular.scene import Scene
+    from granular.scene.scene import Scene
 
     count = len(parts["arrangement"]["positions"])
     plain: dict[str, Any] = {

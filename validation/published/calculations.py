@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.scene import Scene, load_scene
+from granular.scene.scene import Scene, load_scene
 from granular.studies.cases import measure_name
 
 Numbers = dict[str, float]
@@ -25,7 +25,7 @@ OSCILLATOR_SPAN = 30.0
 
 def default_grain(_: bool) -> Numbers:
     """Mass [kg], moment [A m^2], and distance where the pair force is the weight [D]."""
-    from granular.scales import Scales
+    from granular.scene.scales import Scales
 
     grains = load_scene("bed").grains
     scales = Scales.of(grains)
@@ -40,8 +40,8 @@ def default_grain(_: bool) -> Numbers:
 
 def packing(_: bool) -> Numbers:
     """Packing fraction of the mixtures at full compression, the same for every R, and heights."""
-    from granular.beds import bidisperse
     from granular.observables import packing_fraction
+    from granular.scene.beds import bidisperse
 
     def height(scene: Scene) -> float:
         found = scene.protocol[1].final_height()
@@ -97,7 +97,7 @@ def slab_exponent(_: bool) -> Numbers:
 
 def oscillator(_: bool) -> Numbers:
     """The demonstration of [D, eq. 5.8]: its motion, made from the formula, fitted again."""
-    from granular.record import PistonRecord
+    from granular.run.record import PistonRecord
     from reduced_models import fit
 
     t = np.linspace(0.0, OSCILLATOR_SPAN, 1501)
@@ -114,7 +114,7 @@ def step_times(_: bool) -> Numbers:
     """
     import time
 
-    from granular.simulation import simulate
+    from granular.run.simulation import simulate
 
     def of(count: int, method: str) -> float:
         scene, least = _held_bed(count, method), math.inf

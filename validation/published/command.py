@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from granular.console import add_output, emit
-from granular.errors import InputError
+from granular.shared.console import add_output, emit
+from granular.shared.errors import InputError
 
 DIRECTORY = "out/published"
 

@@ -15,7 +15,7 @@ from granular.observables import (
     relative_fluctuation,
     voronoi_cells,
 )
-from granular.scene import Scene
+from granular.scene.scene import Scene
 
 Figures = dict[str, Any]
 """Numbers, and lists of numbers, by name."""

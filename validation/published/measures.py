@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from validation.published.entry import Finding
 from validation.published.results import Results, Sample
 

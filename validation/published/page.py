@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
-from granular.html import Page
+from granular.shared.html import Page
 from validation.published import plots
 from validation.published.causes import Comparison, comparisons
 from validation.published.entry import Finding

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from granular.html import Page
-from granular.plotting import COLOURS, STYLES, figure
+from granular.shared.html import Page
+from granular.shared.plotting import COLOURS, STYLES, figure
 from validation.published.measures import together
 from validation.published.plan import (
     ASPECTS,

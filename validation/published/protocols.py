@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from granular.beds import END, LOWEST_START, REFERENCE_COUNT, START
+from granular.scene.beds import END, LOWEST_START, REFERENCE_COUNT, START
 
 STEP = "auto*1.5"
 """Time step of the beds. Friction holds them at rest where the forces balance, whatever the step:

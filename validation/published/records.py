@@ -12,7 +12,7 @@ from granular.observables import (
     interaction_forces,
     pair_distance_series,
 )
-from granular.trajectory import StageResult, Trajectory
+from granular.run.trajectory import StageResult, Trajectory
 
 STROKE_SAMPLES = 51
 """Samples of the piston force on the way down, and as many on the way up."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from validation.published.calculations import kept
 from validation.published.entry import Finding
 from validation.published.figures import figures_of
@@ -191,7 +191,7 @@ def _wanted(figure: str, series: Series) -> bool:
 
 
 def _made(command: str) -> dict[str, str]:
-    from granular.simulation import versions
+    from granular.run.simulation import versions
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
     return {"command": command, "date": now} | versions()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from granular.beds import bidisperse, damper, mono_bed
-from granular.scene import Scene
+from granular.scene.beds import bidisperse, damper, mono_bed
+from granular.scene.scene import Scene
 from granular.studies.cases import Measure
 from validation.published.protocols import STEP, Protocol
 from validation.published.records import bed_record, damper_record

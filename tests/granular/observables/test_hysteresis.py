@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from granular import Scene, Trajectory, simulate
-from granular.errors import InputError
 from granular.observables import (
     cycle_bounds,
     hysteresis_energy,
@@ -15,6 +14,7 @@ from granular.observables import (
     piston_force,
     wall_forces,
 )
+from granular.shared.errors import InputError
 
 from .conftest import MakeRun
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from granular.errors import InputError
 from granular.observables import (
     bond_correlation,
     bond_correlation_of_run,
@@ -17,6 +16,7 @@ from granular.observables import (
     radial_distribution_of_run,
     voronoi_cells,
 )
+from granular.shared.errors import InputError
 
 from .conftest import MakeRun, hexagonal
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import Scene, simulate
-from granular.errors import InputError
 from granular.observables import frequency_response, response_of_run
+from granular.shared.errors import InputError
 
 from .conftest import MakeRun
 

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granular.errors import InputError
 from granular.observables import (
     area_fraction_profile,
     area_profile_series,
@@ -21,6 +20,7 @@ from granular.observables import (
     piston_distance_series,
     source_pair_distance,
 )
+from granular.shared.errors import InputError
 
 from .conftest import MakeRun
 

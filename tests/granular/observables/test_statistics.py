@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import pearsonr
 
-from granular.errors import InputError
 from granular.observables import (
     biexponential_fit,
     fluctuation_series,
@@ -26,6 +25,7 @@ from granular.observables import (
     temperature_series,
     voronoi_cells,
 )
+from granular.shared.errors import InputError
 
 from .conftest import MakeRun
 

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granular.errors import InputError
 from granular.observables import (
     cell_polygons,
     cell_shares,
@@ -20,6 +19,7 @@ from granular.observables import (
     share_series,
     voronoi_cells,
 )
+from granular.shared.errors import InputError
 
 from .conftest import MakeRun, brute_cells, hexagonal, polygon_area, rotated, side_lengths
 

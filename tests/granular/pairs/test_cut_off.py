@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from granular import Scene, simulate
 from granular.engine.state import kept_lists, put_lists
-from granular.errors import SceneError
 from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.stripes import BUILDS, Stripes, cut_sum, stripes_room
+from granular.shared.errors import SceneError
 
 
 def scattered(count: int, seed: int) -> np.ndarray:

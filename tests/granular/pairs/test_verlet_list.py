@@ -7,11 +7,11 @@ import pytest
 
 from granular import Scene, simulate
 from granular.engine.state import kept_lists, put_lists
-from granular.errors import SceneError
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.verlet_list import BUILDS, Listing, VerletList, list_sum, verlet_list_room
+from granular.shared.errors import SceneError
 
 LISTING = Listing(6.0, 2.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, Trajectory, load_scene, simulate
-from granular.errors import OutsideError, SceneError, StoreError
+from granular.shared.errors import OutsideError, SceneError, StoreError
 
 D = 0.006
 

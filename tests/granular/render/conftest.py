@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 from granular import Scene
-from granular.trajectory import Trajectory, finished
+from granular.run.trajectory import Trajectory, finished
 
 FRAMES, COUNT = 90, 7
 

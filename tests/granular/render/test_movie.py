@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from granular.errors import InputError
 from granular.export.frames import bed_frames
 from granular.render import movie
 from granular.render.picture import BedPicture, highest
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,11 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from granular.errors import InputError
 from granular.observables import hexagon_regularity, voronoi_cells
 from granular.render import COLOURINGS, save, still
 from granular.render.colourings import SIDES, SPECIES
-from granular.trajectory import Trajectory
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
 
 
 def grains(figure: Figure) -> EllipseCollection:
@@ -46,7 +46,7 @@ def lattice(run: Trajectory) -> Trajectory:
     )  # fmt: skip
     import xarray
 
-    from granular.trajectory import finished
+    from granular.run.trajectory import finished
 
     force = np.random.default_rng(3).normal(0.0, 0.1, (1, 120, 2))
     data = xarray.Dataset(

@@ -14,7 +14,7 @@ import pandas
 import pytest
 
 from granular import Scene, Trajectory, load_scene, sweep
-from granular.errors import InputError, SceneError
+from granular.shared.errors import InputError, SceneError
 from granular.studies.file import load_study
 from granular.studies.measures import last_values
 

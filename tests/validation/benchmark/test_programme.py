@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from granular.errors import InputError
 from granular.pairs.section import METHODS
+from granular.shared.errors import InputError
 from validation.__main__ import parser
 from validation.benchmark import PARTS, programme
 from validation.benchmark.engine import PAIR_METHODS

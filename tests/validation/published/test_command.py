@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.console import launch
+from granular.shared.console import launch
 from validation.__main__ import main
 
 QUICK_FORCES = {

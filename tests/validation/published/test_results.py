@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from validation.published.causes import comparisons
 from validation.published.judging import Judged, counts, judged
 from validation.published.page import page

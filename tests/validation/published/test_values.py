@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.errors import InputError
+from granular.shared.errors import InputError
 from validation.published.catalogue import entries
 from validation.published.page import SECTIONS
 from validation.published.values import LABELS, keys, published_value, values

@@ -1,0 +1,123 @@
+"""`evaluate`: forces and energies of one arrangement, without time."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from granular.engine.far import total_force
+from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.state import State, new_measurement, new_state
+from granular.engine.system import Constants, natural_system
+from granular.methods import METHODS
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Forces and energies of an arrangement, in SI.
+
+    Attributes
+    ----------
+    force : float64 (n, 2)
+        Magnetic force, weight and contact of each grain [N]; without friction and drag.
+    piston_force : float
+        Of the grains on the piston, upwards [N].
+    wall_forces : dict of str to float
+        Of the grains on each wall, outwards [N].
+    potential_energy : float
+        Of pairs, walls, contacts and the grains' weight [J].
+    kinetic_energy : float
+        Of the grains [J].
+    normal_load : float64 (n,)
+        Normal force of each grain on the glass plates [N]; zero without dry friction.
+    """
+
+    force: np.ndarray
+    piston_force: float
+    wall_forces: dict[str, float]
+    potential_energy: float
+    kinetic_energy: float
+    normal_load: np.ndarray
+
+
+def evaluate(
+    scene: Scene,
+    positions: np.ndarray,
+    velocities: np.ndarray | None = None,
+    piston_height: float | None = None,
+) -> Evaluation:
+    """Forces and energies of one arrangement of the scene's grains.
+
+    Parameters
+    ----------
+    scene : Scene
+    positions, velocities : float (n, 2)
+        [m], [m/s]; at rest where no velocities are given. n is the scene's number of grains.
+    piston_height : float, optional
+        [m]; the scene's where not given.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, or a grain stands behind a wall, on another grain, or nowhere.
+    """
+    system = natural_system(scene)
+    scales, constants = system.scales, system.constants
+    place = _field("positions", positions, constants.grains)
+    speed = _field("velocities", velocities, constants.grains)
+    if piston_height is None:
+        piston_height = 0.0 if scene.piston is None else scene.piston.height
+    try:
+        piston_height = float(piston_height)
+    except (TypeError, ValueError):
+        raise InputError(f"piston_height = {piston_height!r}; give a height [m]") from None
+    state = new_state(
+        place / scales.length,
+        speed / scales.velocity,
+        piston_height / scales.length,
+        constants.acting,
+        METHODS["stormer-verlet"],
+    )
+    measurement = new_measurement(state)
+    outside = measure_forces(state, constants, 0.0, measurement)
+    force = np.stack(total_force(state), axis=1)[: constants.grains]
+    if outside or not np.isfinite(force).all():
+        raise InputError(
+            "a grain stands behind a wall, above the piston, or on another grain; move it into "
+            "the cell, clear of the others"
+        )
+    potential = sum(potential_energies(state, constants, 0.0, measurement))
+    kinetic, _ = kinetic_energy(state, constants)
+    totals = state.totals * scales.force
+    return Evaluation(
+        force=force * scales.force,
+        piston_force=float(totals[3]),
+        wall_forces=dict(zip(("left", "right", "bottom", "top"), totals.tolist(), strict=True)),
+        potential_energy=float(potential * scales.energy),
+        kinetic_energy=float(kinetic * scales.energy),
+        normal_load=_normal_load(state, constants) * scales.force,
+    )
+
+
+def _normal_load(state: State, constants: Constants) -> np.ndarray:
+    law = constants.acting.friction
+    if law is None or state.load is None:
+        return np.zeros(constants.grains)
+    return np.asarray(law.load + law.factor * state.load)[: constants.grains]
+
+
+def _field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:
+    if values is None:
+        return np.zeros((count, 2))
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be ({count}, 2) numbers") from None
+    if array.shape != (count, 2):
+        raise InputError(f"{name} has the shape {array.shape}; the scene's is ({count}, 2)")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds a value that is not finite; give finite numbers")
+    return array

@@ -1,0 +1,92 @@
+"""What a run has recorded and not yet written: records, frames, and where each stage lies."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from granular.engine.far import total_force
+from granular.engine.loop import COLUMNS
+from granular.engine.state import State
+from granular.engine.system import Constants
+from granular.run.variables import (
+    FRAME_HEIGHT,
+    FRAME_TIME,
+    STAGE,
+    TIME,
+    Variable,
+    frame_variables,
+    scalar_variables,
+    si_column,
+)
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+
+
+@dataclasses.dataclass
+class Recorder:
+    """Records and frames in natural units, in the order of time.
+
+    A grain that has left the cell is at no place: its fields are NaN.
+    """
+
+    count: int
+    rows: list[np.ndarray] = dataclasses.field(default_factory=list)
+    stages: list[np.ndarray] = dataclasses.field(default_factory=list)
+    frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
+
+    def add_rows(self, rows: np.ndarray, stage: int) -> None:
+        self.rows.append(rows.copy())
+        self.stages.append(np.full(len(rows), stage, dtype=np.int64))
+
+    def add_frame(self, time: float, state: State, constants: Constants) -> None:
+        frame = {
+            "frame_time": np.array(time),
+            "frame_height": state.piston[0].copy(),
+            "position": self._field(state, constants.grains, state.x, state.y),
+            "velocity": self._field(state, constants.grains, state.vx, state.vy),
+            "force": self._field(state, constants.grains, *total_force(state)),
+        }
+        law = constants.acting.friction
+        if law is not None and state.load is not None:
+            load = law.load + law.factor * state.load
+            frame["normal_load"] = self._field(state, constants.grains, load)[:, 0]
+        self.frames.append(frame)
+
+    def _field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
+        field = np.full((self.count, len(components)), np.nan)
+        field[state.label[:present]] = np.stack([one[:present] for one in components], axis=1)
+        return field
+
+    def counts(self) -> tuple[int, int]:
+        """How many records and frames are held."""
+        return sum(map(len, self.rows)), len(self.frames)
+
+    def clear(self) -> None:
+        for one in (self.rows, self.stages, self.frames):
+            one.clear()
+
+    def in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[Variable, np.ndarray]]:
+        """Every variable of the scene with its values in SI."""
+        rows, stages = self.table()
+        for one in (TIME, *scalar_variables(scene)):
+            yield one, si_column(one, rows, scales)
+        yield STAGE, stages
+        for one in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
+            yield one, self.stacked(one.name, one.dims) * getattr(scales, one.scale)
+
+    def table(self) -> tuple[np.ndarray, np.ndarray]:
+        """All records (r, columns), and the stage of each (r,)."""
+        empty = np.empty((0, len(COLUMNS)))
+        return (
+            np.concatenate([empty, *self.rows]),
+            np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),
+        )
+
+    def stacked(self, name: str, dims: tuple[str, ...]) -> np.ndarray:
+        """One field of all frames."""
+        shape = {"grain": self.count, "axis": 2}
+        rest = tuple(shape[dim] for dim in dims[1:])
+        return np.array([frame[name] for frame in self.frames]).reshape(len(self.frames), *rest)

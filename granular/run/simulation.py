@@ -1,0 +1,392 @@
+"""`simulate`: from a scene to a trajectory."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import importlib.metadata
+import json
+import math
+import platform
+import re
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+
+from granular.engine.ledger import doubtful
+from granular.engine.run import Run
+from granular.engine.step_size import Step
+from granular.engine.system import System, natural_system
+from granular.methods import COMPENSATED, Method, method_named
+from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.run.progress import ProgressBar
+from granular.run.recorder import Recorder
+from granular.run.store import Store, is_run, read_settings
+from granular.run.trajectory import Trajectory, finished, load_trajectory
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError, Interrupted, RunError, StoreError
+
+if TYPE_CHECKING:
+    import xarray
+
+_AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
+
+MOST_STEPS = 1e12
+"""Most steps from record to record: more would take weeks."""
+
+CADENCE = 0.01
+"""Relative change of the records' distance, by a given step, that a user is told of."""
+
+COMMIT_SECONDS = 5.0
+"""From checkpoint to checkpoint, in seconds of the wall clock."""
+
+
+def simulate(
+    scene: Scene,
+    dt: float | str = "auto",
+    t_end: float | None = None,
+    method: str = "stormer-verlet",
+    out: str | Path | None = None,
+    resume: bool = False,
+    threads: int | None = None,
+    progress: bool = True,
+) -> Trajectory:
+    """Run a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    dt : float or str
+        Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
+        `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to see what
+        the step does to a result.
+    t_end : float, optional
+        Stop at this time [s], also within a stage; a last stage that is timed is lengthened up to
+        it. Without: at the end of the protocol.
+    method : str
+        Integration method, one of `granular.methods.METHODS`; "+compensated" behind it turns
+        positions and velocities into compensated sums.
+    out : str or Path, optional
+        Directory to write to while running; it must be empty or not exist yet.
+    resume : bool
+        Go on with the run in ``out`` (or start it, where there is none yet). The bits are those of
+        a run that was never interrupted.
+    threads : int, optional
+        The result has the same bits for any number. Without: as many as pay off.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        If an argument or the scene cannot be run, or ``out`` is in use.
+    RunError
+        If the run cannot be trusted any more; its ``trajectory`` attribute holds what was
+        computed before.
+    Interrupted
+        On Ctrl-C; its ``trajectory`` attribute holds what was computed.
+    """
+    plan = method_named(method)
+    step = checked_step(dt, scene)
+    _check_method(plan, step, scene)
+    _check_cadence(step, scene)
+    _check_end(scene, t_end)
+    count = _thread_count(scene, threads)
+    system = natural_system(scene, threads=count, method=plan)
+    numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    settings = _settings(scene, dt, method)
+    if resume and out is None:
+        raise InputError("resume = True needs out, the directory of the run to go on with")
+    run = Run(scene, system, plan, step, t_end)
+    store = None if out is None else _open_store(Path(out), run, settings, resume)
+    try:
+        return _Job(run, store, settings).carry_out(progress)
+    finally:
+        if store is not None:
+            store.release()
+
+
+class _Job:
+    """A run with its output: what `simulate` does after the arguments are checked."""
+
+    def __init__(self, run: Run, store: Store | None, settings: dict[str, Any]) -> None:
+        self.run, self.store, self.settings = run, store, settings
+        self.begun = self.last_commit = time.perf_counter()
+        self.kept = self._snapshot()
+
+    def carry_out(self, progress: bool) -> Trajectory:
+        run = self.run
+        self._commit(complete=False)
+        with _deferred_interrupt() as interrupted, ProgressBar(progress) as bar:
+            try:
+                while not run.at_end and not interrupted.is_set():
+                    run.advance()
+                    bar.show(run)
+                    if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
+                        self.kept = self._snapshot()
+                        self._commit(complete=False)
+                self.kept = self._snapshot()
+                complete = run.at_end
+                until = run.run_tail() if complete else run.time
+            except RunError as error:
+                error.trajectory = self._result(complete=False, until=run.time)
+                raise
+        trajectory = self._result(complete, until)
+        if not complete:
+            raise Interrupted(trajectory)
+        _warn_of_doubts(trajectory)
+        return trajectory
+
+    def _snapshot(self) -> dict[str, Any]:
+        """State to resume from, with how many records and frames lie before it."""
+        rows, frames = self.run.recorder.counts()
+        written = (0, 0) if self.store is None else (self.store.rows, self.store.frames)
+        return self.run.snapshot() | {"rows": written[0] + rows, "frames": written[1] + frames}
+
+    def _outcome(self, complete: bool, until: float) -> dict[str, Any]:
+        figures = self.run.figures() | {"seconds": time.perf_counter() - self.begun}
+        return {"figures": figures, "complete": complete, "stages": self.run.results(until)}
+
+    def _commit(self, complete: bool, until: float | None = None) -> None:
+        """Write what was recorded, with the last snapshot to resume from."""
+        if self.store is None:
+            return
+        outcome = self._outcome(complete, self.run.time if until is None else until)
+        try:
+            self.store.write(self.run.recorder)
+            readable = _readable(self.store.rows, self.store.frames)
+            self.store.commit(self.kept | readable | {"outcome": np.array(json.dumps(outcome))})
+        except OSError as error:
+            raise StoreError(
+                f"{self.store.path} cannot be written: {error.strerror}; what was committed "
+                "stands, resume it when there is room"
+            ) from error
+        self.last_commit = time.perf_counter()
+
+    def _result(self, complete: bool, until: float) -> Trajectory:
+        if self.store is not None:
+            self._commit(complete, until)
+            return load_trajectory(self.store.path)
+        run = self.run
+        data = _dataset(run.scene, run.system, run.recorder)
+        return finished(run.scene, data, self.settings, self._outcome(complete, until), None)
+
+
+def _readable(rows: int, frames: int) -> dict[str, int]:
+    """Entries of a checkpoint: how much can be read, of what lies before and behind it."""
+    return {"readable_rows": rows, "readable_frames": frames}
+
+
+def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset:
+    """The recorded data in SI, from memory."""
+    import xarray
+
+    return xarray.Dataset(
+        {
+            one.name: (one.dims, values, one.attributes())
+            for one, values in recorder.in_si(scene, system.scales)
+        }
+    )
+
+
+def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
+    """A time step in seconds, or a multiple of the automatic one, of a scene.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    step = Step() if scene is None else Step(grains=scene.grains.count, dry=_rubs(scene))
+    if isinstance(dt, str):
+        match = _AUTOMATIC.fullmatch(dt)
+        if match is None:
+            raise InputError(f"dt = {dt!r}; give seconds, 'auto', or a multiple such as 'auto/2'")
+        factor = float(match[2] or 1.0)
+        factor = 1.0 / factor if match[1] == "/" and factor else factor
+        if not 0.0 < factor <= step.longest:
+            raise InputError(
+                f"dt = {dt!r}; the automatic step may be multiplied by more than 0 and at most "
+                f"{step.longest:g}"
+            )
+        return dataclasses.replace(step, factor=factor)
+    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
+        raise InputError(f"dt = {dt!r}; give a time step above 0 s, or 'auto'")
+    return dataclasses.replace(step, seconds=float(dt))
+
+
+def _rubs(scene: Scene) -> bool:
+    """Whether dry friction between grains and plates allows longer steps."""
+    friction, contact = scene.effects.friction, scene.effects.contact
+    return friction is not None and friction.scheme == "velocity" and contact is None
+
+
+def _check_method(method: Method, step: Step, scene: Scene) -> None:
+    effects, piston = scene.effects, scene.piston
+    dry = [name for name in ("friction", "contact") if getattr(effects, name) is not None]
+    if piston is not None and piston.mass is not None and piston.friction:
+        dry.append("piston.friction")
+    if dry and method.compensated:
+        raise InputError(
+            f"method = {method.name!r} cannot run a scene with {dry[0]}, whose velocities are no "
+            f"plain sums; take {method.name.removesuffix(COMPENSATED)!r}"
+        )
+    if dry and not method.takes_dry_friction:
+        raise InputError(
+            f"method = {method.name!r} cannot run a scene with {dry[0]}, which cannot go backward "
+            "in time, nor be part of its steps; take 'stormer-verlet'"
+        )
+    if not method.variable:
+        return
+    if not step.automatic:
+        raise InputError(
+            f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto', or a "
+            "multiple such as 'auto/2'"
+        )
+    slab = effects.walls is not None and effects.walls.has_slab
+    if slab:
+        raise InputError(
+            f"method = {method.name!r} cannot run a scene with a slab, past whose ends grains may "
+            "come behind it; take 'stormer-verlet'"
+        )
+
+
+def _check_cadence(step: Step, scene: Scene) -> None:
+    if step.seconds is None:
+        return
+    wanted = scene.output.scalars
+    steps = wanted / step.seconds
+    if steps > MOST_STEPS:
+        raise InputError(
+            f"dt = {step.seconds:g} s makes {steps:.3g} steps from record to record, "
+            f"{MOST_STEPS:g} is the limit; lengthen dt or shorten output.scalars"
+        )
+    made = max(1, round(steps)) * step.seconds
+    if abs(made - wanted) > CADENCE * wanted:
+        warnings.warn(
+            f"records come every {made:.4g} s, not {wanted:.4g} s, which is no multiple of dt = "
+            f"{step.seconds:g} s",
+            stacklevel=3,
+        )
+
+
+def _check_end(scene: Scene, t_end: float | None) -> None:
+    if t_end is not None and not (isinstance(t_end, int | float) and 0.0 < t_end < math.inf):
+        raise InputError(f"t_end = {t_end!r}; give a time above 0 s")
+    if not scene.protocol:
+        raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
+    height = 1.0 if scene.piston is None else scene.piston.height
+    for place, stage in enumerate(scene.protocol):
+        if stage.span(height) is None and (t_end is None or place < len(scene.protocol) - 1):
+            raise InputError(
+                f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end "
+                "where it is the last"
+            )
+
+
+def _thread_count(scene: Scene, threads: int | None) -> int:
+    available = int(numba.config.NUMBA_NUM_THREADS)
+    if threads is None:
+        parted = scene.pair_method == "direct" and scene.grains.count > PARTED_FROM
+        return min(available, PARTS) if parted else 1
+    if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
+        raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
+    return threads
+
+
+def versions() -> dict[str, str]:
+    """Versions of the toolkit and what it computes with."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in ("granular-damper", "numpy", "numba"):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
+
+
+def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
+    return {
+        "scene_digest": scene.digest(),
+        "dt": dt,
+        "method": method,
+        "pairs": scene.pair_method,
+        "versions": versions(),
+    }
+
+
+def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:
+    if is_run(path) and not resume:
+        raise StoreError(f"{path} holds a run; resume it, or give a new directory")
+    if not is_run(path):
+        first = run.snapshot() | {"rows": 0, "frames": 0} | _readable(0, 0)
+        outcome = {"figures": run.figures(), "complete": False, "stages": []}
+        first["outcome"] = np.array(json.dumps(outcome))
+        store = Store.create(path, run.scene, run.system, settings, first)
+        store.hold()
+        return store
+    former = read_settings(path)[1]
+    for name in ("scene_digest", "dt", "method"):
+        if former[name] != settings[name]:
+            what = "scene" if name == "scene_digest" else name
+            raise StoreError(
+                f"the run in {path} has another {what}: {former[name]}, not {settings[name]}; "
+                "resume with the same, or give a new directory"
+            )
+    if former.get("versions") != settings["versions"]:
+        warnings.warn(
+            f"the run in {path} was made with other versions ({former.get('versions')}); what "
+            "follows need not have the bits that it would have had",
+            stacklevel=3,
+        )
+    store = Store(path, run.scene, run.system)
+    store.hold()
+    try:
+        run.restore(store.resume())
+    except BaseException:
+        store.release()
+        raise
+    return store
+
+
+@contextlib.contextmanager
+def _deferred_interrupt() -> Iterator[threading.Event]:
+    """Let Ctrl-C set an event instead of breaking off in the middle of the bookkeeping."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    former = signal.signal(signal.SIGINT, lambda *_: event.set())
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+def _warn_of_doubts(trajectory: Trajectory) -> None:
+    """Warn where a run is less accurate than a user may take it to be."""
+    settings = trajectory.settings()
+    residual = settings["ledger_residual"]
+    if residual > doubtful(trajectory.scene):
+        warnings.warn(
+            f"the energy ledger is off by {residual:.2g} of the energy turned over; a shorter dt "
+            "is more accurate",
+            stacklevel=3,
+        )
+    closest = settings.get("closest_distance", math.inf)
+    least = min(one.diameter for one in trajectory.scene.grains.species)
+    if closest < least:
+        warnings.warn(
+            f"two grains came as close as {closest:.3g} m, less than a diameter ({least:.3g} m), "
+            "and the scene has no contact between grains",
+            stacklevel=3,
+        )

@@ -1,0 +1,105 @@
+"""Scenes and runs in a few lines: for the command line and for reports."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+
+
+def packing_fraction(scene: Scene, height: float) -> float:
+    """Area of the grains over that of the cell below a piston at ``height`` [m] [D, eq. 2.2]."""
+    area = float((math.pi / 4.0 * scene.grains.diameters() ** 2).sum())
+    return area / (scene.cell.width * height)
+
+
+def scene_figures(scene: Scene) -> dict[str, Any]:
+    """Numbers that follow from a scene, in SI."""
+    scales = Scales.of(scene.grains)
+    figures: dict[str, Any] = {
+        "grain_diameter": scales.length,
+        "grain_mass": scales.mass,
+        "force_unit": scales.force,
+        "time_unit": scales.time,
+        "counts": dict(
+            zip((one.name for one in scene.grains.species), scene.grains.counts(), strict=True)
+        ),
+    }
+    if scene.piston is not None:
+        figures["packing_fraction"] = packing_fraction(scene, scene.piston.height)
+    return figures
+
+
+def effect_names(scene: Scene) -> tuple[str, ...]:
+    """Names of the effects that act."""
+    return tuple(key for key in scene.effects.key_names() if getattr(scene.effects, key))
+
+
+def scene_text(scene: Scene) -> str:
+    """A scene for people to read."""
+    scales = Scales.of(scene.grains)
+    counts, shares = scene.grains.counts(), scene.grains.shares()
+    lines = [f"scene {scene.name}"]
+    for one, count, share in zip(scene.grains.species, counts, shares, strict=True):
+        mixed = "" if len(counts) == 1 else f", a share of {share:.4g}"
+        lines.append(f"  {count} grains {one.name!r} of {1e3 * one.diameter:g} mm{mixed}")
+    lines.append(
+        f"  natural units: D = {1e3 * scales.length:g} mm, m = {1e3 * scales.mass:.5g} g, "
+        f"F* = {scales.force:.5g} N, tau = {1e3 * scales.time:.5g} ms"
+    )
+    width = scene.cell.width
+    lines.append(f"  cell {1e3 * width:g} mm wide ({width / scales.length:g} D)")
+    if scene.piston is not None:
+        height, mass = scene.piston.height, scene.piston.mass
+        lines.append(
+            f"  piston at {1e3 * height:g} mm ({height / scales.length:g} D)"
+            + ("" if mass is None else f", {mass:g} kg")
+            + f", packing fraction {packing_fraction(scene, height):.4f}"
+        )
+    lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
+    for stage in scene.protocol:
+        details = {key: value for key, value in stage.plain().items() if key != "name"}
+        text = ", ".join(f"{key} {value}" for key, value in details.items())
+        lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {text}")
+    return "\n".join(lines)
+
+
+def run_figures(run: Trajectory) -> dict[str, Any]:
+    """Numbers that tell how a run went, in SI."""
+    data, last = run.dataset, {}
+    for name in ("piston_height", "piston_force", "kinetic_energy"):
+        if name in data and data.sizes["time"]:
+            last[name] = float(data[name][-1])
+    return {
+        "scene": run.scene.name,
+        "complete": run.complete,
+        "time": float(np.asarray(data["time"])[-1]),
+        "stages": [vars(one) for one in run.stages],
+        **last,
+        **run.settings(),
+        "out": None if run.path is None else str(run.path),
+    }
+
+
+def run_text(run: Trajectory) -> str:
+    """A run for people to read."""
+    figures, scales = run_figures(run), Scales.of(run.scene.grains)
+    lines = []
+    for one in run.stages:
+        height = ""
+        if run.scene.piston is not None:
+            height = f", piston at {1e3 * one.height:.4f} mm ({one.height / scales.length:.4f} D)"
+        lines.append(f"{one.name}: {one.start:.4g} to {one.end:.4g} s ({one.reason}){height}")
+    lines.append(
+        f"{figures['steps']} steps ({figures['method']}, dt {figures['dt']}) in "
+        f"{figures['seconds']:.3g} s; ledger closed to {figures['ledger_residual']:.1e} of the "
+        "energy turned over"
+    )
+    if run.path is not None:
+        lines.append(f"written to {run.path}")
+    return "\n".join(lines)

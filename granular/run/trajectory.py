@@ -1,0 +1,201 @@
+"""The result of a run: labelled data, where each stage lies, and the piston's record."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.protocol import Push
+from granular.run.drive import base_motion, outer_force
+from granular.run.record import PistonRecord
+from granular.scene.scene import Scene
+from granular.scene.schema import unknown
+from granular.shared.errors import RecordError, StoreError
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclasses.dataclass(frozen=True)
+class StageResult:
+    """A stage that was run.
+
+    Attributes
+    ----------
+    name : str
+    start, end : float
+        [s]
+    reason : str
+        Why it ended: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` where the run was.
+    height : float
+        Piston height at the end [m]; over the window of rest, its middle.
+    spread : float
+        How far the height ranged in the window of rest [m]; 0 otherwise.
+    """
+
+    name: str
+    start: float
+    end: float
+    reason: str
+    height: float
+    spread: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A run.
+
+    Attributes
+    ----------
+    scene : Scene
+    dataset : xarray.Dataset
+        Scalars on ``time``, grain fields on (``frame``, ``grain``, ``axis``), all in SI with
+        ``attrs["units"]``; scene, settings and versions in the attributes.
+    stages : tuple of StageResult
+    complete : bool
+        Whether the protocol (or ``t_end``) was reached.
+    path : Path or None
+        The run directory.
+    """
+
+    scene: Scene
+    dataset: xarray.Dataset
+    stages: tuple[StageResult, ...]
+    complete: bool
+    path: Path | None = None
+
+    def stage(self, name: str) -> StageResult:
+        """The result of a stage by its name.
+
+        Raises
+        ------
+        RecordError
+            If the run has no such stage.
+        """
+        for one in self.stages:
+            if one.name == name:
+                return one
+        raise RecordError(unknown(name, tuple(one.name for one in self.stages), "stage"))
+
+    def piston(self, stage: str | None = None) -> PistonRecord:
+        """The piston's motion, with what drives it as further columns.
+
+        Where the cell is shaken, these are ``base_height`` [m], ``base_velocity`` [m/s] and
+        ``base_acceleration`` [m/s^2], and where the piston is pushed, ``outer_force`` [N]; see
+        `granular.run.drive`. Heights are those above the moving cell. A piston whose path is given
+        has its drive in ``height`` and ``velocity``.
+
+        Parameters
+        ----------
+        stage : str, optional
+            A stage's name. Without: the stage that the scene names as ``output.record``, and the
+            whole run where it names none.
+
+        Raises
+        ------
+        RecordError
+            If the scene has no piston, or the run has not reached the stage.
+        """
+        data = self.dataset
+        if "piston_height" not in data:
+            raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
+        name = stage or self.scene.output.record
+        chosen = slice(None) if name is None else self._records_of(name)
+        time = data["time"].values[chosen]
+        # Where the piston jumps, the same time stands twice: the later one counts.
+        last = np.append(np.diff(time) > 0.0, True)
+        columns = {
+            name: data[f"piston_{name}"].values[chosen][last]
+            for name in ("height", "velocity", "force")
+            if f"piston_{name}" in data
+        }
+        places = np.asarray(data["stage"].values[chosen][last])
+        if name is not None:  # the first of its records ends the stage before
+            places = np.full_like(places, self._place(name))
+        drive = self._drive(time[last], places)
+        return PistonRecord(time=time[last], **columns, extra=drive)
+
+    def _drive(self, time: np.ndarray, places: np.ndarray) -> dict[str, np.ndarray]:
+        """What drives the run at some times [s], in stages by their places in the protocol."""
+        shaking, protocol = self.scene.effects.shaking, self.scene.protocol
+        columns = {} if shaking is None else base_motion(shaking, time)
+        if any(isinstance(protocol[place], Push) for place in np.unique(places).astype(int)):
+            starts = [one.start for one in self.stages]
+            columns["outer_force"] = outer_force(protocol, starts, places, time)
+        return columns
+
+    def _place(self, name: str) -> int:
+        return [one.name for one in self.scene.protocol].index(name)
+
+    def _records_of(self, name: str) -> slice:
+        """The records of a stage, from the one at its start (which ends the stage before)."""
+        stage = self.stage(name)
+        inside = np.flatnonzero(self.dataset["stage"].values == self._place(name))
+        times = self.dataset["time"].values
+        first = int(inside[0]) if len(inside) else len(times)
+        if first > 0 and times[first - 1] == stage.start:
+            first -= 1
+        return slice(first, int(inside[-1]) + 1 if len(inside) else first + 1)
+
+    def settings(self) -> dict[str, Any]:
+        """Method, steps, versions and timings of the run."""
+        return dict(json.loads(self.dataset.attrs["settings"]))
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """A run from its directory, also one that is unfinished or was cut off.
+
+    Raises
+    ------
+    StoreError
+        If the directory holds no run.
+    """
+    import xarray
+
+    from granular.run.store import TRAJECTORY, read_checkpoint, read_settings
+
+    path = Path(path)
+    checkpoint = read_checkpoint(path)
+    scene, settings = read_settings(path)
+    try:
+        data = xarray.open_zarr(path / TRAJECTORY, chunks=None)
+    except (OSError, ValueError, KeyError) as error:
+        raise StoreError(f"{path / TRAJECTORY} cannot be read: {error}") from None
+    data = data.isel(
+        time=slice(0, int(checkpoint["readable_rows"])),
+        frame=slice(0, int(checkpoint["readable_frames"])),
+    )
+    outcome = json.loads(str(checkpoint["outcome"]))
+    return finished(scene, data, settings, outcome, path)
+
+
+def finished(
+    scene: Scene,
+    data: xarray.Dataset,
+    settings: dict[str, Any],
+    outcome: dict[str, Any],
+    path: Path | None,
+) -> Trajectory:
+    """A trajectory from a run's data, with coordinates and attributes."""
+    species = scene.grains.assignment()
+    data = data.assign_coords(
+        grain=np.arange(scene.grains.count),
+        axis=["x", "y"],
+        species=("grain", species, {"long_name": "species of the grain", "units": "1"}),
+        diameter=("grain", scene.grains.diameters(), {"long_name": "diameter", "units": "m"}),
+    )
+    data = data.set_coords("frame_time")
+    data.attrs = {
+        "title": f"scene {scene.name}",
+        "units": "SI",
+        "scene": scene.to_toml(),
+        "settings": json.dumps({**settings, **outcome["figures"]}),
+        "stages": json.dumps(outcome["stages"]),
+        "complete": int(outcome["complete"]),
+    }
+    stages = tuple(StageResult(**one) for one in outcome["stages"])
+    return Trajectory(scene, data, stages, outcome["complete"], path)

@@ -1,0 +1,124 @@
+"""The variables of a run: their names, dimensions, units and meaning, in one table."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from granular.effects.walls import SIDES
+from granular.engine.loop import COLUMNS
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Variable:
+    """One variable of the dataset.
+
+    Attributes
+    ----------
+    column : str
+        Column of the records it comes from; empty for grain fields.
+    scale : str
+        The natural unit it is multiplied by (an attribute of `Scales`); empty for none.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    column: str = ""
+    scale: str = ""
+    dims: tuple[str, ...] = ("time",)
+
+    def attributes(self) -> dict[str, Any]:
+        return {"units": self.unit, "long_name": self.meaning}
+
+
+TIME = Variable("time", "s", "time", "time", "time")
+_PISTON = (
+    Variable("piston_height", "m", "height of the piston", "height", "length"),
+    Variable("piston_velocity", "m/s", "velocity of the piston", "velocity", "velocity"),
+)
+_SIDES = tuple(
+    Variable(f"{side}_force", "N", f"force of the grains on the {side} wall", side, "force")
+    for side in SIDES[:3]
+)
+_TOP = Variable("piston_force", "N", "force of the grains on the piston, upwards", "top", "force")
+_KINETIC = Variable("kinetic_energy", "J", "kinetic energy of the grains", "kinetic", "energy")
+_PAIR = Variable("pair_energy", "J", "energy of the magnetic pairs", "pair", "energy")
+_WALL = Variable("wall_energy", "J", "energy of the grains at the walls", "wall", "energy")
+_WEIGHT = Variable("weight_energy", "J", "potential energy of the weight", "weight", "energy")
+_PISTON_ENERGY = Variable(
+    "piston_energy", "J", "kinetic and potential energy of the piston", "piston", "energy"
+)
+_CONTACT = Variable("contact_energy", "J", "energy of the contacts", "contact", "energy")
+_LOSSES = {
+    "drag": Variable("drag_loss", "J", "energy lost to viscous drag", "drag_loss", "energy"),
+    "friction": Variable(
+        "friction_loss", "J", "energy lost to dry friction", "friction_loss", "energy"
+    ),
+    "contact": Variable("contact_loss", "J", "energy lost in contacts", "contact_loss", "energy"),
+}
+_PISTON_LOSS = Variable(
+    "piston_loss", "J", "energy lost to the piston's friction and drag", "piston_loss", "energy"
+)
+_COUNT = Variable("grain_count", "1", "number of grains in the cell", "grains")
+_WORK = Variable("work", "J", "work done from outside through the piston", "work", "energy")
+_STATE = (
+    Variable("closest_distance", "m", "least distance of two grains", "closest", "length"),
+    Variable("greatest_speed", "m/s", "greatest speed of a grain", "fastest", "velocity"),
+    Variable("stiffest_mode", "rad/s", "bound of the highest frequency", "stiffest", "rate"),
+)
+
+STAGE = Variable("stage", "1", "index of the stage in the protocol")
+FRAME_TIME = Variable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
+GRAIN_FIELDS = (
+    Variable("position", "m", "positions", "", "length", ("frame", "grain", "axis")),
+    Variable("velocity", "m/s", "velocities", "", "velocity", ("frame", "grain", "axis")),
+    Variable("force", "N", "magnetic, weight and contact", "", "force", ("frame", "grain", "axis")),
+)
+NORMAL_LOAD = Variable(
+    "normal_load", "N", "normal force on the plates", "", "force", ("frame", "grain")
+)
+FRAME_HEIGHT = Variable(
+    "frame_height", "m", "height of the piston at the frame", "", "length", ("frame",)
+)
+
+
+def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
+    """The scalar records that a scene has: what does not act is not recorded."""
+    effects = scene.effects
+    chosen: list[Variable] = []
+    if scene.piston is not None:
+        chosen += _PISTON
+    if effects.walls is not None:
+        walls = effects.walls
+        chosen += [one for one, side in zip(_SIDES, SIDES, strict=False) if getattr(walls, side)]
+        chosen += [_TOP] if walls.top else []
+    chosen.append(_KINETIC)
+    chosen += [_PAIR] if effects.dipole else []
+    chosen += [_WALL] if effects.walls else []
+    chosen += [_WEIGHT] if effects.gravity else []
+    if scene.piston is not None and scene.piston.mass is not None:
+        chosen.append(_PISTON_ENERGY)
+    chosen += [_CONTACT] if effects.contact else []
+    chosen += [loss for name, loss in _LOSSES.items() if getattr(effects, name)]
+    if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
+        chosen.append(_PISTON_LOSS)
+    chosen += [_WORK] if scene.piston is not None or effects.shaking else []
+    chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
+    chosen += [one for one in _STATE if one.column != "closest" or effects.dipole]
+    return tuple(chosen)
+
+
+def frame_variables(scene: Scene) -> tuple[Variable, ...]:
+    """The grain fields of each frame that a scene has."""
+    return (*GRAIN_FIELDS, NORMAL_LOAD) if scene.effects.friction else GRAIN_FIELDS
+
+
+def si_column(variable: Variable, rows: np.ndarray, scales: Scales) -> np.ndarray:
+    """A variable's values in SI from records in natural units."""
+    values = rows[:, COLUMNS.index(variable.column)]
+    return values * getattr(scales, variable.scale) if variable.scale else values

@@ -1,0 +1,9 @@
+from .scene import Cell as Cell
+from .scene import Effects as Effects
+from .scene import Grains as Grains
+from .scene import Output as Output
+from .scene import Piston as Piston
+from .scene import Scene as Scene
+from .scene import Species as Species
+from .scene import load_scene as load_scene
+from .scene import scene_names as scene_names

@@ -1,0 +1,140 @@
+"""Where the grains stand at the start: a jittered grid, or positions one by one."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.scene.schema import FieldError, Section, points, quantity, whole
+from granular.shared.errors import SceneError
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
+
+class Arrangement(Section):
+    """The initial arrangement.
+
+    Attributes
+    ----------
+    height : float or None
+        The grid fills the cell up to here [m]; the piston's height if not given.
+    jitter : float
+        Each grain is displaced by up to this fraction of the grid's spacing, along each axis.
+    speed : float
+        Initial speed, in random directions [m/s].
+    seed : int
+        Seed of the random numbers.
+    positions, velocities : pairs of float, or None
+        One pair a grain [m], [m/s], instead of the grid; velocities are zero if not given.
+    """
+
+    height: float | None = quantity("m", above=0.0, default=None, optional=True)
+    jitter: float = quantity("1", default=0.1, least=0.0, below=0.5)
+    speed: float = quantity("m/s", default=0.0, least=0.0)
+    seed: int = whole(default=1)
+    positions: tuple[tuple[float, float], ...] | None = points("m", default=None)
+    velocities: tuple[tuple[float, float], ...] | None = points("m/s", default=None)
+
+    def validate(self) -> None:
+        if self.velocities is not None:
+            if self.positions is None:
+                raise FieldError("can only be given together with positions", "velocities")
+            if len(self.velocities) != len(self.positions):
+                raise FieldError(
+                    f"holds {len(self.velocities)} pairs for {len(self.positions)} positions",
+                    "velocities",
+                )
+
+
+def grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
+    """Columns and rows of a grid of nearly square meshes that holds all grains.
+
+    The outermost grains stand one mesh from the walls, which repel about as strongly as grains.
+    """
+    columns = max(1, round(math.sqrt(count * width / height)))
+    return columns, -(-count // columns)
+
+
+def initial_motion(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Positions [m] and velocities [m/s] at the start, each (n, 2).
+
+    Raises
+    ------
+    SceneError
+        If grains overlap each other or a wall, or stand outside the cell.
+    """
+    plan, count = scene.arrangement, scene.grains.count
+    if plan.positions is not None:
+        positions = np.array(plan.positions, dtype=float).reshape(count, 2)
+        velocities = np.zeros_like(positions)
+        if plan.velocities is not None:
+            velocities[:] = np.array(plan.velocities, dtype=float).reshape(count, 2)
+    else:
+        positions, velocities = _grid(scene)
+    check_positions(scene, positions)
+    return positions, velocities
+
+
+def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    plan, count, width = scene.arrangement, scene.grains.count, scene.cell.width
+    height = plan.height
+    if height is None:
+        if scene.piston is None:
+            raise SceneError("arrangement.height: must be given where there is no piston")
+        height = scene.piston.height
+    if count == 0:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    columns, rows = grid_shape(count, width, height)
+    mesh = np.array([width / (columns + 1), height / (rows + 1)])
+    widest = max(one.diameter for one in scene.grains.species)
+    if mesh.min() * (1.0 - 2.0 * plan.jitter) < widest:
+        raise SceneError(
+            f"{count} grains leave {mesh.min():.4g} m from one to the next, and with a jitter of "
+            f"{plan.jitter:g} grains of {widest:.4g} m could overlap; use fewer grains, less "
+            "jitter, or more room"
+        )
+    place = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1)
+    random = np.random.default_rng(plan.seed)
+    offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
+    angle = random.uniform(0.0, 2.0 * math.pi, count)
+    positions = (place + 1.0 + offset) * mesh
+    velocities = plan.speed * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return positions, velocities
+
+
+def check_positions(scene: Scene, positions: np.ndarray) -> None:
+    """Raise `SceneError` unless all grains stand clear of each other, the walls and the piston.
+
+    Where contact acts, grains may overlap each other.
+    """
+    from scipy.spatial import cKDTree
+
+    radius = scene.grains.diameters() / 2.0
+    x, y = positions[:, 0], positions[:, 1]
+    top = math.inf if scene.piston is None else scene.piston.height
+    _clear_of(x - radius, "the left wall", "move it to the right")
+    _clear_of(scene.cell.width - x - radius, "the right wall", "widen the cell or move it left")
+    _clear_of(y - radius, "the bottom", "move it up")
+    _clear_of(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
+    if len(positions) > 1 and scene.effects.contact is None:
+        pairs = cKDTree(positions).query_pairs(2.0 * float(radius.max()), output_type="ndarray")
+        gap = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
+        overlap = radius[pairs].sum(axis=1) - gap
+        if len(overlap) and overlap.max() > 0.0:
+            i, j = pairs[int(overlap.argmax())]
+            raise SceneError(
+                f"grains {i} and {j} overlap: {gap[overlap.argmax()]:.4g} m apart, "
+                f"{radius[i] + radius[j]:.4g} m needed; use fewer grains, a larger cell or less "
+                "jitter"
+            )
+
+
+def _clear_of(gap: np.ndarray, what: str, remedy: str) -> None:
+    if len(gap) and gap.min() < 0.0:
+        grain = int(gap.argmin())
+        raise SceneError(
+            f"grain {grain} reaches {-gap[grain]:.4g} m into {what}, 0 m is the limit; {remedy}"
+        )

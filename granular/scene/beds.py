@@ -1,0 +1,248 @@
+"""The beds of the source with its scaling: mono-disperse, bidisperse, and the damper.
+
+>>> from granular import mono_bed, simulate
+>>> run = simulate(mono_bed(92, relaxation=0.5, speed=0.033))
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from granular.scene.scene import Scene, Species, load_scene
+from granular.shared.errors import InputError
+
+REFERENCE_COUNT = 368
+WIDTH, START, END = 60.0, 75.0, 20.0
+"""Cell width, piston height before and after the compression, for the reference count, in D
+[D, Table 2.1]; for N grains all of them times sqrt(N/368) [D, 3.4]."""
+LOWEST_START = 50.0
+"""A bed that has settled under its weight is about 40 D high, whatever its width: narrower beds
+start from here [D], as the source's 92 grains start higher (it does not say from where)."""
+HEADROOM = 1.2
+"""Height of the piston before the relaxation, over that before the compression; the source prints
+none."""
+
+BIDISPERSE_COUNT = 400
+BIDISPERSE_WIDTH = 0.33
+BIDISPERSE_START = 0.445
+BIDISPERSE_END = 0.07
+"""Cell width, and piston height before the compression and after it without small grains [m]
+[D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. Table 4.3 prints another cell, which
+Table A.1 does not follow. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
+BIDISPERSE_PACKING = 0.34
+"""Packing fraction at the end [D, eq. 4.22]: 400 (pi/4)/(66 14)."""
+
+
+def final_height(reference: float, species: Sequence[Species]) -> float:
+    """Piston height at which a mixture is packed like its first species alone at ``reference``.
+
+    H_f = H_r sum_k R_k (D_k/D_1)^2 over the species with shares R_k; for two species this is
+    [1 + R (p - 1)] H_r [D, eq. 4.23].
+    """
+    first = species[0].diameter
+    return reference * math.fsum(one.share * (one.diameter / first) ** 2 for one in species)
+
+
+def _compression(
+    start: float, end: float, speed: float, relaxation: float
+) -> list[dict[str, object]]:
+    """Relaxation, compression, expansion, relaxation; ``relaxation`` in units of T [D, 2.3]."""
+    _check("speed", speed, "m/s")
+    _check("relaxation", relaxation, "T")
+    if not start > end:
+        raise InputError(
+            f"the compression would end at {end:g} m, above its start at {start:g} m; take "
+            "smaller grains"
+        )
+    period = (start - end) / speed
+    descend = {"name": "relax", "kind": "descend", "to": start, "duration": relaxation * period}
+    return [
+        descend,
+        {"name": "compress", "kind": "move", "to": end, "speed": speed},
+        {"name": "expand", "kind": "move", "to": start, "speed": speed},
+        {"name": "settle", "kind": "hold", "duration": period},
+    ]
+
+
+def _check(name: str, value: float, unit: str, most: float = math.inf) -> None:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0.0 < value <= most or math.isinf(value):
+        limit = "" if math.isinf(most) else f" and at most {most:g}"
+        raise InputError(f"{name} = {value!r}; give a number above 0{limit} {unit}".rstrip())
+
+
+def _records(protocol: list[dict[str, object]], speed: float, way: float) -> dict[str, object]:
+    """About two thousand records and a hundred frames for the compression."""
+    scalars = way / speed / 2000.0
+    return {"scalars": scalars, "frames": 20.0 * scalars}
+
+
+def mono_bed(
+    count: int = REFERENCE_COUNT,
+    *,
+    speed: float = 8.33e-3,
+    relaxation: float = 5.0,
+    seed: int = 1,
+) -> Scene:
+    """A bed of equal grains that is compressed and let go, as in [D, chapter 3].
+
+    Parameters
+    ----------
+    count : int
+        Number of grains; the cell and the piston's heights are scaled by sqrt(count/368).
+    speed : float
+        Of the piston [m/s].
+    relaxation : float
+        Length of the relaxation before, in units of T, the duration of the compression.
+    seed : int
+        Of the arrangement.
+
+    Returns
+    -------
+    Scene
+        With dipoles, experimental walls, gravity and dry friction; change it by `Scene.replace`.
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit.
+    """
+    base = load_scene("bed")
+    diameter = base.grains.species[0].diameter
+    _check("count", count, "grains")
+    size = math.sqrt(count / REFERENCE_COUNT) * diameter
+    start, end = max(START * size, LOWEST_START * diameter), END * size
+    protocol = _compression(start, end, speed, relaxation)
+    return base.replace(
+        **{
+            "name": f"mono-{count}",
+            "grains.count": count,
+            "cell.width": WIDTH * size,
+            "piston.height": HEADROOM * start,
+            "effects.drag": None,
+            "effects.friction": True,
+            "arrangement.height": start,
+            "arrangement.seed": seed,
+            "protocol": protocol,
+            "output": _records(protocol, speed, start - end),
+        }
+    )
+
+
+def bidisperse(
+    aspect: float = 0.6,
+    ratio: float = 0.5,
+    *,
+    big: float = 0.005,
+    mixing: str = "interspersed",
+    speed: float = 1e-3,
+    relaxation: float = 5.0,
+    seed: int = 1,
+) -> Scene:
+    """A mixture of big and small grains that is compressed and let go, as in [D, chapter 4].
+
+    Parameters
+    ----------
+    aspect : float
+        Diameter of the small grains over that of the big ones.
+    ratio : float
+        R, the share of small grains. The piston's final height follows from this nominal value
+        [D, eq. 4.23]; the share that a mixing rule really makes is `Grains.shares`.
+    big : float
+        Diameter of the big grains [m].
+    mixing : str
+        ``"interspersed"`` or the source's ``"every-kth"``; see `Grains`.
+    speed, relaxation, seed
+        As in `mono_bed`.
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit.
+    """
+    _check("aspect", aspect, "", most=1.0)
+    _check("big", big, "m")
+    if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
+        raise InputError(f"ratio = {ratio!r}; give a share from 0 to 1")
+    species = [
+        Species(name="big", diameter=big, share=1.0 - ratio),
+        Species(name="small", diameter=aspect * big, share=ratio),
+    ]
+    start = BIDISPERSE_START
+    end = final_height(_reference_height(big), species)
+    protocol = _compression(start, end, speed, relaxation)
+    return load_scene("bed").replace(
+        **{
+            "name": f"bidisperse-{aspect:g}-{ratio:g}",
+            "grains.count": BIDISPERSE_COUNT,
+            "grains.species": [one.plain() for one in species],
+            "grains.mixing": mixing,
+            "cell.width": BIDISPERSE_WIDTH,
+            "piston.height": HEADROOM * start,
+            "effects.drag": None,
+            "effects.friction": True,
+            "arrangement.height": start,
+            "arrangement.seed": seed,
+            "protocol": protocol,
+            "output": _records(protocol, speed, start - end),
+        }
+    )
+
+
+def _reference_height(big: float) -> float:
+    """Final height without small grains [m], at the packing fraction of the source."""
+    return BIDISPERSE_END * (big / 0.005) ** 2
+
+
+def damper(
+    mass: float = 7.5,
+    *,
+    count: int = REFERENCE_COUNT,
+    drag: float = 0.1,
+    drop: float = 20.0,
+    lift: float = 0.2,
+    seed: int = 1,
+) -> Scene:
+    """The magnetic granular damper of [D, 5.3]: dropped, at rest, lifted, released.
+
+    Parameters
+    ----------
+    mass : float
+        Of the piston [kg], for 368 grains; it is scaled with the width of the cell.
+    count : int
+        Number of grains; widths and heights are scaled by sqrt(count/368), so that the bed keeps
+        its packing.
+    drag : float
+        gamma of a grain [kg/s].
+    drop, lift : float
+        Height that the piston falls from, for 368 grains, and height that it is lifted by [D].
+    seed : int
+        Of the arrangement.
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit.
+    """
+    base = load_scene("damper")
+    for name, value, unit in (
+        ("mass", mass, "kg"), ("count", count, "grains"), ("drag", drag, "kg/s"),
+        ("drop", drop, "D"),
+    ):  # fmt: skip
+        _check(name, value, unit)
+    scale = math.sqrt(count / REFERENCE_COUNT)
+    diameter = base.grains.species[0].diameter
+    return base.replace(
+        **{
+            "name": "damper" if count == REFERENCE_COUNT else f"damper-{count}",
+            "grains.count": count,
+            "cell.width": WIDTH * scale * diameter,
+            "piston.mass": mass * scale,
+            "piston.height": drop * scale * diameter,
+            "effects.drag.coefficient": drag,
+            "arrangement.height": (drop * scale - 1.0) * diameter,
+            "arrangement.seed": seed,
+            "protocol.lift.by": lift * diameter,
+        }
+    )

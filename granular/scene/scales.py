@@ -1,0 +1,62 @@
+"""Natural units: the one place where SI and the kernels' units meet.
+
+Length D and mass m are those of a grain of the first species; the force unit is
+F* = mu0 mu^2 / (pi D^4), the time unit tau = sqrt(m D / F*) [D, 2.2; section "Scales" of the
+model]. In these units the pair coefficient is 3/4 and the experimental wall's is 1/2.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Grains
+
+MAGNETIC_CONSTANT = 4e-7 * math.pi
+"""Permeability of free space [H/m], the value of [D, Table 4.3]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Scales:
+    """Sizes of the natural units in SI.
+
+    Attributes
+    ----------
+    length, mass, force : float
+        D [m], m [kg], F* [N].
+    """
+
+    length: float
+    mass: float
+    force: float
+
+    @classmethod
+    def of(cls, grains: Grains) -> Scales:
+        """The natural units of a bed: those of its first species."""
+        diameter = grains.species[0].diameter
+        volume = math.pi * grains.thickness * diameter**2 / 4.0
+        moment = grains.remanence * volume / MAGNETIC_CONSTANT
+        force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)
+        return cls(length=diameter, mass=grains.density * volume, force=force)
+
+    @property
+    def time(self) -> float:
+        return math.sqrt(self.mass * self.length / self.force)
+
+    @property
+    def velocity(self) -> float:
+        return self.length / self.time
+
+    @property
+    def rate(self) -> float:
+        return 1.0 / self.time
+
+    @property
+    def acceleration(self) -> float:
+        return self.force / self.mass
+
+    @property
+    def energy(self) -> float:
+        return self.force * self.length

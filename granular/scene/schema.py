@@ -1,0 +1,371 @@
+"""Sections: frozen dataclasses whose fields check themselves and round-trip through plain data.
+
+A section's fields are declared by the kinds below (`quantity`, `whole`, `choice`, ...). Each kind
+reads a value from plain data (what a TOML file holds), checks it, and writes it back.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import operator
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self, dataclass_transform
+
+from granular.scene.units import si_value
+from granular.shared.errors import SceneError
+
+
+class FieldError(SceneError):
+    """A field cannot take its value; ``path`` leads to it from the scene."""
+
+    def __init__(self, reason: str, *path: str) -> None:
+        self.reason, self.path = reason, path
+        super().__init__(f"{'.'.join(path)}: {reason}" if path else reason)
+
+    def within(self, *outer: str) -> FieldError:
+        return FieldError(self.reason, *outer, *self.path)
+
+
+def unknown(word: str, known: Sequence[str], what: str) -> str:
+    """Message for an unknown word, with the nearest known one."""
+    near = difflib.get_close_matches(word, known, 1, cutoff=0.5)
+    advice = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+    return f"unknown {what} {word!r}; {advice}"
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        try:
+            return float(value)  # type: ignore[arg-type]  # numpy scalars arrive here
+        except (TypeError, ValueError):
+            raise FieldError(f"{value!r} is not a number") from None
+    return float(value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """How a field reads, checks and writes its value."""
+
+    optional: bool = False
+
+    def read(self, value: Any, diameter: float | None) -> Any:
+        if value is None or (self.optional and value == "none"):
+            if self.optional:
+                return None
+            raise FieldError("must be given")
+        return self.parse(value, diameter)
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        raise NotImplementedError
+
+    def plain(self, value: Any) -> Any:
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity(Kind):
+    unit: str = "1"
+    above: float | None = None
+    least: float | None = None
+    below: float | None = None
+    most: float | None = None
+
+    def parse(self, value: Any, diameter: float | None) -> float:
+        if isinstance(value, bool):
+            raise FieldError(f"{value!r} is not a number")
+        if isinstance(value, str):
+            try:
+                number = si_value(value, self.unit, diameter)
+            except SceneError as error:
+                raise FieldError(str(error)) from None
+        else:
+            number = _number(value)
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if not math.isfinite(number):
+            raise FieldError(f"{number} must be finite; give a number{unit and ' in' + unit}")
+        tiny = self.above is not None and 0.0 < number < 1e-30
+        if self.unit != "1" and (tiny or abs(number) > 1e30):
+            raise FieldError(f"{number:g}{unit} is beyond all physics; check the unit")
+        for limit, words, fits in (
+            (self.above, "above", operator.gt),
+            (self.least, "at least", operator.ge),
+            (self.below, "below", operator.lt),
+            (self.most, "at most", operator.le),
+        ):
+            if limit is not None and not fits(number, limit):
+                raise FieldError(f"{number:g}{unit} must be {words} {limit:g}{unit}")
+        return number
+
+
+@dataclasses.dataclass(frozen=True)
+class Whole(Kind):
+    least: int = 0
+    most: int = 2**63 - 1
+
+    def parse(self, value: Any, diameter: float | None) -> int:
+        number = _number(value)
+        if isinstance(value, bool) or not math.isfinite(number) or number % 1.0:
+            raise FieldError(f"{value!r} must be a whole number")
+        if number < self.least:
+            raise FieldError(f"{int(number)} must be at least {self.least}")
+        if number > self.most:
+            raise FieldError(f"{number:g} must be at most {self.most:g}")
+        return int(number)
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice(Kind):
+    names: tuple[str, ...] = ()
+
+    def parse(self, value: Any, diameter: float | None) -> str:
+        if not isinstance(value, str) or value not in self.names:
+            raise FieldError(unknown(str(value), self.names, "choice"))
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Text(Kind):
+    def parse(self, value: Any, diameter: float | None) -> str:
+        if not isinstance(value, str) or not value.strip():
+            raise FieldError(f"{value!r} must be a text that is not empty")
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Points(Kind):
+    """Pairs of numbers, one a grain."""
+
+    unit: str = "m"
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[tuple[float, float], ...]:
+        one = Quantity(unit=self.unit)
+        try:
+            rows = [tuple(row) for row in value]
+        except TypeError:
+            raise FieldError("must be a list of pairs [x, y]") from None
+        for index, row in enumerate(rows):
+            if len(row) != 2 or isinstance(value[index], str):
+                raise FieldError("must be a pair [x, y]", str(index))
+        return tuple((one.parse(x, diameter), one.parse(y, diameter)) for x, y in rows)
+
+    def plain(self, value: Any) -> Any:
+        return [list(row) for row in value]
+
+
+@dataclasses.dataclass(frozen=True)
+class Numbers(Kind):
+    """A list of quantities."""
+
+    each: Quantity = Quantity()
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            raise FieldError("must be a list of numbers")
+        found = []
+        for index, item in enumerate(value):
+            try:
+                found.append(self.each.parse(item, diameter))
+            except FieldError as error:
+                raise error.within(str(index)) from None
+        return tuple(found)
+
+    def plain(self, value: Any) -> Any:
+        return list(value)
+
+
+@dataclasses.dataclass(frozen=True)
+class One(Kind):
+    """A nested section."""
+
+    section: type[Section] | None = None
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        assert self.section is not None
+        return value if isinstance(value, self.section) else self.section.build(value, diameter)
+
+    def plain(self, value: Any) -> Any:
+        return value.plain()
+
+
+@dataclasses.dataclass(frozen=True)
+class Many(Kind):
+    """A list of sections; of several classes, told apart by their ``kind`` key, where given."""
+
+    section: type[Section] | None = None
+    kinds: Mapping[str, type[Section]] | None = None
+    least: int = 0
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[Any, ...]:
+        if isinstance(value, str | Mapping) or not isinstance(value, Sequence):
+            raise FieldError("must be a list of tables")
+        if len(value) < self.least:
+            raise FieldError(f"must hold at least {self.least} table")
+        built = []
+        for index, item in enumerate(value):
+            try:
+                built.append(self._item(item, diameter))
+            except FieldError as error:
+                raise error.within(str(index)) from None
+        names = [getattr(item, "name", "") for item in built]
+        for name in names:
+            if names.count(name) > 1:
+                raise FieldError(f"the name {name!r} is given twice; names must differ")
+        return tuple(built)
+
+    def _item(self, item: Any, diameter: float | None) -> Section:
+        if self.kinds is None:
+            assert self.section is not None
+            return One(section=self.section).parse(item, diameter)
+        if isinstance(item, tuple(self.kinds.values())):
+            return item  # type: ignore[return-value]
+        if not isinstance(item, Mapping):
+            raise FieldError(f"{item!r} must be a table")
+        if "kind" not in item:
+            raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
+        if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
+            raise FieldError(unknown(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
+        rest = {key: value for key, value in item.items() if key != "kind"}
+        return self.kinds[item["kind"]].build(rest, diameter)
+
+    def plain(self, value: Any) -> Any:
+        if self.kinds is None:
+            return [item.plain() for item in value]
+        names = {cls: name for name, cls in self.kinds.items()}
+        return [{"kind": names[type(item)], **item.plain()} for item in value]
+
+
+def declare(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
+    """A dataclass field of the given kind."""
+    return dataclasses.field(default=default, metadata={"kind": kind})
+
+
+def quantity(
+    unit: str,
+    *,
+    default: Any = dataclasses.MISSING,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    optional: bool = False,
+) -> Any:
+    """A number in an SI unit, also given as text with a unit of the same dimension."""
+    kind = Quantity(optional, unit=unit, above=above, least=least, below=below, most=most)
+    return declare(kind, default)
+
+
+def whole(
+    *,
+    default: Any = dataclasses.MISSING,
+    least: int = 0,
+    most: int = 2**63 - 1,
+    optional: bool = False,
+) -> Any:
+    return declare(Whole(optional, least=least, most=most), default)
+
+
+def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    return declare(Choice(optional, names=names), default)
+
+
+def text(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    return declare(Text(optional), default)
+
+
+def points(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
+    return declare(Points(True, unit=unit), default)
+
+
+def numbers(
+    unit: str,
+    *,
+    default: Any = dataclasses.MISSING,
+    above: float | None = None,
+    least: float | None = None,
+) -> Any:
+    """A list of numbers in an SI unit."""
+    return declare(Numbers(each=Quantity(unit=unit, above=above, least=least)), default)
+
+
+def one(
+    section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False
+) -> Any:
+    return declare(One(optional, section=section), default)
+
+
+def many(section: type[Section], *, least: int = 0) -> Any:
+    return declare(Many(section=section, least=least))
+
+
+@dataclass_transform(
+    frozen_default=True,
+    kw_only_default=True,
+    field_specifiers=(declare, quantity, whole, choice, text, points, numbers, one, many),
+)
+class Section:
+    """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+    def __init_subclass__(cls) -> None:
+        dataclasses.dataclass(frozen=True, kw_only=True)(cls)
+
+    def __post_init__(self) -> None:
+        self._read(None)
+
+    def _read(self, diameter: float | None) -> None:
+        for field in dataclasses.fields(self):
+            kind: Kind = field.metadata["kind"]
+            try:
+                value = kind.read(getattr(self, field.name), diameter)
+                object.__setattr__(self, field.name, value)
+            except FieldError as error:
+                raise error.within(field.name) from None
+        self.validate()
+
+    def validate(self) -> None:
+        """Check what no single field can; raise `FieldError`."""
+
+    @classmethod
+    def key_names(cls) -> tuple[str, ...]:
+        return tuple(field.name for field in dataclasses.fields(cls))
+
+    @classmethod
+    def build(cls, plain: Any, diameter: float | None = None) -> Self:
+        """A section from plain data.
+
+        Raises
+        ------
+        FieldError
+            For an unknown key (with the nearest known one), a missing or an unfit value.
+        """
+        if plain is True:
+            plain = {}
+        if not isinstance(plain, Mapping):
+            raise FieldError(
+                f"{plain!r} must be a table with the keys {', '.join(cls.key_names())}"
+            )
+        for key in plain:
+            if key not in cls.key_names():
+                raise FieldError(unknown(key, cls.key_names(), "key"))
+        self = object.__new__(cls)
+        for field in dataclasses.fields(cls):
+            has_default = field.default is not dataclasses.MISSING
+            value = plain.get(field.name, field.default if has_default else None)
+            object.__setattr__(self, field.name, value)
+        self._read(diameter)
+        return self
+
+    def plain(self) -> dict[str, Any]:
+        """The section as plain data, ready for TOML; `build` makes an equal section of it."""
+        out: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if value is None:
+                if field.default is not None:
+                    out[field.name] = "none"
+            else:
+                out[field.name] = field.metadata["kind"].plain(value)
+        return out

@@ -1,0 +1,127 @@
+"""Quantities with units: ``"5.63 mm/s"`` becomes 0.00563, checked against the wanted unit.
+
+Numbers without a unit are SI. The unit ``D`` is the diameter of the scene's first species.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from granular.shared.errors import SceneError
+
+Dimension = tuple[int, int, int, int]  # powers of metre, kilogram, second, ampere
+
+_NONE: Dimension = (0, 0, 0, 0)
+_BASE: dict[str, tuple[float, Dimension]] = {
+    "m": (1.0, (1, 0, 0, 0)),
+    "g": (1e-3, (0, 1, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0)),
+    "A": (1.0, (0, 0, 0, 1)),
+    "N": (1.0, (1, 1, -2, 0)),
+    "J": (1.0, (2, 1, -2, 0)),
+    "W": (1.0, (2, 1, -3, 0)),
+    "T": (1.0, (0, 1, -2, -1)),
+    "Pa": (1.0, (-1, 1, -2, 0)),
+    "Hz": (1.0, (0, 0, -1, 0)),
+}
+_PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
+_PLAIN: dict[str, tuple[float, Dimension]] = {
+    "1": (1.0, _NONE),
+    "%": (0.01, _NONE),
+    "rad": (1.0, _NONE),
+    "deg": (math.pi / 180.0, _NONE),
+    "min": (60.0, (0, 0, 1, 0)),
+    "h": (3600.0, (0, 0, 1, 0)),
+}
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_MOST_POWER = 9
+_LEAST_SIZE, _MOST_SIZE = 1e-100, 1e100  # of a unit; far from overflow, and beyond every use
+_FACTOR = re.compile(r"([A-Za-zµ%]+|1)(?:(?:\^|\*\*)?(-?\d+))?")
+
+
+def _symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
+    if name == "D":
+        if diameter is None:
+            raise SceneError("the unit D (a grain's diameter) has no meaning here; give metres")
+        return diameter, (1, 0, 0, 0)
+    for table in (_PLAIN, _BASE):
+        if name in table:
+            return table[name]
+    if len(name) > 1 and name[0] in _PREFIX and name[1:] in _BASE:
+        size, dimension = _BASE[name[1:]]
+        return _PREFIX[name[0]] * size, dimension
+    raise SceneError(
+        f"unknown unit {name!r}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their products"
+    )
+
+
+def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimension]:
+    """SI size and dimension of a unit such as ``"mm/s"`` or ``"kg m^2"``.
+
+    Raises
+    ------
+    SceneError
+        If the unit is unknown or cannot be read.
+    """
+    size, total = 1.0, [0, 0, 0, 0]
+    for place, part in enumerate(unit.replace("·", " ").split("/")):
+        if not part.strip():
+            raise SceneError(f"the unit {unit!r} cannot be read; write for instance 'mm/s'")
+        for factor in re.split(r"\s+|(?<!\*)\*(?!\*)", part.strip()):
+            match = _FACTOR.fullmatch(factor)
+            if match is None:
+                raise SceneError(f"the unit {unit!r} cannot be read; write for instance 'mm/s'")
+            base, dimension = _symbol(match[1], diameter)
+            power = _power(match[2], unit) * (-1 if place else 1)
+            size *= base**power
+            total = [have + power * more for have, more in zip(total, dimension, strict=True)]
+    if not _LEAST_SIZE <= size <= _MOST_SIZE:
+        raise SceneError(
+            f"the unit {unit!r} is {size:.1e} SI units; from {_LEAST_SIZE:g} to {_MOST_SIZE:g} can "
+            "be used: write a smaller power"
+        )
+    return size, (total[0], total[1], total[2], total[3])
+
+
+def _power(digits: str | None, unit: str) -> int:
+    if digits is None:
+        return 1
+    # The length comes first: numbers of thousands of digits are refused by int itself.
+    if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MOST_POWER:
+        raise SceneError(
+            f"a power in the unit {unit[:40]!r} is beyond {_MOST_POWER}; write a smaller one"
+        )
+    return int(digits)
+
+
+def si_value(text: str, unit: str, diameter: float | None = None) -> float:
+    """The SI value of a quantity written as text.
+
+    Parameters
+    ----------
+    text : str
+        A number, with or without a unit: ``"5 mm"``, ``"20 D"``, ``"1e-3"``.
+    unit : str
+        The SI unit that is wanted; its dimension is checked.
+    diameter : float, optional
+        Meaning of the unit D [m].
+
+    Raises
+    ------
+    SceneError
+        If the text is no quantity, or has another dimension than ``unit``.
+    """
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise SceneError(f"{text!r} is not a quantity; write a number and a unit, such as '5 mm'")
+    number, written = float(match[1]), match[2]
+    if not written:
+        return number
+    size, dimension = unit_size(written, diameter)
+    wanted = unit_size(unit)[1]
+    if dimension != wanted:
+        raise SceneError(f"{text!r} has the unit {written}; a quantity in {unit} is wanted")
+    # Dividing by an exact power of ten keeps "5 mm" equal to 0.005 to the last bit.
+    inverse = round(1.0 / size) if size < 1.0 else 0
+    return number / inverse if inverse and 1.0 / inverse == size else number * size

@@ -1,0 +1,1 @@
+"""What all three packages share: errors, the command lines' parser, pages, pictures, tables."""

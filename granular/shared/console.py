@@ -1,0 +1,175 @@
+"""What the three packages' command lines share.
+
+Every command exits with 0, or prints one line on standard error that names the value, the limit
+and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import tomllib
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from granular.shared.errors import GranularError, InputError, Interrupted
+
+BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message}; see {self.prog} --help")
+
+
+def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
+    """Run a command; its exit code."""
+    warnings.showwarning = _show_warning
+    try:
+        command(sys.argv[1:] if arguments is None else arguments)
+    except InputError as error:
+        return _complain(str(error), BAD_INPUT)
+    except GranularError as error:
+        return _complain(str(error), FAILED)
+    except Interrupted as stop:
+        path = getattr(stop.trajectory, "path", None)
+        kept = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
+        return _complain(f"interrupted: {kept}", INTERRUPTED)
+    except KeyboardInterrupt:
+        return _complain("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader went away; nothing is left to say
+        return 0
+    return 0
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+def command_parser(
+    prog: str, description: str, examples: Mapping[str, str]
+) -> tuple[Parser, Callable[[str, str], Parser]]:
+    """A parser of commands, and what adds a command by its name and what it does.
+
+    ``examples`` holds texts by command that stand at the end of its help; those of the whole under
+    the empty name.
+    """
+    top = Parser(
+        prog=prog,
+        description=description,
+        epilog=examples[""],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add(name: str, what: str) -> Parser:
+        one: Parser = commands.add_parser(
+            name,
+            help=what,
+            description=what[0].upper() + what[1:] + ".",
+            epilog=examples[name],
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        return one
+
+    return top, add
+
+
+def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
+    """Print a result: one JSON object, or a text for people.
+
+    JSON has neither infinities nor NaN: they are printed as null.
+    """
+    print(json.dumps(finite(result), allow_nan=False) if as_json else text)
+
+
+def finite(plain: Any) -> Any:
+    """Plain data with None in place of every number that is infinite or NaN."""
+    if isinstance(plain, dict):
+        return {key: finite(value) for key, value in plain.items()}
+    if isinstance(plain, list | tuple):
+        return [finite(value) for value in plain]
+    if isinstance(plain, float) and not math.isfinite(plain):
+        return None
+    return plain
+
+
+def write_json(path: Path, plain: dict[str, Any]) -> None:
+    """Write plain data as a JSON file for people and programs."""
+    text = json.dumps(finite(plain), indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:
+    """The scene and changes to it."""
+    what = what or "name of a packaged scene, or path to a TOML file"
+    parser.add_argument(name, metavar=name.upper(), help=what)
+    parser.add_argument(
+        "--set",
+        dest="changes",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change the scene: dotted key and value, such as piston.mass=6.5 or "
+        "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
+    )
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """How a scene is run."""
+    parser.add_argument(
+        "--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2"
+    )
+    parser.add_argument("--method", default="stormer-verlet", help="integration method")
+    parser.add_argument("--threads", type=int, help="number of threads (same bits for any)")
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """How a command speaks."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def changes_from(items: Sequence[str]) -> dict[str, Any]:
+    """Changes to a scene from ``KEY=VALUE`` texts.
+
+    Raises
+    ------
+    InputError
+        If a text has no equals sign.
+    """
+    changes: dict[str, Any] = {}
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"--set {item!r} is not KEY=VALUE; write for instance piston.mass=6.5")
+        try:
+            changes[key.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except (ValueError, RecursionError):
+            changes[key.strip()] = value.strip()
+    return changes
+
+
+def time_step(text: str) -> float | str:
+    """A time step from the command line: seconds, a quantity, or a multiple of "auto".
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    from granular.scene.units import si_value
+
+    return text if text.startswith("auto") else si_value(text, "s")

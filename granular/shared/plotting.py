@@ -1,0 +1,98 @@
+"""One look for all figures, and the picture of a bed."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#20639b", "#d1495b", "#3a7d44", "#b8860b", "#6a4c93", "#2a9d8f", "#8d5524", "#555555")
+"""Line colours, told apart also with colour-blind eyes when the line styles differ too."""
+STYLES = ("-", "--", "-.", ":")
+GREY = "#9aa5b1"
+
+
+@contextlib.contextmanager
+def figure(
+    rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 3.4, **options: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """A figure and its axes in the common look, without a window."""
+    import matplotlib as mpl
+    from cycler import cycler
+    from matplotlib.figure import Figure as Plain
+
+    look: Any = {
+        "font.size": 10,
+        "axes.grid": True,
+        "grid.alpha": 0.25,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.prop_cycle": cycler(color=COLOURS),
+        "legend.frameon": False,
+        "svg.fonttype": "path",
+        "path.simplify": True,
+        "path.simplify_threshold": 0.2,
+    }
+    with mpl.rc_context(look):
+        drawing = Plain(figsize=(width, height), layout="constrained")
+        yield drawing, drawing.subplots(rows, columns, **options)
+
+
+def draw_bed(
+    axes: Axes,
+    scene: Scene,
+    positions: np.ndarray,
+    piston_height: float | None,
+    colours: np.ndarray | None = None,
+) -> Any:
+    """Draw the grains to scale, the cell and the piston.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    positions : float (n, 2)
+        [m]
+    piston_height : float or None
+        [m]
+    colours : float (n,), optional
+        A value a grain, shown by colour; the species where not given.
+
+    Returns
+    -------
+    matplotlib collection
+        The grains, for a colour bar.
+    """
+    from matplotlib.collections import EllipseCollection
+
+    diameters = 1e3 * scene.grains.diameters()
+    grains = EllipseCollection(
+        diameters, diameters, np.zeros(len(diameters)), units="xy",
+        offsets=1e3 * positions, offset_transform=axes.transData, linewidths=0.0,
+    )  # fmt: skip
+    if colours is None:
+        grains.set_facecolor([COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()])
+    else:
+        grains.set_array(colours)
+    axes.add_collection(grains)
+    width = 1e3 * scene.cell.width
+    top = 1e3 * (piston_height if piston_height is not None else float(positions[:, 1].max()))
+    axes.plot([0.0, 0.0], [0.0, top], color="#333333", linewidth=1.5)
+    axes.plot([width, width], [0.0, top], color="#333333", linewidth=1.5)
+    axes.plot([0.0, width], [0.0, 0.0], color="#333333", linewidth=1.5)
+    if piston_height is not None:
+        axes.plot([0.0, width], [top, top], color=COLOURS[1], linewidth=3.0)
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.01 * width, 1.01 * width)
+    axes.set_ylim(-0.01 * width, top + 0.02 * width)
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    axes.grid(visible=False)
+    return grains

@@ -1,0 +1,1 @@
+"""Numbers of a scene from a lab record, by fitting simulations to it."""

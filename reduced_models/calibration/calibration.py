@@ -1,0 +1,256 @@
+"""`calibrate`: numbers of a scene from a lab record, by fitting simulations to it.
+
+Level of rest, period and damping ratio (`reduced_models.calibration.features`) of simulations are
+brought to those of the record by Gauss-Newton steps on logarithms, in which they are nearly linear.
+The slopes are differences over tenths, from the same random starts of the bed on both sides, and
+follow the simulations that are made on the way (Broyden 1965,
+doi:10.1090/S0025-5718-1965-0198670-6).
+
+Two beds that differ by their random start alone differ in these figures as well. A lab's bed is
+one more such bed: the intervals hold the record's noise and the scatter over random starts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from granular.methods import method_named
+from granular.run.record import PistonRecord
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from reduced_models.calibration.features import LAW, Features, features
+from reduced_models.calibration.gauss_newton import MOST_MOVES, Ended, descended
+from reduced_models.calibration.result import Calibrated, Calibration, Match
+from reduced_models.calibration.simulations import Bench, Parameter, Point, parameter, workers
+from reduced_models.fitting.fitting import check_options
+from reduced_models.fitting.uncertainty import open_directions
+from reduced_models.identification.checks import halved
+from reduced_models.laws.law import Law
+from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepared
+
+SEEDS = 4
+"""Random starts of the bed at every place."""
+_SHORT = 0.99
+_UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_STRANGE = 4.0  # standard deviations of a feature that noise and scatter do not explain
+
+
+def calibrate(
+    record: PistonRecord,
+    scene: Scene,
+    parameters: Sequence[str] = ("piston.mass", "effects.drag.coefficient"),
+    *,
+    seeds: int = SEEDS,
+    law: str | Law = LAW,
+    confidence: float = 0.95,
+    dt: float | str = "auto",
+    method: str = METHOD,
+    out: str | Path | None = None,
+    checks: bool = True,
+    progress: bool = True,
+) -> Calibration:
+    """Numbers of a scene for which its simulations move as a record does.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        The motion of the stage that the scene names as ``output.record``, from its start on. Where
+        it has a force, and the simulations too, the mean force counts as well.
+    scene : Scene
+        Which says everything else, and where to start.
+    parameters : sequence of str
+        Dotted keys of quantities above 0, such as ``piston.mass``, ``effects.drag.coefficient`` and
+        ``grains.remanence``. Mass and remanence (and drag) scale together without a free swing
+        noticing much: the force tells them apart.
+    seeds : int
+        Random starts of the bed at every place, from the scene's own on.
+    law : str or Law
+        Whose level of rest, period and damping ratio are compared; where the record is driven, an
+        equation with the drive's column.
+    confidence : float
+        Of the intervals.
+    dt, method
+        As in `granular.simulate`.
+    out : str or Path, optional
+        Directory that keeps every simulation as soon as it is done; called again, the calibration
+        goes on from there.
+    checks : bool
+        Whether one more simulation, with half the time step, tells what the step does.
+    progress : bool
+        Show a progress bar of each round of simulations on standard error.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit, the record does not swing about rest, or a simulation at the
+        start fails.
+    KeyboardInterrupt
+        On Ctrl-C; ``out`` keeps what was done.
+
+    Warns
+    -----
+    UserWarning
+        For each of the result's notes.
+    """
+    check_options(confidence=confidence)
+    if isinstance(seeds, bool) or not isinstance(seeds, int) or seeds < 2:
+        raise InputError(f"seeds = {seeds!r}; give a whole number from 2 on, to see their scatter")
+    if not parameters or len(set(parameters)) != len(parameters):
+        raise InputError(f"parameters = {list(parameters)}; give at least one, each once")
+    _check_scene(scene)
+    varied = tuple(parameter(scene, key) for key in parameters)
+    check_run_options(RunOptions({}, dt, method, None, progress))
+    force = record.force is not None
+    wanted = features(record, law, force=force)
+    target = prepared(out)
+    first = scene.arrangement.seed
+    with workers() as pool:
+        bench = Bench(
+            scene=scene,
+            parameters=varied,
+            seeds=tuple(range(first, first + seeds)),
+            law=law,
+            duration=float(record.time[-1] - record.time[0]),
+            force=force,
+            settings={
+                "dt": dt,
+                "method": method,
+                "out": None if target is None else target / "simulations",
+                "executor": pool,
+                "progress": progress,
+            },
+        )
+        ended = descended(bench, wanted)
+        shift, more = _step_shift(bench, ended.centre) if checks else (None, 0)
+    result = _result(bench, record, wanted, ended, shift, confidence)
+    result = dataclasses.replace(result, simulations=result.simulations + more)
+    for note in result.notes:
+        warnings.warn(note, stacklevel=2)
+    if target is not None:
+        result.save(target)
+    return result
+
+
+def _check_scene(scene: Scene) -> None:
+    if scene.piston is None:
+        raise InputError(f"scene {scene.name!r} has no piston, so there is nothing to calibrate")
+    if not any(stage.needs_mass for stage in scene.protocol):
+        raise InputError(
+            f"scene {scene.name!r} has no stage in which the piston moves freely; add one"
+        )
+
+
+def _step_shift(bench: Bench, centre: Point) -> tuple[np.ndarray | None, int]:
+    """Estimated error of the features (d,) by the time step, and how many simulations it took.
+
+    From one simulation with half the step, for a method of order p 2^p/(2^p - 1) times the change.
+    """
+    settings = {**bench.settings, "dt": halved(bench.settings["dt"])}
+    finer = dataclasses.replace(bench, seeds=bench.seeds[:1], settings=settings)
+    point = finer.points([centre.place])[0]
+    if point.failure:
+        return None, 1
+    doubled = 2.0 ** method_named(bench.settings["method"]).order
+    return np.asarray(doubled / (doubled - 1.0) * (centre.logs[0] - point.logs[0])), 1
+
+
+def _result(
+    bench: Bench,
+    record: PistonRecord,
+    wanted: Features,
+    ended: Ended,
+    shift: np.ndarray | None,
+    confidence: float,
+) -> Calibration:
+    place = ended.centre.place + (ended.estimate.step if ended.settled else 0.0)
+    values = bench.changes(place)
+    return Calibration(
+        parameters=tuple(
+            _calibrated(one, k, values[one.key], ended, shift, confidence)
+            for k, one in enumerate(bench.parameters)
+        ),
+        confidence=confidence,
+        matches=_matches(wanted, ended),
+        undetermined=open_directions(
+            [one.key for one in bench.parameters], ended.estimate.information
+        ),
+        scene=bench.scene.replace(**values),
+        record=record,
+        motions=ended.centre.records,
+        simulations=ended.simulations,
+        notes=(*wanted.notes, *_notes(bench, wanted, ended)),
+    )
+
+
+def _calibrated(
+    one: Parameter,
+    k: int,
+    value: float,
+    ended: Ended,
+    shift: np.ndarray | None,
+    confidence: float,
+) -> Calibrated:
+    from scipy.stats import t as student
+
+    estimate = ended.estimate
+    noise, scatter, unknown = (
+        float(part[k, k]) for part in (estimate.noise, estimate.scatter, estimate.unknown)
+    )
+    variance = noise + scatter + unknown
+    # Welch 1947, doi:10.1093/biomet/34.1-2.28: the scatter is known from few starts only.
+    starts = len(ended.centre.logs)
+    freedom = (starts - 1) * (variance / max(scatter + unknown, 1e-9 * variance, 1e-300)) ** 2
+    half = float(student.ppf(0.5 + 0.5 * confidence, freedom)) * math.sqrt(variance)
+    known = half < _UNKNOWN
+    return Calibrated(
+        key=one.key,
+        unit=one.unit,
+        value=value,
+        interval=(value * math.exp(-half), value * math.exp(half)) if known else (0.0, math.inf),
+        start=one.value,
+        noise=math.sqrt(noise),
+        scatter=math.sqrt(scatter),
+        step=None if shift is None else abs(float(estimate.gain[k] @ shift)),
+    )
+
+
+def _matches(wanted: Features, ended: Ended) -> tuple[Match, ...]:
+    scatter = np.sqrt(np.diag(ended.scatter))
+    return tuple(
+        Match(name, float(wanted.values[k]), math.exp(ended.centre.mean[k]),
+              float(wanted.errors[k]), float(scatter[k]))
+        for k, name in enumerate(wanted.names)
+    )  # fmt: skip
+
+
+def _notes(bench: Bench, wanted: Features, ended: Ended) -> tuple[str, ...]:
+    notes = []
+    if not ended.settled:
+        notes.append(
+            f"the search did not settle in {MOST_MOVES} moves, so read the values as a way there; "
+            "calibrate again from them"
+        )
+    for name, away in zip(wanted.names, ended.estimate.away, strict=True):
+        if abs(away) > _STRANGE:
+            notes.append(
+                f"no values give the record's {name.replace('_', ' ')}: it stays "
+                f"{abs(away):.2g} standard deviations away, so something else in the scene is not "
+                "as in the laboratory"
+            )
+    shortest = min(float(motion.time[-1]) for motion in ended.centre.records)
+    if shortest < _SHORT * bench.duration:
+        notes.append(
+            f"the simulations end after {shortest:.3g} s, and the record after "
+            f"{bench.duration:.3g} s; lengthen the stage"
+        )
+    return tuple(notes)

@@ -1,0 +1,155 @@
+"""Gauss-Newton steps on features of simulations, with slopes from common random starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.shared.errors import InputError
+from reduced_models.calibration.features import Features
+from reduced_models.calibration.simulations import Bench, Point
+from reduced_models.fitting.uncertainty import OPEN
+
+STRIDE = 0.1
+"""Of the differences, in logarithms."""
+RADIUS = 0.5
+"""Longest step of a logarithm."""
+MOST_MOVES = 8
+_SETTLED, _LINEAR, _LEAST_STEP = 2.0, 0.1, 1e-3
+# Slopes err by about a tenth, so a last step of two standard errors, if it is no longer than the
+# differences, errs by a fraction of one; shorter ones move the beds rather than the values.
+
+
+class Ended(NamedTuple):
+    """Where a search ended.
+
+    Attributes
+    ----------
+    centre : Point
+    estimate : Estimate
+        There.
+    scatter : float64 (d, d)
+        Covariance of the features over random starts.
+    simulations : int
+        How many there were.
+    settled : bool
+    """
+
+    centre: Point
+    estimate: Estimate
+    scatter: np.ndarray
+    simulations: int
+    settled: bool
+
+
+def descended(bench: Bench, wanted: Features) -> Ended:
+    """Gauss-Newton steps until they are smaller than what is known."""
+    start = np.log([one.value for one in bench.parameters])
+    strides = STRIDE * np.eye(len(start))
+    points = bench.points([start, *(start + stride for stride in strides)])
+    for point in points:
+        if point.failure:
+            raise InputError(f"{point.failure}; start from other values or a shorter dt")
+    centre = points[0]
+    slopes = np.stack([(point.logs - centre.logs) / STRIDE for point in points[1:]], axis=2)
+    radius = RADIUS
+    for _ in range(MOST_MOVES):
+        scatter = _scatter(points)
+        estimate = estimated(centre, slopes, scatter, wanted)
+        short = np.clip(_SETTLED * estimate.spread, _LEAST_STEP, _LINEAR)
+        if (np.abs(estimate.step) <= short).all():
+            return Ended(centre, estimate, scatter, len(points) * len(bench.seeds), True)
+        step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
+        trial = bench.points([centre.place + step])[0]
+        if trial.failure:
+            radius = 0.25 * float(np.abs(step).max())
+            continue
+        points.append(trial)
+        if np.abs(step).max() >= 0.5 * STRIDE:
+            lacking = trial.mean - centre.mean - slopes.mean(axis=0) @ step
+            slopes = slopes + np.outer(lacking, step) / (step @ step)
+        better = _distance(trial, wanted, scatter) < _distance(centre, wanted, scatter)
+        radius = min(RADIUS, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
+        centre = trial if better else centre
+    scatter = _scatter(points)
+    estimate = estimated(centre, slopes, scatter, wanted)
+    return Ended(centre, estimate, scatter, len(points) * len(bench.seeds), False)
+
+
+def _scatter(points: Sequence[Point]) -> np.ndarray:
+    """Covariance (d, d) of the features over random starts, the mean over all places."""
+    parts = [np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points]
+    return np.asarray(np.mean(parts, axis=0))
+
+
+def _variance(wanted: Features, scatter: np.ndarray, starts: int) -> np.ndarray:
+    """Of each feature of the record (d,) about the mean of the simulated ones."""
+    return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
+
+
+def _distance(point: Point, wanted: Features, scatter: np.ndarray) -> float:
+    away = np.log(wanted.values) - point.mean
+    return float((away**2 / _variance(wanted, scatter, len(point.logs))).sum())
+
+
+class Estimate(NamedTuple):
+    """What linearised features say at a point.
+
+    Attributes
+    ----------
+    step : float64 (p,)
+        From the point, along the directions that are known.
+    noise, scatter, unknown : float64 (p, p)
+        Covariances: of the record's noise and of the random starts along those directions, and of
+        the open ones.
+    information : float64 (p, p)
+    gain : float64 (p, d)
+        How a change of a feature moves the step.
+    away : float64 (d,)
+        What the features lack behind the step, in standard deviations.
+    """
+
+    step: np.ndarray
+    noise: np.ndarray
+    scatter: np.ndarray
+    unknown: np.ndarray
+    information: np.ndarray
+    gain: np.ndarray
+    away: np.ndarray
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviations (p,) along the directions that are known."""
+        return np.sqrt(np.diag(self.noise + self.scatter))
+
+
+def estimated(centre: Point, slopes: np.ndarray, scatter: np.ndarray, wanted: Features) -> Estimate:
+    """A weighted Gauss-Newton step; ``slopes`` (starts, d, p) are those of each random start."""
+    starts = len(slopes)
+    mean = slopes.mean(axis=0)
+    weight = 1.0 / np.maximum(_variance(wanted, scatter, starts), 1e-300)
+    about = slopes - mean
+    # Slopes that differ from start to start would else pass for information.
+    doubt = np.einsum("sdk,d,sdl->kl", about, weight, about) / (starts * (starts - 1))
+    information = (mean.T * weight) @ mean - doubt
+    strengths, directions = np.linalg.eigh(information)
+    known = strengths > OPEN**-2
+    inverse = np.where(known, 1.0 / np.where(known, strengths, 1.0), 0.0)
+    gain = (directions * inverse) @ directions.T @ (mean.T * weight)
+    residual = np.log(wanted.values) - centre.mean
+    step = gain @ residual
+    # Weights that few random starts tell are not the best ones; to first order, each feature beyond
+    # the known directions costs that much (C. R. Rao, Proc. 5th Berkeley Symp. 1 (1967) 355).
+    chosen = 1.0 + max(0, len(residual) - int(known.sum())) / (starts - 1)
+    free = np.where(known, 0.0, 1.0 / np.maximum(strengths, 1e-12))
+    return Estimate(
+        step=step,
+        noise=(gain * wanted.errors**2) @ gain.T,
+        scatter=chosen * (1.0 + 1.0 / starts) * gain @ scatter @ gain.T,
+        unknown=(directions * free) @ directions.T,
+        information=information,
+        gain=gain,
+        away=(residual - mean @ step) * np.sqrt(weight),
+    )

@@ -1,0 +1,202 @@
+"""Simulations of one scene at several places in the space of its parameters, from common starts."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.run.trajectory import Trajectory
+from granular.scene.scene import Scene
+from granular.scene.schema import Quantity, Section
+from granular.shared.errors import InputError
+from granular.studies.sweep import sweep
+from reduced_models.calibration.features import features
+from reduced_models.laws.law import Law
+
+_DIGITS = 12  # of a parameter: places that differ by rounding are the same simulation
+
+
+class Parameter(NamedTuple):
+    """A number in a scene.
+
+    Attributes
+    ----------
+    key : str
+        Dotted.
+    value : float
+        In SI, above 0.
+    unit : str
+    """
+
+    key: str
+    value: float
+    unit: str
+
+
+def parameter(scene: Scene, key: str) -> Parameter:
+    """A number of a scene that can be varied by its logarithm.
+
+    Raises
+    ------
+    InputError
+        If there is no such key, it holds no quantity, or its value is not above 0.
+    """
+    *path, name = key.split(".")
+    section: Any = scene
+    for part in path:
+        section = _part(section, part)
+    if not isinstance(section, Section) or name not in section.key_names():
+        scene.replace(**{key: 1.0})  # says which key there is instead
+        raise InputError(f"the scene holds no {key}; set one, or calibrate a number that it holds")
+    kind = section.__dataclass_fields__[name].metadata["kind"]
+    value = getattr(section, name)
+    if not isinstance(kind, Quantity):
+        raise InputError(f"{key} is no quantity; calibrate a number such as piston.mass")
+    if value is None or not value > 0.0:
+        raise InputError(
+            f"{key} = {'none' if value is None else value}; a calibration starts from a value "
+            "above 0: set one in the scene"
+        )
+    return Parameter(key, float(value), "" if kind.unit == "1" else kind.unit)
+
+
+def _part(section: Any, part: str) -> Any:
+    if isinstance(section, tuple):
+        named = {str(getattr(item, "name", "")): item for item in section}
+        if part.isdecimal() and int(part) < len(section):
+            return named.get(part, section[int(part)])
+        return named.get(part)
+    return getattr(section, part, None) if isinstance(section, Section) else None
+
+
+@contextlib.contextmanager
+def workers() -> Iterator[Executor]:
+    """Processes for all rounds of simulations: each loads the compiled code once."""
+    from loky import ProcessPoolExecutor
+
+    class Pool(ProcessPoolExecutor):  # type: ignore[misc]
+        def shutdown(
+            self, wait: bool = True, kill_workers: bool = False, *, cancel_futures: bool = False
+        ) -> None:
+            """As in the standard library, whose ``cancel_futures`` loky does not know."""
+            super().shutdown(wait=wait, kill_workers=kill_workers or cancel_futures)
+
+    pool = Pool(max_workers=os.cpu_count() or 1)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, kill_workers=True)
+
+
+def piston_columns(run: Trajectory) -> Mapping[str, Any]:
+    """The piston's record of a run as lists, the measure of the study."""
+    return {name: values.tolist() for name, values in run.piston().columns.items()}
+
+
+class Point(NamedTuple):
+    """Simulations with the same parameters.
+
+    Attributes
+    ----------
+    place : float64 (p,)
+        Logarithms of the parameters.
+    records : tuple of PistonRecord
+        One a random start.
+    logs : float64 (starts, d)
+        Logarithms of their features.
+    failure : str
+        Why there are none; empty where there are.
+    """
+
+    place: np.ndarray
+    records: tuple[PistonRecord, ...]
+    logs: np.ndarray
+    failure: str = ""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean (d,) over the random starts."""
+        return np.asarray(self.logs.mean(axis=0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Bench:
+    """How a scene is simulated and what is measured of it.
+
+    Attributes
+    ----------
+    scene : Scene
+    parameters : tuple of Parameter
+    seeds : tuple of int
+        Of the random starts, the same at every place.
+    law : str or Law
+        Of the features.
+    duration : float
+        Of the record that simulations are compared with [s].
+    force : bool
+        Whether the mean force is a feature.
+    settings : mapping
+        Keywords of `granular.sweep`.
+    """
+
+    scene: Scene
+    parameters: tuple[Parameter, ...]
+    seeds: tuple[int, ...]
+    law: str | Law
+    duration: float
+    force: bool
+    settings: Mapping[str, Any]
+
+    def changes(self, place: np.ndarray) -> dict[str, float]:
+        """The scene's changes at a place (p,)."""
+        return {
+            one.key: float(f"{math.exp(log):.{_DIGITS}g}")
+            for one, log in zip(self.parameters, place, strict=True)
+        }
+
+    def points(self, places: Sequence[np.ndarray]) -> list[Point]:
+        """Simulations at some places, side by side."""
+        cases = [
+            self.changes(place) | {"arrangement.seed": seed}
+            for place in places
+            for seed in self.seeds
+        ]
+        study = sweep(self.scene, cases=cases, measure=piston_columns, **self.settings)
+        count = len(self.seeds)
+        return [
+            self._point(place, study.outcomes[k * count : (k + 1) * count])
+            for k, place in enumerate(places)
+        ]
+
+    def _point(self, place: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> Point:
+        records, rows = [], []
+        for seed, outcome in zip(self.seeds, outcomes, strict=True):
+            try:
+                if outcome["error"] is not None:
+                    raise InputError(outcome["error"])
+                record = _record(outcome["figures"]).from_zero()
+                record = record.between(0.0, self.duration * (1.0 + 1e-9))
+                found = features(record, self.law, force=self.force)
+            except InputError as error:
+                where = ", ".join(
+                    f"{key} = {value:.5g}" for key, value in self.changes(place).items()
+                )
+                cause = f"the simulation with {where} from random start {seed} failed: {error}"
+                return Point(place, (), np.empty((0, 0)), cause)
+            records.append(record)
+            rows.append(np.log(found.values))
+        return Point(place, tuple(records), np.array(rows))
+
+
+def _record(columns: Mapping[str, Sequence[float]]) -> PistonRecord:
+    arrays = {name: np.array(values) for name, values in columns.items()}
+    own = {name: arrays.pop(name, None) for name in ("time", "height", "velocity", "force")}
+    return PistonRecord(**own, extra=arrays)  # type: ignore[arg-type]

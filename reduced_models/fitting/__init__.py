@@ -1,0 +1,1 @@
+"""Fits of a law to records, through the law's differential equation."""

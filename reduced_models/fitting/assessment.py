@@ -1,0 +1,242 @@
+"""From a solution to a model: what was found, how good it is, and what is to be doubted."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from reduced_models.fitting.refinement import Grid, Solution
+from reduced_models.fitting.search import BLOWN_UP
+from reduced_models.fitting.uncertainty import (
+    Analysis,
+    Information,
+    autocorrelation_time,
+    bootstrap_intervals,
+    interval_analysis,
+    marginal,
+    profile_intervals,
+)
+from reduced_models.models.model import HeightMap, Quality, ReducedModel
+from reduced_models.records.first_guesses import noise_level
+
+FEW = 0.25
+"""Share of the starts that must lead to the best fit before it is taken without a note."""
+NOISY = 0.3
+"""Noise above this share of the swing is noted."""
+VIOLENT = 500.0
+"""Accelerations above this [m/s^2], fifty times gravity, are noted."""
+NOISE_TIMES, NOTABLE = 3.0, 0.05
+"""A residual above so many noise levels, and above this share of the swing, is noted."""
+
+
+class Training(NamedTuple):
+    """What a model was trained on, and how the search went.
+
+    Attributes
+    ----------
+    samples : tuple of int
+        Of the training stretch of each record.
+    stops : tuple of float
+        End of each, since the record's start [s].
+    starts, converged : int
+        Random starts, and how many of them led to the best fit.
+    confidence : float
+        Of the intervals.
+    bounds : mapping of str to (float, float)
+        That parameters were kept in.
+    replicates : int
+        Resampled records that give the intervals; 0 where something else does.
+    profile : bool
+        Whether the profile of the residuals gives the intervals.
+    """
+
+    samples: tuple[int, ...]
+    stops: tuple[float, ...]
+    starts: int
+    converged: int
+    confidence: float
+    bounds: Mapping[str, tuple[float, float]] = {}
+    replicates: int = 0
+    profile: bool = False
+
+
+def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...]:
+    """The reduced model of each record of a solution, with intervals, quality and notes."""
+    joint, theta = solution.joint, solution.theta
+    normal = joint.normal_matrix(theta)
+    residuals = tuple(joint.residuals(theta))
+    again = None
+    if training.replicates:
+        from reduced_models.fitting.bootstrap import replicates
+
+        again = replicates(joint, theta, training.replicates, seed=0)
+    profiled = None
+    if training.profile:
+        whole = Information(normal, residuals, joint.layout.size)
+        profiled = profile_intervals(
+            joint, theta, whole.variance, whole.freedom, training.confidence
+        )
+    models = []
+    for k, here in enumerate(joint.layout.places):
+        known = Information(marginal(normal, here), residuals, joint.layout.size)
+        analysis = interval_analysis(joint.problem, theta[here], known, training.confidence)
+        if again is not None:
+            intervals = bootstrap_intervals(joint.problem, again[:, here], training.confidence)
+            analysis = dataclasses.replace(analysis, intervals=intervals)
+        if profiled is not None:
+            analysis = dataclasses.replace(analysis, intervals=profiled[k])
+        models.append(_model(solution, k, training, analysis))
+    return tuple(models)
+
+
+def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -> ReducedModel:
+    grid = solution.joint.grids[k]
+    problem, record = grid.problem, grid.record
+    theta = solution.theta[solution.joint.layout.places[k]]
+    values, shift, scale, z0, v0 = problem.physical(theta)
+    height_map = HeightMap(float(shift), float(scale), fitted=problem.map is None)
+    quality = _quality(solution, k, training)
+    parameters = dict(zip(problem.law.parameters, map(float, values), strict=True))
+    return ReducedModel(
+        law=problem.law,
+        parameters=parameters,
+        intervals=analysis.intervals,
+        confidence=training.confidence,
+        map=height_map,
+        initial=(float(height_map.to_height(z0)), float(v0 * scale)),
+        at_rest=analysis.at_rest,
+        quality=quality,
+        undetermined=analysis.undetermined,
+        domain=_domain([one.record for one in solution.joint.grids]),
+        notes=(
+            *_notes(quality),
+            *_bound_notes(parameters, training.bounds),
+            *_unit_notes(problem.amplitude, problem.speed),
+        ),
+        provenance=provenance(record, training),
+    )
+
+
+def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
+    """What all records of a fit hold together."""
+    heights = np.concatenate([one.height for one in records])
+    speeds = np.concatenate([np.gradient(one.height, one.time) for one in records])
+    return {
+        "height": (float(heights.min()), float(heights.max())),
+        "velocity": (float(speeds.min()), float(speeds.max())),
+    }
+
+
+def provenance(record: PistonRecord, training: Training) -> dict[str, str]:
+    """Where a model comes from, in words: the same for the same data and settings."""
+    digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
+    bounds = ", ".join(f"{low:g} <= {name} <= {high:g}" for name, (low, high) in
+                       training.bounds.items())  # fmt: skip
+    intervals = "profile" if training.profile else "linear"
+    if training.replicates:
+        intervals = f"bootstrap, {training.replicates} records"
+    return {
+        "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, "
+        f"sha256 {digest[:16]}",
+        "records": str(len(training.samples)),
+        "fit": f"{training.starts} starts, intervals {intervals}" + (f", {bounds}" * bool(bounds)),
+    }
+
+
+def _bound_notes(
+    parameters: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
+) -> tuple[str, ...]:
+    return tuple(
+        f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or read it as given"
+        for name, pair in bounds.items()
+        if any(abs(parameters[name] - edge) <= 1e-9 * abs(edge) for edge in pair)
+    )
+
+
+def _unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
+    acceleration = speed**2 / amplitude
+    if acceleration < VIOLENT:
+        return ()
+    return (
+        f"the motion accelerates at {acceleration:.2g} m/s^2; check the units of height and time, "
+        "which are m and s where none are given",
+    )
+
+
+def _quality(solution: Solution, k: int, training: Training) -> Quality:
+    joint, grid = solution.joint, solution.joint.grids[k]
+    record, samples = grid.record, training.samples[k]
+    swing = float(record.height.std())
+    here = joint.layout.places[k]
+    residuals = grid.residuals(solution.theta[here])
+    residual = _rms(residuals) * grid.problem.amplitude
+    held_out = len(record) - samples >= 2
+    error, resting = None, None
+    if held_out:
+        error, resting = _holdout_errors(grid, solution.trained[here], samples)
+    return Quality(
+        residual=residual,
+        relative=residual / swing,
+        holdout=error,
+        holdout_from=training.stops[k] if held_out else None,
+        starts=training.starts,
+        converged=training.converged,
+        samples=len(record),
+        solver_error=solution.solver_errors[k],
+        holdout_at_rest=resting,
+        noise=noise_level(record.height, record.time),
+        correlation=autocorrelation_time(residuals),
+    )
+
+
+def _holdout_errors(grid: Grid, trained: np.ndarray, training: int) -> tuple[float, float]:
+    """Errors over the held-out stretch, of the roll-out and of a piston that stays at rest.
+
+    Neither has seen that stretch; both count in the rms swing of the record.
+    """
+    record = grid.record
+    swing = float(record.height.std())
+    # The level of rest at the end of this record's training stretch.
+    rest = float(record.height[training + (-training // 3) : training].mean())
+    residuals = grid.residuals(trained)[training:]
+    resting = _rms(record.height[training:] - rest) / swing
+    if (np.abs(residuals) >= BLOWN_UP).any():
+        return math.inf, resting
+    return _rms(residuals) * grid.problem.amplitude / swing, resting
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _notes(quality: Quality) -> tuple[str, ...]:
+    notes = []
+    if quality.converged < FEW * quality.starts:
+        notes.append(
+            f"only {quality.converged} of {quality.starts} random starts led to this fit, so there "
+            "may be a better one; try more starts"
+        )
+    if quality.residual > NOISE_TIMES * quality.noise and quality.relative > NOTABLE:
+        ratio = quality.residual / quality.noise if quality.noise > 0.0 else math.inf
+        notes.append(
+            f"the residual is {100 * quality.relative:.2g} % of the swing and {ratio:.2g} times "
+            "the record's noise, so the law or "
+            "the fit is not right; try another law or more starts"
+        )
+    swing = quality.residual / max(quality.relative, 1e-300)
+    if quality.noise > NOISY * swing:
+        notes.append(
+            f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "
+            "says little of any law; average more samples or measure a larger motion"
+        )
+    if quality.holdout == math.inf:
+        notes.append(
+            "fitted to its training stretch only, the law blows up in the held-out stretch"
+        )
+    return tuple(notes)

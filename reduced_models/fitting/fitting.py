@@ -1,0 +1,447 @@
+"""`fit`: the parameters of a law from a record, through the law's differential equation.
+
+The whole motion is compared, not its derivatives: for trial parameters the equation is solved
+from a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution
+lies on the record. Many random starts, first on the first two swings and then on all of the
+record, keep it from settling in a wrong valley.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple, overload
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
+from reduced_models.fitting.assessment import Training, models_of
+from reduced_models.fitting.bootstrap import REPLICATES
+from reduced_models.fitting.random_starts import (
+    free_entries,
+    start_vectors,
+    started,
+    swing_draws,
+    swing_problem,
+)
+from reduced_models.fitting.refinement import Joint, grid_of, problem_equations, solution
+from reduced_models.fitting.search import (
+    BLOWN_UP,
+    TIE,
+    Bounds,
+    Prior,
+    Samples,
+    agreement,
+    means_on_grid,
+    search,
+)
+from reduced_models.fitting.search_vector import Layout, Normal, joint_normal, layout_of
+from reduced_models.fitting.unknowns import Problem, problem_of, theta_bounds
+from reduced_models.laws import law_named
+from reduced_models.laws.law import Law, law_from_text
+from reduced_models.laws.solution import grid_steps
+from reduced_models.models.model import HeightMap, ReducedModel
+from reduced_models.records.first_guesses import Estimates, estimates
+from reduced_models.records.inputs import column_names, drive_on_grid
+
+STARTS = 16
+HOLDOUT = 0.3
+_FIRST_SWINGS = 2.0
+_FIRST_TRIALS, _FIRST_TOLERANCE = 60, 1e-4
+_RIVAL_TRIALS = 20  # of a law as it stands, beside its fit with a map
+_HOPELESS = 4.0  # times the cost of the fit with a map
+COARSE_STEPS, FINE_STEPS = 16, 64
+"""Grid steps of a period: the phase error of a period is then 4e-6 and 1e-9."""
+
+Pairs = Mapping[str, tuple[float, float]]
+
+
+@overload
+def fit(
+    record: PistonRecord,
+    law: str | Law = ...,
+    *,
+    map: HeightMap | Literal["auto", "fitted"] = ...,
+    starts: int = ...,
+    holdout: float = ...,
+    confidence: float = ...,
+    seed: int = ...,
+    own: Sequence[str] = ...,
+    bounds: Pairs | None = ...,
+    intervals: Literal["linear", "bootstrap", "profile"] = ...,
+) -> ReducedModel: ...
+
+
+@overload
+def fit(
+    record: Sequence[PistonRecord],
+    law: str | Law = ...,
+    *,
+    map: HeightMap | Literal["auto", "fitted"] = ...,
+    starts: int = ...,
+    holdout: float = ...,
+    confidence: float = ...,
+    seed: int = ...,
+    own: Sequence[str] = ...,
+    bounds: Pairs | None = ...,
+    intervals: Literal["linear", "bootstrap", "profile"] = ...,
+) -> tuple[ReducedModel, ...]: ...
+
+
+def fit(
+    record: PistonRecord | Sequence[PistonRecord],
+    law: str | Law = "van-der-pol-like",
+    *,
+    map: HeightMap | Literal["auto", "fitted"] = "auto",  # noqa: A002
+    starts: int = STARTS,
+    holdout: float = HOLDOUT,
+    confidence: float = 0.95,
+    seed: int = 0,
+    own: Sequence[str] = (),
+    bounds: Pairs | None = None,
+    intervals: Literal["linear", "bootstrap", "profile"] = "linear",
+) -> ReducedModel | tuple[ReducedModel, ...]:
+    """Fit a law to a record, or to several at once.
+
+    Parameters
+    ----------
+    record : PistonRecord, or a sequence of them
+        Samples may be irregular and have gaps.
+    law : str or Law
+        A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
+        Law. Names in an equation that are columns of the record are inputs; all others are
+        parameters.
+    map : HeightMap, "auto" or "fitted"
+        How the height enters a law that has a map (``law.mapped``): as given, fitted, or fitted
+        unless the record is described as well with z = height (Bayesian information criterion).
+    starts : int
+        Random starts.
+    holdout : float
+        Fraction of each record, at its end, that is held out: first guesses, the choice of the map
+        and a first model do without it, and that model is judged on it. The model that is given
+        back is then fitted to all of the record. 0 for none.
+    confidence : float
+        Of the intervals.
+    seed : int
+        Of the random starts.
+    own : sequence of str
+        Parameters that each of several records has for itself; the others are shared. Every record
+        has its own initial state.
+    bounds : mapping of str to (float, float), optional
+        Least and greatest value of parameters.
+    intervals : "linear", "bootstrap" or "profile"
+        From the linearisation at the best fit, by fitting resampled records, or by holding each
+        parameter at values further and further away and fitting the others again: right also
+        where parameters are bounded or trade places (see `reduced_models.fitting.profile`).
+        Intervals of the small swing at rest are always those of the linearisation.
+
+    Returns
+    -------
+    ReducedModel, or a tuple of them
+        One for each record.
+
+    Raises
+    ------
+    RecordError
+        If a record is too short, does not move, or lacks a column that is an input of the law.
+    InputError
+        If an argument is out of its range, no start led to a solution that stays finite, or the
+        solution cannot be followed to the accuracy that the fit needs.
+
+    Warns
+    -----
+    UserWarning
+        For each of the model's notes: where few starts agree, a parameter lies at its bound, or the
+        law leaves over much more than the record's noise.
+    """
+    records = [record] if isinstance(record, PistonRecord) else list(record)
+    if not records:
+        raise InputError("there is no record to fit; give at least one")
+    if not isinstance(map, HeightMap) and map not in ("auto", "fitted"):
+        raise InputError(f"map = {map!r}; give 'auto', 'fitted' or a HeightMap")
+    if intervals not in ("linear", "bootstrap", "profile"):
+        raise InputError(f"intervals = {intervals!r}; give 'linear', 'bootstrap' or 'profile'")
+    check_options(starts, holdout, confidence)
+    chosen = law_of(law, records[0])
+    _check_names(chosen, own, bounds or {})
+    case = _case(records, holdout, own, bounds or {})
+    best = _best(chosen, map, case, starts, seed)
+    if not math.isfinite(_information(best)):
+        raise InputError(
+            f"no start led to a solution of {chosen.name!r} that stays finite over the record; try "
+            "another law, more starts or a shorter record"
+        )
+    found = solution(best.joint, best.theta, case.samples)
+    training = Training(
+        samples=case.samples,
+        stops=tuple(data.stop for data in case.data),
+        starts=starts,
+        converged=best.converged,
+        confidence=confidence,
+        bounds=case.bounds,
+        replicates=REPLICATES if intervals == "bootstrap" else 0,
+        profile=intervals == "profile",
+    )
+    models = models_of(found, training)
+    for note in dict.fromkeys(note for model in models for note in model.notes):
+        warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=2)
+    return models[0] if isinstance(record, PistonRecord) else models
+
+
+def law_of(law: str | Law, record: PistonRecord) -> Law:
+    """A law by its name, its equation, or as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such law, or the text is no equation of motion.
+    """
+    if isinstance(law, Law):
+        return law
+    if "=" in law or "'" in law:
+        return law_from_text(law, column_names(record))
+    return law_named(law)
+
+
+def check_options(starts: int = STARTS, holdout: float = HOLDOUT, confidence: float = 0.95) -> None:
+    """Raise `InputError` unless the options of `fit` are in their ranges."""
+    if not isinstance(starts, int) or starts < 1:
+        raise InputError(f"starts = {starts!r}; give a whole number from 1 on")
+    if not 0.0 <= holdout <= 0.9:
+        raise InputError(f"holdout = {holdout!r}; give a fraction from 0 to 0.9")
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence = {confidence!r}; give a fraction between 0 and 1")
+
+
+def _check_names(law: Law, own: Sequence[str], bounds: Pairs) -> None:
+    for name in (*own, *bounds):
+        if name not in law.parameters:
+            raise InputError(unknown(name, law.parameters, "parameter"))
+    for name, (low, high) in bounds.items():
+        if not low < high:
+            raise InputError(f"bounds of {name}: {low:g} is not below {high:g}; give them in order")
+        if name in law.positive and high <= 0.0:
+            raise InputError(
+                f"bounds of {name}: up to {high:g}, and the law holds for values above 0; raise it"
+            )
+
+
+class _Data(NamedTuple):
+    """A record from time 0 on, the stretch of it that a fit may see first, and a glance at that."""
+
+    record: PistonRecord
+    training: PistonRecord
+    stop: float
+    guess: Estimates
+
+
+class _Case(NamedTuple):
+    """Records to fit together; the one that swings the furthest sets the scales."""
+
+    data: tuple[_Data, ...]
+    own: Sequence[str]
+    bounds: Pairs
+
+    @property
+    def leader(self) -> _Data:
+        return max(self.data, key=lambda data: data.guess.amplitude)
+
+    @property
+    def samples(self) -> tuple[int, ...]:
+        return tuple(len(data.training) for data in self.data)
+
+
+def _case(
+    records: Sequence[PistonRecord], holdout: float, own: Sequence[str], bounds: Pairs
+) -> _Case:
+    return _Case(tuple(_split(each, holdout) for each in records), own, bounds)
+
+
+def _split(record: PistonRecord, holdout: float) -> _Data:
+    whole = record.from_zero()
+    stop = float(whole.time[-1]) * (1.0 - holdout)
+    # Two samples make a record; what is too short to fit is told by its estimates.
+    count = max(2, int(np.searchsorted(whole.time, stop, side="right")))
+    training = whole.first(count)
+    return _Data(whole, training, stop, estimates(training))
+
+
+class _Candidate(NamedTuple):
+    """A law with one way to map the height, fitted to the training stretches.
+
+    Attributes
+    ----------
+    joint : Joint
+        Of the whole records.
+    theta : float64 (p,)
+    samples, converged : int
+        Of the training stretches; starts that led to this fit.
+    cost : float
+        Sum of the squared training residuals; infinite where the solution blows up.
+    coarse_cost : float
+        The same of the means on the search's coarse grid.
+    """
+
+    joint: Joint
+    theta: np.ndarray
+    samples: int
+    converged: int
+    cost: float
+    coarse_cost: float
+
+
+def _best(law: Law, wanted: HeightMap | str, case: _Case, starts: int, seed: int) -> _Candidate:
+    """The law with the map that is asked for, or that the data ask for."""
+    if not law.mapped or isinstance(wanted, HeightMap):
+        given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
+        return _refined(case, _searched(law, given, case, starts, seed))
+    found = _refined(case, _searched(law, None, case, starts, seed))
+    if wanted == "fitted":
+        return found
+    limit = _HOPELESS * found.coarse_cost
+    rival = _searched(law, HeightMap(), case, starts, seed, limit)
+    if rival.costs.min() > limit:
+        return found
+    return min(_refined(case, rival), found, key=_information)
+
+
+class _Search(NamedTuple):
+    """Where the starts led to on coarse grids: vectors (s, p) and costs (s,)."""
+
+    problem: Problem
+    layout: Layout
+    bounds: Bounds
+    theta: np.ndarray
+    costs: np.ndarray
+
+
+def _searched(
+    law: Law,
+    height_map: HeightMap | None,
+    case: _Case,
+    starts: int,
+    seed: int,
+    limit: float = math.inf,
+) -> _Search:
+    """Search from random starts: on the first swings, then on whole training stretches.
+
+    The second is left out where even the first swings alone cost more than the limit.
+    """
+    # First of all: a record with too many periods is refused before any search.
+    _fine_steps(law, case)
+    problem = problem_of(law, height_map, case.leader.guess, case.leader.training)
+    layout = layout_of(problem, len(case.data), case.own)
+    bounds = Bounds(*(layout.joined(edge) for edge in theta_bounds(problem, case.bounds)))
+    coarse = [_coarse(problem, data) for data in case.data]
+    theta = _swung(problem, layout, case, coarse, starts, seed)
+    if theta is None:
+        theta = layout.merged(_start_vectors(problem, case, starts, seed))
+        normal, prior = _coarse_normal(problem, layout, case, coarse, _FIRST_SWINGS)
+        trials = _FIRST_TRIALS if math.isinf(limit) else _RIVAL_TRIALS
+        theta, costs = search(normal, theta, prior, _FIRST_TOLERANCE, bounds, trials=trials)
+        if costs.min() > limit:
+            return _Search(problem, layout, bounds, theta, costs)
+    normal, prior = _coarse_normal(problem, layout, case, coarse, math.inf)
+    return _Search(problem, layout, bounds, *search(normal, theta, prior, bounds=bounds))
+
+
+def _swung(
+    problem: Problem,
+    layout: Layout,
+    case: _Case,
+    coarse: Sequence[Samples],
+    starts: int,
+    seed: int,
+) -> np.ndarray | None:
+    """Start vectors of a mapped law where random starts of its swing form lead to."""
+    form, leader = problem.law.swing_form, case.leader
+    if form is None or problem.map is not None or case.own or case.bounds:
+        return None
+    random = np.random.default_rng(seed)
+    draws = swing_draws(form, leader.guess, leader.training, starts, random)
+    if draws is None:
+        return None
+    swinging = swing_problem(problem, form, draws)
+    free = free_entries(swinging, draws)
+    theta = layout.merged([started(swinging, data.guess, free) for data in case.data])
+    for swings in (_FIRST_SWINGS, math.inf):
+        normal, prior = _coarse_normal(swinging, layout, case, coarse, swings)
+        theta, _ = search(normal, theta, prior, _FIRST_TOLERANCE, trials=_FIRST_TRIALS)
+    values = swinging.physical(theta[:, layout.places[0]].T)[0]
+    mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
+    theta[:, : free.shape[1]] = free_entries(problem, mapped)
+    return theta
+
+
+def _fine_steps(law: Law, case: _Case) -> list[int]:
+    """Steps of the fine grid over each record."""
+    wanted = law.resolution * FINE_STEPS
+    return [
+        grid_steps(float(data.record.time[-1]), data.guess.period, wanted) for data in case.data
+    ]
+
+
+def _coarse(problem: Problem, data: _Data) -> Samples:
+    """Means of a training stretch on a coarse grid."""
+    training = data.training
+    wanted = problem.law.resolution * COARSE_STEPS
+    steps = grid_steps(float(training.time[-1]), data.guess.shortest_period, wanted)
+    drive = drive_on_grid(training, problem.law.inputs, steps)
+    return means_on_grid(training.time, training.height, steps, drive)
+
+
+def _coarse_normal(
+    problem: Problem, layout: Layout, case: _Case, coarse: Sequence[Samples], swings: float
+) -> tuple[Normal, Prior]:
+    """The normal equations of the first swings, and the prior about the starts."""
+    normals, total = [], 0.0
+    for data, means in zip(case.data, coarse, strict=True):
+        seen = means.step * np.arange(len(means.weight)) <= swings * data.guess.period
+        weight = means.weight * seen
+        total += float((weight**2).sum())
+        seen_means = means._replace(weight=weight)
+        normals.append(problem_equations(problem).of(seen_means, problem.scales))
+    return joint_normal(normals, layout), Prior(layout.joined(problem.prior), total)
+
+
+def _refined(case: _Case, found: _Search) -> _Candidate:
+    """The best start of a search, sharpened on fine grids."""
+    grids = [
+        grid_of(found.problem, data.record, steps)
+        for data, steps in zip(case.data, _fine_steps(found.problem.law, case), strict=True)
+    ]
+    joint = Joint(tuple(grids), found.layout, found.bounds)
+    count = sum(case.samples)
+    converged = int((found.costs <= agreement(found.costs, count)).sum())
+    best = joint.sharpened(found.theta[int(found.costs.argmin())], case.samples)
+    residuals = np.concatenate(
+        [each[:size] for each, size in zip(joint.residuals(best), case.samples, strict=True)]
+    )
+    finite = bool((np.abs(residuals) < BLOWN_UP).all())
+    cost = float(residuals @ residuals) if finite else math.inf
+    return _Candidate(joint, best, count, converged, cost, float(found.costs.min()))
+
+
+def _start_vectors(problem: Problem, case: _Case, starts: int, seed: int) -> list[np.ndarray]:
+    """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
+    found = [
+        start_vectors(problem, data.guess, data.training, starts, np.random.default_rng(seed))
+        for data in case.data
+    ]
+    leader = found[case.data.index(case.leader)]
+    shared = slice(0, -2)
+    found[0] = found[0].copy()
+    keep = [problem.law.parameters.index(name) for name in case.own]
+    own = found[0][:, keep].copy()
+    found[0][:, shared] = leader[:, shared]
+    found[0][:, keep] = own
+    return found
+
+
+def _information(found: _Candidate) -> float:
+    """Bayesian information criterion; residuals below the tie level count as equal."""
+    mean = max(found.cost / found.samples, TIE**2)
+    return found.samples * math.log(mean) + len(found.theta) * math.log(found.samples)

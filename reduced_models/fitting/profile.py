@@ -1,0 +1,204 @@
+"""Intervals from the profile of the residuals: how far a parameter moves until the fit is bad.
+
+One parameter is held at a value, all the others are fitted again, and the sum of squares rises by
+S. Its signed root over the residuals' standard deviation is the profile t; the interval ends where
+that is Student's quantile (Bates, Watts 1988, doi:10.1002/9780470316757, section 6.1). Where the
+law is linear in the parameter, this is the interval of the linearisation. Where it is not, or where
+parameters trade places, or one has a bound, it is not, and the profile is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from reduced_models.fitting.refinement import Joint
+from reduced_models.fitting.search import Bounds, Prior, search
+from reduced_models.fitting.search_vector import Normal, joint_normal
+
+FAR = math.log(1e6)
+"""An entry of the search vector that may go so far is not bounded by the data."""
+_ROUNDS = 16
+_CLOSE = 0.001  # of the quantile
+_RESOLVED = 1e-3  # of the residuals' variance: changes of the sum of squares that matter
+_GROWTH = 2.5
+_ATTEMPTS = 2
+_LOST = 0.05  # of the rise at an end: a fit that lacks more does not say that there is one
+_ROUNDING = 1e-11
+_FIRST = 1.0  # longest first reach: further out, the linearisation is no guide
+
+
+class Ends(NamedTuple):
+    """Where the intervals of entries of a search vector end.
+
+    Attributes
+    ----------
+    low, high : float64 (p,)
+        Infinite where the data do not bound an entry, NaN for entries that were not asked for.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+
+
+class _Sides(NamedTuple):
+    """The ends that are looked for, side by side: entry, and direction (-1 or 1) of each."""
+
+    entry: np.ndarray
+    sign: np.ndarray
+
+
+def profile_ends(
+    joint: Joint,
+    theta: np.ndarray,
+    entries: Sequence[int],
+    covariance: np.ndarray,
+    variance: float,
+    quantile: float,
+) -> Ends:
+    """Ends of profile intervals.
+
+    Parameters
+    ----------
+    joint : Joint
+    theta : float64 (p,)
+        The best fit.
+    entries : sequence of int
+        Of the search vector.
+    covariance : float64 (p, p)
+        Of the linearisation, to start from.
+    variance : float
+        Of a residual.
+    quantile : float
+        Profile t at the ends.
+    """
+    count = len(entries)
+    sides = _Sides(np.repeat(np.array(entries, dtype=int), 2), np.tile([-1.0, 1.0], count))
+    room = np.where(
+        sides.sign < 0,
+        theta[sides.entry] - joint.bounds.low[sides.entry],
+        joint.bounds.high[sides.entry] - theta[sides.entry],
+    )
+    most = np.minimum(np.maximum(room, 0.0), FAR)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[sides.entry]
+    reach = np.minimum(np.minimum(quantile * spread, _FIRST), most)
+    guide = theta + sides.sign[:, None] * covariance[sides.entry] / spread[:, None] ** 2
+    found = _crossed(joint, theta, sides, reach, most, guide, variance, quantile)
+    # Where the profile does not get there, a bound is the end, or there is none.
+    found = np.where(np.isinf(found) & (room < FAR), np.maximum(room, 0.0), found)
+    ends = np.full((2, len(theta)), np.nan)
+    for k, entry in enumerate(entries):
+        ends[0, entry] = theta[entry] - found[2 * k]
+        ends[1, entry] = theta[entry] + found[2 * k + 1]
+    return Ends(ends[0], ends[1])
+
+
+def _crossed(
+    joint: Joint,
+    theta: np.ndarray,
+    sides: _Sides,
+    reach: np.ndarray,
+    most: np.ndarray,
+    guide: np.ndarray,
+    variance: float,
+    quantile: float,
+) -> np.ndarray:
+    """How far each side goes until its profile t is the quantile; infinite where it does not."""
+    normal = joint_normal([grid.normal() for grid in joint.grids], joint.layout)
+    least = float(np.asarray(normal(theta[None])[0])[0])
+    near, near_t = np.zeros_like(reach), np.zeros_like(reach)
+    far, far_t = np.full_like(reach, np.inf), np.full_like(reach, np.inf)
+    done = np.full_like(reach, np.nan)
+    done[most <= 0.0] = np.inf
+    for _ in range(_ROUNDS):
+        start = _along(theta, guide, sides, reach)
+        fits, costs, lacking = _held(joint, normal, start, sides.entry, _RESOLVED * variance)
+        least = min(least, float(costs.min()))
+        rise = np.sqrt(np.maximum(costs - least, 0.0) / variance)
+        done = np.where(
+            np.isnan(done) & (np.abs(rise - quantile) <= _CLOSE * quantile), reach, done
+        )
+        inside = rise < quantile
+        done = np.where(np.isnan(done) & inside & (reach >= most), np.inf, done)
+        lost = (lacking > _LOST * quantile**2 * variance) & (rise < 5.0 * quantile)
+        done = np.where(np.isnan(done) & lost & ~inside, np.inf, done)
+        guide = np.where(inside[:, None] & (reach > 0.0)[:, None], fits, guide)
+        near, near_t = np.where(inside, reach, near), np.where(inside, rise, near_t)
+        far, far_t = np.where(inside, far, reach), np.where(inside, far_t, rise)
+        if not np.isnan(done).any():
+            break
+        reach = np.where(np.isnan(done), _next(near, near_t, far, far_t, most, quantile), reach)
+    return np.where(np.isnan(done), reach, done)
+
+
+def _next(
+    near: np.ndarray,
+    near_t: np.ndarray,
+    far: np.ndarray,
+    far_t: np.ndarray,
+    most: np.ndarray,
+    quantile: float,
+) -> np.ndarray:
+    """The next place to look: between two sides of the end, or further out."""
+    with np.errstate(all="ignore"):
+        share = (quantile - near_t) / (far_t - near_t)
+        # A blow-up beyond says nothing of the slope on this side: halve then.
+        share = np.where(far_t > 10.0 * quantile, 0.5, np.clip(share, 0.05, 0.95))
+        between = near + share * (far - near)
+        growth = np.clip(quantile / near_t, 1.1, _GROWTH)
+    growth = np.where(np.isfinite(growth), growth, _GROWTH)
+    return np.where(np.isfinite(far), between, np.minimum(near * growth, most))
+
+
+def _along(theta: np.ndarray, guide: np.ndarray, sides: _Sides, reach: np.ndarray) -> np.ndarray:
+    """Search vectors (s, p) with each side's entry moved, the others along the way to a guide.
+
+    A guide is the last fit that was good: the profile bends little, and a fit beyond the end may
+    have lost the valley.
+    """
+    rows = np.arange(len(reach))
+    moved = sides.sign * (guide[rows, sides.entry] - theta[sides.entry])
+    share = np.minimum(reach / np.where(moved > 0.0, moved, np.inf), _GROWTH)
+    start = np.asarray(theta + share[:, None] * (guide - theta))
+    start[rows, sides.entry] = theta[sides.entry] + sides.sign * reach
+    return start
+
+
+def _held(
+    joint: Joint, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack.
+
+    The latter is how much further a Gauss-Newton step would go down: more than ``resolved`` where
+    the search lost its way in a bent valley, also when it was begun anew.
+    """
+    rows = np.arange(len(start))
+    low = np.tile(joint.bounds.low, (len(start), 1))
+    high = np.tile(joint.bounds.high, (len(start), 1))
+    low[rows, entry] = high[rows, entry] = start[rows, entry]
+    size = sum(len(grid.record) for grid in joint.grids)
+    free = Prior(np.zeros(joint.layout.size), float(size))
+    for _ in range(_ATTEMPTS):
+        tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
+        start, costs = search(normal, start, free, tolerance, Bounds(low, high))
+        _, gradient, matrix = map(np.asarray, normal(start))
+        lacking = _descent(gradient, matrix, (start > low) & (start < high))
+        if (lacking <= 10.0 * resolved).all():
+            break
+    return start, costs, lacking
+
+
+def _descent(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """How much a Gauss-Newton step of the free entries would lower sums of squares (s,)."""
+    found = np.zeros(len(gradient))
+    for k, (slope, curvature, moving) in enumerate(zip(gradient, matrix, free, strict=True)):
+        inner = curvature[np.ix_(moving, moving)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
+        strengths, directions = np.linalg.eigh(inner * np.outer(scale, scale))
+        parts = directions.T @ (scale * slope[moving])
+        sound = strengths > _ROUNDING * strengths[-1]
+        found[k] = float((parts[sound] ** 2 / strengths[sound]).sum())
+    return found

@@ -1,0 +1,72 @@
+"""How several records share one search vector."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from reduced_models.fitting.unknowns import Problem
+
+Normal = Callable[[np.ndarray], Any]
+"""From search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
+
+
+class Layout(NamedTuple):
+    """Where the search vector of each record lies in the joint one.
+
+    Attributes
+    ----------
+    size : int
+        Of the joint vector: what is shared once, then what each record has of its own.
+    places : tuple of int (p,)
+        One a record.
+    """
+
+    size: int
+    places: tuple[np.ndarray, ...]
+
+    def joined(self, vector: np.ndarray) -> np.ndarray:
+        """The joint vector of records that all have this one."""
+        return self.merged([vector] * len(self.places))
+
+    def merged(self, vectors: Sequence[np.ndarray]) -> np.ndarray:
+        """The joint vector of those of the records; what is shared is that of the first one."""
+        found = np.empty((*vectors[0].shape[:-1], self.size))
+        for vector, here in zip(reversed(vectors), reversed(self.places), strict=True):
+            found[..., here] = vector
+        return found
+
+
+def layout_of(problem: Problem, records: int, own: Sequence[str]) -> Layout:
+    """The layout of some records that share all parameters but their ``own`` and the start."""
+    names = problem.law.parameters
+    free = len(names) + (2 if problem.map is None else 0)
+    length = free + 2
+    private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
+    shared = [k for k in range(length) if k not in private]
+    places = []
+    for record in range(records):
+        here = np.empty(length, dtype=int)
+        here[shared] = np.arange(len(shared))
+        here[private] = len(shared) + record * len(private) + np.arange(len(private))
+        places.append(here)
+    return Layout(len(shared) + records * len(private), tuple(places))
+
+
+def joint_normal(normals: Sequence[Normal], layout: Layout) -> Normal:
+    """The normal equations of all records as those of the joint search vector."""
+
+    def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        count = len(theta)
+        cost, gradient = np.zeros(count), np.zeros((count, layout.size))
+        matrix = np.zeros((count, layout.size, layout.size))
+        for each, here in zip(normals, layout.places, strict=True):
+            own_cost, own_gradient, own_matrix = each(theta[:, here])
+            cost += np.asarray(own_cost)
+            gradient[:, here] += np.asarray(own_gradient)
+            matrix[:, here[:, None], here] += np.asarray(own_matrix)
+        return cost, gradient, matrix
+
+    return normal

@@ -1,0 +1,116 @@
+"""Start values of a law that is known by its equation alone, from accelerations in the record.
+
+The record is smoothed by local cubics, which give height, velocity and acceleration at some times;
+parameters are then fitted to the accelerations, from random draws in units that the record's own
+time and lengths make (gradient matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x).
+The result only starts the fit through the equation of motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from reduced_models.laws.law import Law, Starts, compiled_field
+from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.inputs import column, drive_at
+
+_NODES = 160
+_DRAWS = 24
+_HALF_WINDOW = 0.12  # of the local cubics, in periods
+_SPREAD = 0.05  # of the logarithm of repeated start values
+
+
+def drawn(
+    law: Law,
+    guess: Estimates,
+    record: PistonRecord,
+    random: np.random.Generator,
+    count: int,
+) -> dict[str, np.ndarray]:
+    """Random start values of a law, an array of ``count`` for each parameter.
+
+    ``record`` is the motion of z: the heights where the law holds for the height itself.
+    """
+    if law.start is not None:
+        return law.start(guess, random, count)
+    draws = _random_draws(law, guess, random, _DRAWS)
+    if not law.hidden:
+        draws = _matched(law, guess, record, draws)
+    chosen = draws[np.arange(count) % len(draws)]
+    chosen = chosen * np.exp(_SPREAD * random.normal(size=chosen.shape))
+    return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
+
+
+def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
+    """Start values of a law about parameters that are known roughly."""
+
+    def start(_: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+        return {
+            name: value * np.exp(spread * random.normal(size=count))
+            for name, value in values.items()
+        }
+
+    return start
+
+
+def _random_draws(
+    law: Law, guess: Estimates, random: np.random.Generator, count: int
+) -> np.ndarray:
+    """Values (count, p) in powers of the record's own time and lengths."""
+    shape = (count, len(law.parameters))
+    level = max(abs(guess.rest), 1e-3 * guess.amplitude)
+    length = np.where(random.uniform(size=shape) < 0.7, guess.amplitude, level)
+    size = guess.frequency ** random.integers(0, 3, shape) * length ** random.integers(-2, 2, shape)
+    draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
+    positive = np.array([name in law.positive for name in law.parameters])
+    return np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
+
+
+def _matched(law: Law, guess: Estimates, record: PistonRecord, draws: np.ndarray) -> np.ndarray:
+    """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
+    from scipy.optimize import least_squares
+
+    z, v, a, nodes = _smoothed(record, guess.period)
+    drive = drive_at(record.time, [column(record, name) for name in law.inputs], nodes)
+    field = compiled_field(law.equation, law.inputs, "numpy")
+    scale = max(float(np.abs(a).max()), 1e-300)
+    logarithmic = np.array([name in law.positive for name in law.parameters])
+
+    def residuals(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        values = unit * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
+        with np.errstate(all="ignore"):
+            found = (field(z, v, *drive.T, *values)[0] - a) / scale
+        return np.broadcast_to(np.nan_to_num(np.clip(found, -1e6, 1e6), nan=1e6), a.shape)
+
+    results = []
+    for unit in draws:
+        found = least_squares(
+            residuals, np.zeros(len(unit)), args=(unit,), x_scale="jac", max_nfev=40, method="trf"
+        )
+        values = unit * np.where(logarithmic, np.exp(np.clip(found.x, -50, 50)), 1.0 + found.x)
+        results.append((float(found.cost), values))
+    results.sort(key=lambda pair: pair[0])
+    good = [values for cost, values in results if cost <= 4.0 * results[0][0] + 1e-12]
+    return np.array(good)
+
+
+def _smoothed(
+    record: PistonRecord, period: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """z, velocity and acceleration at some times, by a cubic through the samples about each."""
+    time = record.time
+    half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
+    rows = []
+    for node in np.linspace(time[0] + half, time[-1] - half, _NODES):
+        inside = slice(*np.searchsorted(time, (node - half, node + half)))
+        if inside.stop - inside.start < 6:
+            continue
+        place = (time[inside] - node) / half
+        level, slope, bend, _ = np.polynomial.polynomial.polyfit(place, record.height[inside], 3)
+        rows.append((level, slope / half, 2.0 * bend / half**2, node))
+    if len(rows) < 8:  # too few samples a period: straight from the samples
+        speed = np.gradient(record.height, time)
+        return record.height, speed, np.gradient(speed, time), time
+    z, v, a, nodes = np.array(rows).T
+    return z, v, a, nodes

@@ -1,0 +1,284 @@
+"""How sure fitted parameters are: intervals, and what the data leave open.
+
+The residuals of a law that is not quite right follow each other; their variance is then enlarged
+by the integrated autocorrelation time (Sokal 1997, doi:10.1007/978-1-4899-0319-8_6), as if there
+were that many fewer samples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from reduced_models.laws.law import compiled_field, compiled_slopes
+from reduced_models.models.model import AtRest, Direction
+
+if TYPE_CHECKING:
+    from reduced_models.fitting.refinement import Joint
+    from reduced_models.fitting.unknowns import Problem
+
+OPEN = 0.25
+"""A direction is undetermined if the data leave the logarithm along it this uncertain."""
+_SMALL_POWER = 0.05
+_NEAR_ZERO = 0.25  # in units of the entry
+_UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
+
+
+@dataclasses.dataclass(frozen=True)
+class Analysis:
+    """What is known of the parameters of a fit."""
+
+    intervals: Mapping[str, tuple[float, float]]
+    at_rest: AtRest | None
+    undetermined: tuple[Direction, ...]
+
+
+def autocorrelation_time(values: np.ndarray) -> float:
+    """Integrated autocorrelation time, in samples; at least 1."""
+    count = len(values)
+    centred = values - values.mean()
+    size = 1 << (2 * count - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[:count]
+    if correlation[0] <= 0.0:
+        return 1.0
+    sums = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    inside = np.arange(count) >= _WINDOW * np.maximum(sums, 1.0)
+    window = int(np.argmax(inside)) if inside.any() else count - 1
+    return max(1.0, float(sums[window]))
+
+
+class Information(NamedTuple):
+    """What the data say at the minimum of a fit.
+
+    Attributes
+    ----------
+    normal : float64 (p, p)
+        J'J of a record's search vector, other records' vectors taken out.
+    residuals : tuple of float64 (n,)
+        Of all records, in amplitudes.
+    fitted : int
+        Entries of the joint search vector.
+    """
+
+    normal: np.ndarray
+    residuals: tuple[np.ndarray, ...]
+    fitted: int
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom that the residuals have left."""
+        return max(1, sum(map(len, self.residuals)) - self.fitted)
+
+    @property
+    def variance(self) -> float:
+        """Of a residual, enlarged by how the residuals follow each other."""
+        total = sum(float((each**2).sum()) * autocorrelation_time(each) for each in self.residuals)
+        return total / self.freedom
+
+
+def marginal(normal: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Information (p, p) on some entries of a search vector, the others left free."""
+    others = np.setdiff1d(np.arange(len(normal)), places)
+    if not len(others):
+        return normal[np.ix_(places, places)]
+    cross = normal[np.ix_(places, others)]
+    inner = np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
+    return np.asarray(normal[np.ix_(places, places)] - cross @ inner @ cross.T)
+
+
+def interval_analysis(
+    problem: Problem, theta: np.ndarray, known: Information, confidence: float
+) -> Analysis:
+    """Intervals of a fit, linearised at its minimum."""
+    from scipy.stats import t as student
+
+    covariance = _covariance(known.normal, known.variance)
+    quantile = float(student.ppf(0.5 + 0.5 * confidence, known.freedom))
+    names, values, logs = _named(problem, theta)
+    intervals = {}
+    for k, name in enumerate(names):
+        spread = quantile * math.sqrt(max(covariance[k, k], 0.0))
+        intervals[name] = _interval(values[k], spread, problem, k, logarithmic=logs[k])
+    information = _information(problem, theta, known.normal, known.variance)
+    return Analysis(
+        intervals=intervals,
+        at_rest=_at_rest(problem, theta, covariance, quantile),
+        undetermined=open_directions(names, information),
+    )
+
+
+def bootstrap_intervals(
+    problem: Problem, replicates: np.ndarray, confidence: float
+) -> dict[str, tuple[float, float]]:
+    """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
+    shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
+    return intervals_between(problem, *np.quantile(replicates, shares, axis=0))
+
+
+def profile_intervals(
+    joint: Joint, theta: np.ndarray, variance: float, freedom: int, confidence: float
+) -> list[dict[str, tuple[float, float]]]:
+    """Profile intervals of each record's parameters and map."""
+    from scipy.stats import t as student
+
+    from reduced_models.fitting.profile import profile_ends
+
+    problem, places = joint.problem, joint.layout.places
+    count = len(_named(problem, theta[places[0]])[0])
+    entries = sorted({int(entry) for here in places for entry in here[:count]})
+    covariance = _covariance(joint.normal_matrix(theta), variance)
+    quantile = float(student.ppf(0.5 + 0.5 * confidence, freedom))
+    low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
+    return [intervals_between(problem, low[here], high[here]) for here in places]
+
+
+def intervals_between(
+    problem: Problem, low: np.ndarray, high: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """Intervals between two search vectors (p,)."""
+    names, _, logs = _named(problem, low)
+    return {
+        name: (
+            _interval(low[k], 0.0, problem, k, logarithmic=logs[k])[0],
+            _interval(high[k], 0.0, problem, k, logarithmic=logs[k])[1],
+        )
+        for k, name in enumerate(names)
+    }
+
+
+def _covariance(normal: np.ndarray, variance: float) -> np.ndarray:
+    # Scaled to a unit diagonal first; what is then below rounding is as good as unknown, and keeps
+    # a huge, finite variance.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    strengths, directions = np.linalg.eigh(normal * np.outer(scale, scale))
+    inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
+    found = (directions * (variance * inverse)) @ directions.T
+    return np.asarray(found * np.outer(scale, scale))
+
+
+def _named(problem: Problem, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
+    law = problem.law
+    names = [*law.parameters]
+    logs = [name in law.positive for name in names]
+    if problem.map is None:
+        names += ["shift", "scale"]
+        logs += [False, True]
+    return names, theta[: len(names)], logs
+
+
+def _unit(problem: Problem, k: int) -> float:
+    """What one unit of an entry of the search vector that is no logarithm means."""
+    if k < len(problem.units):
+        return problem.units[k]
+    return problem.amplitude
+
+
+def _interval(
+    value: float, spread: float, problem: Problem, k: int, *, logarithmic: bool
+) -> tuple[float, float]:
+    value = float(value)
+    if logarithmic:
+        unit = problem.amplitude if k >= len(problem.units) else 1.0
+        if spread > _UNKNOWN:
+            return 0.0, math.inf
+        return unit * math.exp(value - spread), unit * math.exp(value + spread)
+    offset = problem.rest if k >= len(problem.units) else 0.0
+    unit = float(_unit(problem, k))
+    return offset + unit * (value - spread), offset + unit * (value + spread)
+
+
+def _information(
+    problem: Problem, theta: np.ndarray, normal: np.ndarray, variance: float
+) -> np.ndarray:
+    """Fisher information on the logarithms of parameters and map, the initial state left open."""
+    names, values, logs = _named(problem, theta)
+    count = len(names)
+    relative = np.ones(count)
+    for k, log in enumerate(logs):
+        if not log:
+            value = values[k]
+            if k >= len(problem.units):  # the shift counts from the rest level
+                value += problem.rest / problem.amplitude
+            # A value near zero is no measure of how well it is known; its unit is.
+            relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
+    asked, nuisance = normal[:count, :count], normal[count:, count:]
+    cross = normal[:count, count:]
+    left = asked - cross @ np.linalg.solve(nuisance, cross.T)
+    return np.asarray(left * np.outer(relative, relative)) / max(variance, 1e-300)
+
+
+def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:
+    """Directions that an information matrix (p, p) on logarithms leaves open."""
+    strengths, directions = np.linalg.eigh(information)
+    found = []
+    for strength, direction in zip(strengths, directions.T, strict=True):
+        spread = 1.0 / math.sqrt(max(float(strength), 1e-30))
+        if spread <= OPEN:
+            continue
+        powers = direction / direction[np.argmax(np.abs(direction))]
+        moving = {
+            name: float(power)
+            for name, power in zip(names, powers, strict=True)
+            if abs(power) > _SMALL_POWER
+        }
+        largest = float(np.abs(direction).max())
+        found.append(Direction(moving, min(spread * largest, 1e6)))
+    return tuple(found)
+
+
+def _at_rest(
+    problem: Problem, theta: np.ndarray, covariance: np.ndarray, quantile: float
+) -> AtRest | None:
+    """Level of rest, period and damping ratio of small motions, by the chain rule."""
+    figures = _small_motion(problem, theta)
+    if figures is None or abs(figures[0] - problem.rest) > 2.0 * problem.amplitude:
+        return None
+    slope = np.zeros((3, len(theta)))
+    for k in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[k] = 1e-6 * max(1.0, abs(theta[k]))
+        sides = [_small_motion(problem, theta + sign * step) for sign in (1.0, -1.0)]
+        if sides[0] is None or sides[1] is None:
+            return None
+        slope[:, k] = (sides[0] - sides[1]) / (2.0 * step[k])
+    spread = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
+    names = ("height", "period", "damping_ratio")
+    return AtRest(
+        height=float(figures[0]),
+        period=float(figures[1]),
+        damping_ratio=float(figures[2]),
+        intervals={
+            name: (float(figure - width), float(figure + width))
+            for name, figure, width in zip(names, figures, spread, strict=True)
+        },
+    )
+
+
+def _small_motion(problem: Problem, theta: np.ndarray) -> np.ndarray | None:
+    """Rest height, period and damping ratio; None where there is no stable level of rest.
+
+    Hidden states and inputs are at zero.
+    """
+    values, shift, scale, _, _ = problem.physical(theta)
+    law = problem.law
+    force = compiled_field(law.equation, law.inputs, "numpy")
+    slopes = compiled_slopes(law.equation, law.inputs)
+    still = (0.0,) * (1 + len(law.hidden) + len(law.inputs))
+    z = (problem.rest - shift) / scale
+    with np.errstate(all="ignore"):
+        for _ in range(50):
+            change = force(z, *still, *values)[0] / slopes(z, *still, *values)[0]
+            z -= change
+            if not math.isfinite(z) or abs(change) <= 1e-15 * max(1.0, abs(z)):
+                break
+        stiffness, damping = (-slope for slope in slopes(z, *still, *values))
+    if not math.isfinite(z) or not stiffness > 0.0:
+        return None
+    omega = math.sqrt(stiffness)
+    return np.array([shift + scale * z, 2.0 * math.pi / omega, damping / (2.0 * omega)])

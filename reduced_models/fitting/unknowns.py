@@ -1,0 +1,135 @@
+"""What a fit searches: the parameters of a law, the map of the height, and the initial state."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from reduced_models.fitting.start_values import drawn
+from reduced_models.laws.law import Law
+from reduced_models.models.model import HeightMap
+from reduced_models.records.first_guesses import LEAST_CROSSINGS, Estimates
+
+_PRIOR_SPREAD = 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A law, a way to map the height, and the scales in which the search works.
+
+    The search vector holds the parameters (logarithms of the positive ones, multiples of a unit
+    of the others), then, where the map is fitted, its shift (from the rest level) and the logarithm
+    of its scale, then height (from the rest level) and velocity at the start. Heights count in
+    amplitudes, velocities in amplitudes times the frequency.
+
+    Attributes
+    ----------
+    law : Law
+    map : HeightMap or None
+        None where the map is fitted.
+    units : tuple of float
+        Of the parameters that are no logarithms; 1 for the others.
+    rest, amplitude, speed : float
+        [m], [m], [m/s]
+    """
+
+    law: Law
+    map: HeightMap | None
+    units: tuple[float, ...]
+    rest: float
+    amplitude: float
+    speed: float
+
+    @property
+    def scales(self) -> np.ndarray:
+        """Numbers that the compiled residual takes: rest, amplitude, speed, map, units."""
+        given = self.map or HeightMap()
+        return np.array(
+            [self.rest, self.amplitude, self.speed, given.shift, given.scale, *self.units]
+        )
+
+    @property
+    def logarithmic(self) -> tuple[bool, ...]:
+        """Which parameters are searched for by their logarithms."""
+        return tuple(name in self.law.positive for name in self.law.parameters)
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Prior precision of each entry, in the information of one sample.
+
+        It keeps directions that the data leave open from running away; the initial state has none.
+        """
+        free = len(self.law.parameters) + (2 if self.map is None else 0)
+        return np.array([_PRIOR_SPREAD**-2] * free + [0.0, 0.0])
+
+    def physical(self, theta: np.ndarray) -> Any:
+        """Parameters, shift and scale of the map, z and its velocity at the start."""
+        return physical(theta, self.scales, self.logarithmic, self.map is None, np)
+
+
+def problem_of(
+    law: Law, height_map: HeightMap | None, guess: Estimates, record: PistonRecord
+) -> Problem:
+    """The problem of a law, scaled by what a glance at the record tells."""
+    given = height_map or HeightMap(guess.rest, guess.amplitude)
+    seen = guess.seen_as(given.shift, given.scale)
+    # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
+    away = dataclasses.replace(
+        seen, rest=abs(seen.rest) + seen.amplitude, crossings=max(seen.crossings, LEAST_CROSSINGS)
+    )
+    seen_record = record.mapped(given.shift, given.scale)
+    typical = drawn(law, away, seen_record, np.random.default_rng(0), 1)
+    units = tuple(
+        1.0 if name in law.positive else abs(float(typical[name][0])) or 1.0
+        for name in law.parameters
+    )
+    speed = guess.amplitude * guess.frequency
+    return Problem(law, height_map, units, guess.rest, guess.amplitude, speed)
+
+
+def theta_bounds(
+    problem: Problem, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest entries (p,) of the search vector."""
+    length = len(problem.prior)
+    edges = np.full((2, length), [[-np.inf], [np.inf]])
+    for k, name in enumerate(problem.law.parameters):
+        if name not in bounds:
+            continue
+        for side, value in enumerate(bounds[name]):
+            if name in problem.law.positive:
+                edges[side, k] = math.log(value) if value > 0.0 else -np.inf
+            else:
+                edges[side, k] = value / problem.units[k]
+    return edges[0], edges[1]
+
+
+@functools.cache
+def compiled_physical(logarithmic: tuple[bool, ...], fits_map: bool) -> Callable[..., Any]:
+    """`physical` for JAX, the same function for the same problem."""
+    from reduced_models.jax_setup import jax
+
+    return lambda theta, scales: physical(theta, scales, logarithmic, fits_map, jax.numpy)
+
+
+def physical(
+    theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any
+) -> Any:
+    """Parameters, shift and scale of the map, and z and its velocity at the start."""
+    rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
+    count = len(logarithmic)
+    values = tuple(
+        np_.exp(theta[k]) if log else scales[5 + k] * theta[k] for k, log in enumerate(logarithmic)
+    )
+    if fits_map:
+        shift = rest + amplitude * theta[count]
+        scale = amplitude * np_.exp(theta[count + 1])
+    z0 = (rest + amplitude * theta[-2] - shift) / scale
+    v0 = speed * theta[-1] / scale
+    return values, shift, scale, z0, v0

@@ -1,0 +1,1 @@
+"""Laws with their parameters: what a fit or a discovery gives back."""

@@ -1,0 +1,267 @@
+"""What a model says of decays, cycles and drives.
+
+Forces are per kilogram of what moves: multiply by the piston's mass for newtons and joules. Cycles
+are harmonic ones, height = centre + A cos(omega t); their stiffness and damping are the first
+harmonics of the force (describing functions; Krylov & Bogoliubov 1943, Gelb & Vander Velde 1968).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models.laws.law import Law, compiled_field
+
+if TYPE_CHECKING:
+    from reduced_models.models.model import ReducedModel
+
+_NODES = 256  # of a cycle
+_TURNS = 3  # after which a hidden state is taken to repeat itself
+_AMPLITUDES = 240
+_PER_PERIOD = 64
+
+
+class Cycle(NamedTuple):
+    """A harmonic cycle.
+
+    Attributes
+    ----------
+    amplitude, frequency : float
+        [m], angular [rad/s].
+    centre : float
+        Mean height, at which no mean force is needed [m].
+    stiffness, damping : float
+        Equivalent ones, per kilogram [1/s^2], [1/s].
+    energy : float
+        Dissipated in a cycle, per kilogram [J/kg].
+    """
+
+    amplitude: float
+    frequency: float
+    centre: float
+    stiffness: float
+    damping: float
+    energy: float
+
+    @property
+    def damping_ratio(self) -> float:
+        """Fraction of critical damping."""
+        return self.damping / (2.0 * math.sqrt(self.stiffness))
+
+
+class FrequencyResponse(NamedTuple):
+    """Steady amplitudes under a harmonic force, by describing functions.
+
+    Attributes
+    ----------
+    frequency : float64 (n,)
+        Angular [rad/s].
+    low, high : float64 (n,)
+        Least and greatest amplitude of the fundamental [m]; they differ where the motion depends on
+        its history. NaN where there is none in the range that was looked at.
+    """
+
+    frequency: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def decay(model: ReducedModel, amplitude: float, periods: float = 10.0) -> PistonRecord:
+    """The motion of a piston let go so far above its level of rest [m], over so many periods.
+
+    Raises
+    ------
+    InputError
+        If the law has no level of rest or has inputs, or the motion cannot be followed.
+    """
+    height, period = _rest(model)
+    time = np.linspace(0.0, periods * period, max(2, math.ceil(periods * _PER_PERIOD) + 1))
+    still = {name: np.zeros_like(time) for name in model.law.inputs}
+    return model.simulate(time, height + amplitude, 0.0, still)
+
+
+def cycle(model: ReducedModel, amplitude: float, frequency: float | None = None) -> Cycle:
+    """A harmonic cycle of a model.
+
+    Parameters
+    ----------
+    amplitude : float
+        [m]
+    frequency : float, optional
+        Angular [rad/s]; without, that at which the equivalent stiffness carries the inertia.
+
+    Raises
+    ------
+    InputError
+        If the amplitude is not above zero, the law has no level of rest, or the cycle leaves where
+        the law is defined.
+    """
+    if not amplitude > 0.0:
+        raise InputError(f"amplitude = {amplitude!r} m; give one above 0")
+    height, period = _rest(model)
+    omega = 2.0 * math.pi / period if frequency is None else frequency
+    size = np.array([amplitude])
+    centre = np.array([height])
+    for _ in range(60):
+        centre = _centred(model, centre, size, np.array([omega]))
+        _, stiffness, damping = _harmonics(model, centre, size, np.array([omega]))
+        if not np.isfinite(stiffness[0]):
+            raise InputError(
+                f"a cycle of amplitude {amplitude:g} m leaves where the law "
+                f"{model.law.name!r} is defined; give a smaller one"
+            )
+        if frequency is not None:
+            break
+        if stiffness[0] <= 0.0:
+            raise InputError(
+                f"the law {model.law.name!r} has no stiffness at an amplitude of {amplitude:g} m; "
+                "give the frequency, or a smaller amplitude"
+            )
+        before, omega = omega, math.sqrt(float(stiffness[0]))
+        if abs(omega - before) <= 1e-12 * omega:
+            break
+    energy = math.pi * amplitude**2 * omega * float(damping[0])
+    return Cycle(amplitude, omega, float(centre[0]), float(stiffness[0]), float(damping[0]), energy)
+
+
+def frequency_response(
+    model: ReducedModel, force: float, frequencies: np.ndarray, largest: float | None = None
+) -> FrequencyResponse:
+    """Steady amplitudes under a force of so many newtons per kilogram, by describing functions.
+
+    Parameters
+    ----------
+    force : float
+        Amplitude of the force per kilogram [m/s^2].
+    frequencies : float (n,)
+        Angular [rad/s].
+    largest : float, optional
+        Greatest amplitude to look for [m]; ten times the farthest swing of the record without.
+
+    Raises
+    ------
+    InputError
+        If the force is not above zero or the law has no level of rest.
+    """
+    if not force > 0.0:
+        raise InputError(f"force = {force!r} N/kg; give one above 0")
+    height, period = _rest(model)
+    omega = np.asarray(frequencies, dtype=np.float64)
+    edges = model.domain.get("height", (height, height))
+    far = largest or 10.0 * max(abs(edge - height) for edge in edges)
+    amplitude = far * np.logspace(-5.0, 0.0, _AMPLITUDES)
+    centre = np.full_like(amplitude, height)
+    for _ in range(4):
+        centre = _centred(model, centre, amplitude, np.full_like(amplitude, 2 * math.pi / period))
+    _, stiffness, damping = _harmonics(model, centre[:, None], amplitude[:, None], omega[None, :])
+    needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
+    low, high = np.full((2, len(omega)), np.nan)
+    for k in range(len(omega)):
+        roots = _crossings(np.log(amplitude), np.log(needed[:, k] / force))
+        if len(roots):
+            low[k], high[k] = math.exp(roots[0]), math.exp(roots[-1])
+    return FrequencyResponse(omega, low, high)
+
+
+def forced_law(law: Law, name: str = "drive") -> Law:
+    """The law under a force per kilogram, in the units of z'', that is an input of that name.
+
+    Raises
+    ------
+    InputError
+        If the law has something else of that name.
+    """
+    if name in (*law.parameters, *law.hidden, *law.inputs):
+        raise InputError(f"the law {law.name!r} has a {name!r} already; give another name")
+    parsed = law.parsed
+    motion = {str(parsed.symbol_v): "z'"}
+    texts = [f"z'' = {parsed.acceleration} + {name}"]
+    texts += [f"{state}' = {rate}" for state, rate in parsed.hidden.items()]
+    text = "; ".join(texts)
+    for symbol, prime in motion.items():
+        text = text.replace(symbol, prime)
+    return Law(
+        name=f"{law.name}, driven",
+        equation=text,
+        positive=law.positive,
+        units=law.units,
+        mapped=law.mapped,
+        source=law.source,
+        inputs=(*law.inputs, name),
+        resolution=law.resolution,
+    )
+
+
+def _rest(model: ReducedModel) -> tuple[float, float]:
+    """Height [m] and small period [s] at rest."""
+    if model.at_rest is None:
+        raise InputError(
+            f"the law {model.law.name!r} has no level of rest near its record, which this needs"
+        )
+    return model.at_rest.height, model.at_rest.period
+
+
+def _crossings(place: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Where a function passes zero."""
+    good = np.isfinite(value)
+    place, value = place[good], value[good]
+    at = np.flatnonzero(np.sign(value[1:]) != np.sign(value[:-1]))
+    share = value[at] / (value[at] - value[at + 1])
+    return np.asarray(place[at] + share * (place[at + 1] - place[at]))
+
+
+def _centred(
+    model: ReducedModel, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
+) -> np.ndarray:
+    """Centres of cycles, moved by a Newton step towards no mean force."""
+    step = 1e-4 * amplitude
+    mean = _harmonics(model, centre, amplitude, omega)[0]
+    above = _harmonics(model, centre + step, amplitude, omega)[0]
+    with np.errstate(all="ignore"):
+        change = mean * step / (above - mean)
+    change = np.clip(np.nan_to_num(change), -0.3 * amplitude, 0.3 * amplitude)
+    return np.asarray(centre - change)
+
+
+def _harmonics(
+    model: ReducedModel, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean force [m/s^2], stiffness [1/s^2] and damping [1/s] of cycles."""
+    law = model.law
+    field = compiled_field(law.equation, law.inputs, "numpy")
+    values = [model.parameters[name] for name in law.parameters]
+    still = [0.0] * len(law.inputs)
+    angles = 2.0 * math.pi * np.arange(_NODES) / _NODES
+    shift, scale = model.map.shift, model.map.scale
+
+    def motion(angle: float) -> tuple[np.ndarray, np.ndarray]:
+        z = (centre + amplitude * math.cos(angle) - shift) / scale
+        return z, -amplitude * omega * math.sin(angle) / scale
+
+    hidden = [np.zeros(np.broadcast_shapes(amplitude.shape, omega.shape)) for _ in law.hidden]
+    half = math.pi / _NODES
+    sums = [0.0 * (amplitude * omega) for _ in range(3)]
+    with np.errstate(all="ignore"):
+        for turn in range(_TURNS if hidden else 1):
+            last = turn == (_TURNS if hidden else 1) - 1
+            for angle in angles:
+                force, *rates = field(*motion(angle), *hidden, *still, *values)
+                if last:
+                    force = -scale * force
+                    parts = (0.5, math.cos(angle), -math.sin(angle))
+                    sums = [each + part * force for each, part in zip(sums, parts, strict=True)]
+                if hidden:
+                    # The explicit midpoint rule: the cycle of z is given.
+                    middle = [
+                        w + half * rate / omega for w, rate in zip(hidden, rates, strict=True)
+                    ]
+                    _, *rates = field(*motion(angle + half), *middle, *still, *values)
+                    hidden = [
+                        w + 2.0 * half * rate / omega for w, rate in zip(hidden, rates, strict=True)
+                    ]
+    mean, stiffness, damping = (2.0 / _NODES * each for each in sums)
+    return mean, stiffness / amplitude, damping / (amplitude * omega)

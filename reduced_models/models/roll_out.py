@@ -1,0 +1,97 @@
+"""A model on a record that it has not seen."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from reduced_models.fitting.refinement import grid_of
+from reduced_models.fitting.search import BLOWN_UP, Bounds, Prior, search
+from reduced_models.fitting.unknowns import Problem
+from reduced_models.laws.solution import grid_steps
+from reduced_models.models.model import HeightMap, ReducedModel
+from reduced_models.records.first_guesses import estimates
+
+_STEPS = 128  # of a period
+START_PERIODS = 1.0
+"""Periods at a record's start that tell its initial state."""
+
+
+class RollOut(NamedTuple):
+    """What a model predicts of a record.
+
+    Attributes
+    ----------
+    motion : PistonRecord
+        At the record's times, up to where it blows up.
+    error : float
+        Rms difference of the heights over the whole record [m]; infinite where it blows up.
+    relative : float
+        The same over the rms swing of the record.
+    at_rest : float
+        The same for a piston that stays at the model's level of rest (the record's, where it has
+        none).
+    """
+
+    motion: PistonRecord
+    error: float
+    relative: float
+    at_rest: float
+
+
+def roll_out(model: ReducedModel, record: PistonRecord) -> RollOut:
+    """Predict a record from its initial state alone.
+
+    Height and velocity at the start are fitted to the record's first period, with the parameters of
+    the model as they are; all the rest is prediction.
+
+    Raises
+    ------
+    RecordError
+        If the record is too short, does not move, or lacks an input of the law.
+    """
+    whole = record.from_zero()
+    guess = estimates(whole)
+    law, height_map = model.law, HeightMap(model.map.shift, model.map.scale)
+    values = [model.parameters[name] for name in law.parameters]
+    logs = [name in law.positive for name in law.parameters]
+    units = tuple(
+        1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True)
+    )
+    speed = guess.amplitude * guess.frequency
+    problem = Problem(law, height_map, units, guess.rest, guess.amplitude, speed)
+    start = [
+        math.log(value) if log else value / unit
+        for log, value, unit in zip(logs, values, units, strict=True)
+    ]
+    start += [(guess.height - guess.rest) / guess.amplitude, guess.velocity / speed]
+    theta = np.array(start)
+    steps = grid_steps(float(whole.time[-1]), guess.period, _STEPS * law.resolution)
+    grid = grid_of(problem, whole, steps)
+    edges = np.where(np.arange(len(theta)) < len(values), theta, np.inf)
+    bounds = Bounds(np.where(np.isinf(edges), -np.inf, edges), edges)
+    first = max(4, int(np.searchsorted(whole.time, START_PERIODS * guess.period)))
+    prior = Prior(problem.prior, float(first))
+    theta = search(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
+    residuals = grid.residuals(theta)
+    lost = ~(np.abs(residuals) < BLOWN_UP)
+    height = whole.height + guess.amplitude * residuals
+    height = np.where(np.maximum.accumulate(lost), np.nan, height)
+    error = math.inf if lost.any() else guess.amplitude * _rms(residuals)
+    rest = guess.rest if model.at_rest is None else model.at_rest.height
+    swing = float(whole.height.std())
+    motion = _motion(record, height)
+    return RollOut(motion, error, error / swing, _rms(whole.height - rest) / swing)
+
+
+def _motion(record: PistonRecord, height: np.ndarray) -> PistonRecord:
+    """A record with other heights, cut where they end."""
+    count = len(height) if np.isfinite(height).all() else int(np.argmin(np.isfinite(height)))
+    return PistonRecord(record.time[: max(count, 2)], np.nan_to_num(height[: max(count, 2)]))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))

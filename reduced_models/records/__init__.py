@@ -1,0 +1,1 @@
+"""Records of a piston, and what can be read off them without a law."""

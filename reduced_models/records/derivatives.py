@@ -1,0 +1,217 @@
+"""Smoothing and derivatives of a record by named estimators, with what the noise leaves in them.
+
+Every estimator is linear in the heights once its width is chosen. The width is the greatest at
+which what is smoothed away still has the size of the record's noise (discrepancy principle,
+Morozov 1966), so that a clean record is hardly smoothed at all.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from reduced_models.records.first_guesses import noise_level
+
+Estimator = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]
+ESTIMATORS: tuple[Estimator, ...] = ("savitzky-golay", "smoothing-spline", "finite-differences")
+
+LEAST_SAMPLES = 20
+_DEGREE = 5  # of the local polynomials
+_LEAST_WINDOW = 7
+_SHARE = 0.8  # of the widest window that the discrepancy allows
+_SIGMAS = 4.0  # standard errors by which the mean square that is smoothed away may exceed the noise
+_PROBE_SAMPLES = 20_000
+_BATCH = 4096
+
+Smoother = Callable[[np.ndarray], np.ndarray]
+
+
+class Noise(NamedTuple):
+    """Standard deviations of what the record's white noise leaves, away from the ends."""
+
+    height: float
+    velocity: float
+    acceleration: float
+
+
+class Derivatives(NamedTuple):
+    """A smoothed record.
+
+    Attributes
+    ----------
+    method : str
+    time, height, velocity, acceleration : float64 (n,)
+        [s], [m], [m/s], [m/s^2]
+    width : float
+        Time over which a value is smoothed [s].
+    record_noise : float
+        Standard deviation of the record's own white noise [m].
+    noise : Noise
+        Of height, velocity and acceleration. It holds what the noise does, not what smoothing
+        takes from the motion.
+    """
+
+    method: str
+    time: np.ndarray
+    height: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    width: float
+    record_noise: float
+    noise: Noise
+
+
+def derivatives(record: PistonRecord, method: Estimator = "savitzky-golay") -> Derivatives:
+    """Smooth a record and differentiate it twice.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Evenly sampled or not.
+    method : str
+        ``"savitzky-golay"``: local polynomials of fifth degree (Savitzky & Golay 1964,
+        doi:10.1021/ac60214a047; on uneven times the same least squares sample by sample);
+        ``"smoothing-spline"``: a cubic smoothing spline (Reinsch 1967, doi:10.1007/BF02162161);
+        ``"finite-differences"``: central differences, no smoothing.
+
+    Raises
+    ------
+    InputError
+        If there is no such estimator.
+    RecordError
+        If the record has fewer than 20 samples.
+    """
+    if method not in ESTIMATORS:
+        raise InputError(f"derivative = {method!r}; give one of {', '.join(ESTIMATORS)}")
+    if len(record) < LEAST_SAMPLES:
+        raise RecordError(
+            f"the record has {len(record)} samples; at least {LEAST_SAMPLES} are needed to "
+            "differentiate it: sample faster"
+        )
+    time, height = record.time, record.height
+    sigma = noise_level(height, time)
+    choose = {
+        "savitzky-golay": _local_polynomials,
+        "smoothing-spline": _spline,
+        "finite-differences": _differences,
+    }
+    smoother, width = choose[method](time, height, sigma)
+    smooth, velocity, acceleration = smoother(height)
+    left = _left_noise(smoother, len(time), sigma)
+    return Derivatives(method, time, smooth, velocity, acceleration, width, sigma, left)
+
+
+def _left_noise(smoother: Smoother, count: int, sigma: float) -> Noise:
+    """Noise of the outputs: the smoother applied to white noise of unit variance."""
+    random = np.random.default_rng(0)
+    probes = max(1, _PROBE_SAMPLES // count)
+    inner = slice(count // 4, count - count // 4)
+    squares = [(smoother(random.normal(size=count))[:, inner] ** 2).mean(1) for _ in range(probes)]
+    gains = np.sqrt(np.mean(squares, axis=0))
+    return Noise(*(float(sigma * gain) for gain in gains))
+
+
+# Local polynomials -----------------------------------------------------------------------------
+
+
+def _local_polynomials(
+    time: np.ndarray, height: np.ndarray, sigma: float
+) -> tuple[Smoother, float]:
+    even = is_even(time)
+    fits = _even_polynomials if even else _uneven_polynomials
+    longest = max(_LEAST_WINDOW, (len(time) // 3) | 1)
+    chosen = _LEAST_WINDOW
+    limit = 1.0 + _SIGMAS * np.sqrt(2.0 / len(time))
+    window = _LEAST_WINDOW
+    while window <= longest:
+        left = height - fits(height, time, window)[0]
+        # A local fit with window w keeps this share of the noise, that of its central weight.
+        kept = _central_weight(window)
+        if (left**2).mean() > limit * sigma**2 * (1.0 - kept):
+            break
+        chosen = window
+        window = max(window + 2, int(window * 1.25) | 1)
+    # The widest window hides as much of the motion as of the noise; a shorter one keeps the motion.
+    chosen = max(_LEAST_WINDOW, int(_SHARE * chosen) | 1)
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    return functools.partial(fits, time=time, window=chosen), chosen * step
+
+
+def is_even(time: np.ndarray) -> bool:
+    """Whether times are evenly spaced, to a thousandth of a step."""
+    steps = np.diff(time)
+    return bool(np.ptp(steps) < 1e-3 * steps.mean())
+
+
+@functools.cache
+def _central_weight(window: int) -> float:
+    place = np.linspace(-1.0, 1.0, window)
+    basis, _ = np.linalg.qr(np.vander(place, _DEGREE + 1))
+    return float((basis[window // 2] ** 2).sum())
+
+
+def _even_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
+    from scipy.signal import savgol_filter
+
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    return np.stack(
+        [savgol_filter(height, window, _DEGREE, deriv=order, delta=step) for order in range(3)]
+    )
+
+
+def _uneven_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
+    count = len(time)
+    first = np.clip(np.arange(count) - window // 2, 0, count - window)
+    out = np.empty((3, count))
+    for start in range(0, count, _BATCH):
+        here = np.arange(start, min(start + _BATCH, count))
+        inside = first[here, None] + np.arange(window)
+        away = time[inside] - time[here, None]
+        span = np.abs(away).max(axis=1)
+        powers = (away / span[:, None])[:, :, None] ** np.arange(_DEGREE + 1)
+        basis, triangle = np.linalg.qr(powers)
+        projected = np.einsum("nwp,nw->np", basis, height[inside])
+        found = np.linalg.solve(triangle, projected[:, :, None])[:, :, 0]
+        out[:, here] = found[:, 0], found[:, 1] / span, 2.0 * found[:, 2] / span**2
+    return out
+
+
+# Splines and differences -------------------------------------------------------------------------
+
+
+def _spline(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    # A penalty in steps^3: 10^p smooths over about 10^(p/4) steps.
+    low, high = -2.0, 4.0 * np.log10(len(time))
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        left = height - _spline_values(height, time, 10.0**middle * step**3)[0]
+        if (left**2).mean() > sigma**2:
+            high = middle
+        else:
+            low = middle
+    smoother = functools.partial(_spline_values, time=time, penalty=10.0**low * step**3)
+    return smoother, 2.0 * np.pi * step * 10.0 ** (low / 4.0)
+
+
+def _spline_values(height: np.ndarray, time: np.ndarray, penalty: float) -> np.ndarray:
+    from scipy.interpolate import make_smoothing_spline
+
+    spline = make_smoothing_spline(time, height, lam=penalty)
+    return np.stack([spline(time), spline.derivative()(time), spline.derivative(2)(time)])
+
+
+def _differences(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    return functools.partial(_difference_values, time=time), 2.0 * step
+
+
+def _difference_values(height: np.ndarray, time: np.ndarray) -> np.ndarray:
+    slopes = np.diff(height) / np.diff(time)
+    bends = 2.0 * np.diff(slopes) / (time[2:] - time[:-2])
+    return np.stack([height, np.gradient(height, time), np.pad(bends, 1, mode="edge")])

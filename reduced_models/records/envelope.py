@@ -1,0 +1,117 @@
+"""The envelope of a free swing: amplitude, frequency and damping, half swing by half swing.
+
+Every three extremes in a row make one cycle of the motion. Its amplitude, its frequency and the
+rate at which the amplitude falls, plotted over the amplitude, are the backbone and damping curves
+of the oscillator (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003); they need neither a
+law nor a level of rest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import RecordError
+from reduced_models.records.derivatives import Derivatives, Estimator, derivatives
+
+_NOISE_TIMES = 5.0  # a half swing must exceed so many standard deviations of the smoothed height
+_LEAST_SHARE = 1e-4  # and this share of the greatest one
+LEAST_EXTREMES = 5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Envelope:
+    """The envelope of a record, one row a cycle.
+
+    Attributes
+    ----------
+    time : float64 (n,)
+        Of each cycle's middle extreme [s].
+    level : float64 (n,)
+        About which the height swings [m].
+    amplitude, frequency, damping : float64 (n,)
+        Half the swing [m]; angular frequency [rad/s]; rate at which the logarithm of the amplitude
+        falls [1/s] (negative where the swing grows).
+    amplitude_noise, frequency_noise : float64 (n,)
+        Standard deviations that the record's noise leaves.
+    """
+
+    time: np.ndarray
+    level: np.ndarray
+    amplitude: np.ndarray
+    frequency: np.ndarray
+    damping: np.ndarray
+    amplitude_noise: np.ndarray
+    frequency_noise: np.ndarray
+
+    @property
+    def damping_ratio(self) -> np.ndarray:
+        """Damping over frequency, as a fraction of critical damping for small damping."""
+        return self.damping / self.frequency
+
+
+def envelope(record: PistonRecord, derivative: Estimator = "savitzky-golay") -> Envelope:
+    """Amplitude, frequency and damping of a record's swing in the course of time.
+
+    Parameters
+    ----------
+    record : PistonRecord
+    derivative : str
+        Estimator that finds the extremes, see `derivatives`.
+
+    Raises
+    ------
+    RecordError
+        If fewer than five extremes stand out of the noise.
+    """
+    smooth = derivatives(record, derivative)
+    time, height, times_noise = _extremes(smooth)
+    if len(time) < LEAST_EXTREMES:
+        raise RecordError(
+            f"{len(time)} extremes of the height stand out of the noise; at least "
+            f"{LEAST_EXTREMES} are needed for an envelope: record longer, or with less noise"
+        )
+    before, here, after = height[:-2], height[1:-1], height[2:]
+    amplitude = np.abs(before - 2.0 * here + after) / 4.0
+    period = time[2:] - time[:-2]
+    middle = time[1:-1]
+    frequency = 2.0 * math.pi / period
+    return Envelope(
+        time=middle,
+        level=(before + 2.0 * here + after) / 4.0,
+        amplitude=amplitude,
+        frequency=frequency,
+        damping=-np.gradient(np.log(amplitude), middle),
+        amplitude_noise=np.full(len(middle), smooth.noise.height * math.sqrt(6.0) / 4.0),
+        frequency_noise=frequency / period * np.hypot(times_noise[2:], times_noise[:-2]),
+    )
+
+
+def _extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times and heights of alternating extremes, and the noise of their times."""
+    from scipy.signal import find_peaks
+
+    time, height = smooth.time, smooth.height
+    noise = smooth.noise
+    least = max(_NOISE_TIMES * noise.height, _LEAST_SHARE * float(np.ptp(height)))
+    found = [
+        (k, sign) for sign in (1.0, -1.0) for k in find_peaks(sign * height, prominence=least)[0]
+    ]
+    places: list[tuple[int, float]] = []
+    for place, sign in sorted(found):
+        if places and places[-1][1] == sign:
+            # Of two crests without a trough between them only the higher one is an extreme.
+            if sign * height[place] > sign * height[places[-1][0]]:
+                places[-1] = (place, sign)
+            continue
+        places.append((place, sign))
+    chosen = np.array([place for place, _ in places], dtype=int)
+    velocity, bend = smooth.velocity[chosen], smooth.acceleration[chosen]
+    shift = np.where(np.abs(bend) > 0.0, -velocity / np.where(bend == 0.0, 1.0, bend), 0.0)
+    step = np.gradient(time)[chosen]
+    shift = np.clip(shift, -step, step)
+    crest = height[chosen] + 0.5 * velocity * shift
+    return time[chosen] + shift, crest, noise.velocity / np.maximum(np.abs(bend), 1e-300)

@@ -1,0 +1,182 @@
+"""First guesses from a record: rest level, amplitude, frequency, decay, and the initial motion."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import RecordError
+
+LEAST_SAMPLES = 20
+LARGEST = 1e12
+"""Greatest height [m]; squares and cubes of heights stay far from overflow."""
+LEAST_CROSSINGS = 3
+"""Passages through rest below which frequency and rest level are hardly better than guesses."""
+_SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimates:
+    """What a glance at a record tells.
+
+    Attributes
+    ----------
+    rest, amplitude : float
+        Level at the end of the record, and the greatest distance from it [m].
+    frequency, decay : float
+        Angular frequency [rad/s] and decay rate [1/s] of the swing about it.
+    height, velocity : float
+        At the start [m], [m/s].
+    crossings : int
+        Passages through the level of rest that were counted.
+    """
+
+    rest: float
+    amplitude: float
+    frequency: float
+    decay: float
+    height: float
+    velocity: float
+    crossings: int
+
+    def seen_as(self, shift: float, scale: float) -> Estimates:
+        """The same guesses for z = (height - shift)/scale."""
+        return dataclasses.replace(
+            self,
+            rest=(self.rest - shift) / scale,
+            amplitude=self.amplitude / scale,
+            height=(self.height - shift) / scale,
+            velocity=self.velocity / scale,
+        )
+
+    @property
+    def poor(self) -> bool:
+        """Whether the record is too short to tell frequency and rest level at a glance."""
+        return self.crossings < LEAST_CROSSINGS
+
+    @property
+    def frequency_spread(self) -> float:
+        """Half-width of the logarithm of the starting frequencies."""
+        return _SPREAD_IF_POOR if self.poor else _SPREAD
+
+    @property
+    def period(self) -> float:
+        """Of the swing [s]."""
+        return 2.0 * math.pi / self.frequency
+
+    @property
+    def shortest_period(self) -> float:
+        """Of all motions that a search may start from [s]."""
+        return self.period * math.exp(-self.frequency_spread)
+
+    def frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """Random starting frequencies [rad/s], log-uniform about the estimate."""
+        spread = self.frequency_spread
+        return np.asarray(self.frequency * np.exp(random.uniform(-spread, spread, count)))
+
+    def levels(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """Random starting levels of rest [m], uniform about the estimate."""
+        spread = 1.0 if self.poor else 0.1
+        return np.asarray(self.rest + self.amplitude * random.uniform(-spread, spread, count))
+
+    def decays(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """Random starting decay rates [1/s], log-uniform about the estimate."""
+        return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
+
+
+def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
+    """Times at which a swing passes zero, counted once it has gone beyond the threshold."""
+    beyond = np.flatnonzero(np.abs(swing) > threshold)
+    if len(beyond) < 2:
+        return np.empty(0)
+    sign = np.sign(swing[beyond])
+    turns = np.flatnonzero(sign[1:] != sign[:-1])
+    before, after = beyond[turns], beyond[turns + 1]
+    share = swing[before] / (swing[before] - swing[after])
+    return np.asarray(time[before] + share * (time[after] - time[before]))
+
+
+def estimates(record: PistonRecord) -> Estimates:
+    """First guesses from a record.
+
+    Raises
+    ------
+    RecordError
+        If the record is too short, or the height does not change.
+    """
+    time, height = record.time - record.time[0], record.height
+    if len(time) < LEAST_SAMPLES:
+        raise RecordError(
+            f"the record has {len(time)} samples to fit; at least {LEAST_SAMPLES} are needed to "
+            "identify a law: sample faster, or hold out less"
+        )
+    largest = float(np.abs(height).max())
+    if largest > LARGEST:
+        raise RecordError(
+            f"the record has heights up to {largest:g} m, and {LARGEST:g} m is the most that can "
+            "be reckoned with: check the units"
+        )
+    rest = float(height[-len(height) // 3 :].mean())
+    swing = height - rest
+    amplitude = float(np.abs(swing).max())
+    if amplitude <= 1e-12 * max(abs(rest), 1e-300):
+        raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
+    threshold = min(max(0.01 * amplitude, 4.0 * noise_level(height, time)), 0.5 * amplitude)
+    passages = crossings(time, swing, threshold)
+    half = _half_period(passages, float(time[-1]))
+    frequency = math.pi / half
+    start, speed = _initial_motion(time, height, half)
+    decay = _decay(time, swing, half)
+    return Estimates(rest, amplitude, frequency, decay, start, speed, len(passages))
+
+
+def noise_level(height: np.ndarray, time: np.ndarray) -> float:
+    """Standard deviation of white noise on a smooth record, from its third differences.
+
+    The differences are divided ones, which a smooth motion leaves small also where the samples are
+    irregular, and each is scaled to the standard deviation of the noise.
+    """
+    if len(height) < 4:
+        return 0.0
+    quadruples = np.lib.stride_tricks.sliding_window_view(height, 4)
+    times = np.lib.stride_tricks.sliding_window_view(time, 4)
+    times = (times - times[:, :1]) / (times[:, 3:] - times[:, :1])
+    weights = 1.0 / (times[:, :, None] - times[:, None, :] + np.eye(4)).prod(axis=2)
+    weights /= np.sqrt((weights**2).sum(axis=1, keepdims=True))
+    return float(np.median(np.abs((quadruples * weights).sum(axis=1))) / 0.6745)
+
+
+def _half_period(passages: np.ndarray, duration: float) -> float:
+    """Half a period from the passages through the level of rest."""
+    if len(passages) > 1:
+        return float(np.median(np.diff(passages)))
+    if len(passages) == 1:
+        return 2.0 * float(passages[0])
+    return 0.5 * duration
+
+
+def _initial_motion(time: np.ndarray, height: np.ndarray, half: float) -> tuple[float, float]:
+    """Height and velocity at the start, from a parabola through the first part of the swing."""
+    count = max(4, int(np.searchsorted(time, 0.1 * half)))
+    first = slice(0, min(count, len(time)))
+    line = np.polynomial.Polynomial.fit(time[first], height[first], 2).convert()
+    return float(line(0.0)), float(line.deriv()(0.0))
+
+
+def _decay(time: np.ndarray, swing: np.ndarray, half: float) -> float:
+    """Slope of the logarithm of the greatest swing in each half period."""
+    edges = np.arange(0.0, time[-1], half)
+    peaks = []
+    for start in edges:
+        inside = (time >= start) & (time < start + half)
+        if inside.any():
+            peaks.append((start + 0.5 * half, float(np.abs(swing[inside]).max())))
+    middle, peak = np.array(peaks).T
+    lively = peak > 0.02 * peak.max()
+    if lively.sum() < 2:
+        return 1.0 / float(time[-1])
+    slope = -np.polynomial.Polynomial.fit(middle[lively], np.log(peak[lively]), 1).convert().coef[1]
+    return float(np.clip(slope, 0.01 / time[-1], math.pi / half))

@@ -1,0 +1,175 @@
+"""Where a record comes from: a scene to be run, a run, a CSV or Parquet file, or an object."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from granular.run.record import PistonRecord
+from granular.scene.scene import Scene, load_scene
+from granular.shared.errors import InputError, StoreError
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import Trajectory
+
+METHOD = "stormer-verlet"
+
+
+class RunOptions(NamedTuple):
+    """How a scene is run, as for `granular.simulate`."""
+
+    changes: Mapping[str, Any]
+    dt: float | str
+    method: str
+    threads: int | None
+    progress: bool
+
+
+def record_of(
+    source: str | Path | Scene | Trajectory | PistonRecord, out: Path | None, options: RunOptions
+) -> tuple[PistonRecord, Trajectory | None]:
+    """The record, and the run it comes from.
+
+    Raises
+    ------
+    InputError, RunError
+        If the source cannot be read or run, or an option does not apply to it.
+    """
+    check_run_options(options)
+    found = opened(source) if isinstance(source, str | Path) else source
+    if isinstance(found, Scene):
+        run = _simulated(found, out, options)
+        return run.piston(), run
+    _refuse_run_options(options)
+    if isinstance(found, PistonRecord):
+        return found, None
+    missing = {"dt", "method", "steps"} - set(found.settings())
+    if missing:
+        raise StoreError(
+            f"the settings of the run in {found.path} lack {', '.join(sorted(missing))}; run the "
+            "scene again"
+        )
+    return found.piston(), found
+
+
+def prepared(out: str | Path | None) -> Path | None:
+    """The directory to write to, made where it is not there yet.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be made or written to.
+    """
+    if out is None:
+        return None
+    path = Path(out)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise StoreError(f"{shown(path)} is a file; give a directory to write to") from None
+    except OSError as error:
+        raise StoreError(
+            f"{shown(path)} cannot be made: {error.strerror}; give another directory"
+        ) from None
+    if not os.access(path, os.W_OK):
+        raise StoreError(f"{shown(path)} cannot be written to; give another directory")
+    return path
+
+
+def shown(path: Path, most: int = 80) -> str:
+    """A path for a message, cut where it is long."""
+    text = str(path)
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
+def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
+    """What a path or a scene's name stands for.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    from granular.run.store import is_run
+
+    path = Path(source)
+    try:
+        if is_run(path):
+            from granular.run.trajectory import load_trajectory
+
+            return load_trajectory(path)
+        if path.suffix not in ("", ".toml") or (path.is_file() and path.suffix != ".toml"):
+            return PistonRecord.from_file(path)
+        return load_scene(source)
+    except OSError as error:
+        raise InputError(
+            f"{shown(path)} cannot be read: {error.strerror}; check the path"
+        ) from None
+
+
+def check_run_options(options: RunOptions) -> None:
+    """Raise `InputError` unless method and time step are such."""
+    from granular.methods import method_named
+    from granular.run.simulation import checked_step
+
+    method_named(options.method)
+    checked_step(options.dt)
+
+
+def _refuse_run_options(options: RunOptions) -> None:
+    """Say that nothing is simulated, rather than ignore what was asked for."""
+    if options.changes:
+        raise InputError("only a scene can be changed; this is a run or a record")
+    defaults = {"dt": "auto", "method": METHOD, "threads": None}
+    for name, value in defaults.items():
+        given = getattr(options, name)
+        if given != value:
+            raise InputError(
+                f"{name} = {given!r} applies to a scene only; this is a run or a record: leave "
+                f"{name} out"
+            )
+
+
+def _simulated(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
+    from granular.run.simulation import simulate
+
+    scene = scene.replace(**options.changes)
+    if scene.piston is None:
+        raise InputError(f"scene {scene.name!r} has no piston, so there is nothing to identify")
+    return simulate(
+        scene,
+        dt=options.dt,
+        method=options.method,
+        out=None if out is None else out / "run",
+        resume=out is not None,
+        threads=options.threads,
+        progress=options.progress,
+    )
+
+
+def run_notes(run: Trajectory) -> tuple[str, ...]:
+    """What is to be doubted in a run as the source of a record."""
+    if run.complete:
+        return ()
+    last = run.stages[-1] if run.stages else None
+    where = "before its first stage" if last is None else f"in stage {last.name!r}"
+    when = float(run.dataset["time"].values[-1])
+    return (
+        f"the run was cut at t = {when:.4g} s, {where}, so the record is not whole; finish it with "
+        "--resume, or read the figures as those of a part",
+    )
+
+
+def step_text(run: Trajectory) -> str:
+    """The time step of a run in words, an automatic one also in seconds."""
+    settings = run.settings()
+    dt = settings["dt"]
+    if not isinstance(dt, str):
+        return f"{dt:g} s"
+    if "shortest_step" in settings and "longest_step" in settings:
+        return f"{dt}: {settings['shortest_step']:.3g} to {settings['longest_step']:.3g} s"
+    times = run.dataset["time"].values
+    mean = float(times[-1] - times[0]) / max(1, settings["steps"])
+    return f"{dt}: {mean:.3g} s on average"

@@ -1,0 +1,238 @@
+"""Piston records: to CSV and Parquet and back, and clear errors."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from granular import PistonRecord
+from granular.shared.errors import RecordError
+
+FINITE = st.floats(-1e300, 1e300, allow_nan=False)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    steps=arrays(float, st.integers(1, 30), elements=st.floats(1e-6, 1e3)),
+    data=st.data(),
+    velocity=st.booleans(),
+)
+def test_round_trip(
+    tmp_path: Path, ending: str, steps: np.ndarray, data: st.DataObject, velocity: bool
+) -> None:
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    column = arrays(float, len(time), elements=FINITE)
+    record = PistonRecord(
+        time,
+        data.draw(column),
+        velocity=data.draw(column) if velocity else None,
+        extra={"temperature": data.draw(column)},
+    )
+    path = tmp_path / f"record{ending}"
+    (record.to_csv if ending == ".csv" else record.to_parquet)(path)
+    back = PistonRecord.from_file(path)
+    assert list(back.columns) == list(record.columns)
+    for name, column_values in record.columns.items():
+        assert np.array_equal(back.columns[name], column_values)
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_units_from_header_and_argument(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "lab.csv", "# lab 3\ntime [ms];height (mm);velocity\n0;59;0\n2;60;0.5\n"
+    )
+    record = PistonRecord.from_csv(path)
+    assert record.time.tolist() == [0.0, 0.002]
+    assert record.height.tolist() == pytest.approx([0.059, 0.060])
+    assert record.velocity.tolist() == [0.0, 0.5]
+    given_units = PistonRecord.from_csv(path, units={"height": "cm"})
+    assert given_units.height.tolist() == pytest.approx([0.59, 0.60])
+
+
+GOOD = [
+    '"time","height"\n0,1\n1,2\n',
+    '"time [s]", "height [m]"\n"0", "1"\n1, 2\n',
+    "\ufeffTime (s);HEIGHT[m];\n0;1;\n1;2;\n",
+    'time,"load, in percent",height\n0,7,1\n1,8,2\n',
+    "time\tremark (see page 3) of (4)\theight\n0\t5\t1\n1\t5\t2\n",
+    "time,operator,height\n0,Ada,1\n1,Ben,2\n",
+    "time,temperature,height\n0,,1\n1,293,2\n",
+    "time,temperature,height\n0,nan,1\n1,inf,2\n",
+]
+
+
+@pytest.mark.parametrize("text", GOOD)
+def test_odd_headers_and_further_columns(tmp_path: Path, text: str) -> None:
+    (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
+    record = PistonRecord.from_csv(tmp_path / "lab.csv")
+    assert record.time.tolist() == [0.0, 1.0]
+    assert record.height.tolist() == [1.0, 2.0]
+    assert set(record.extra) <= {"load, in percent", "remark (see page 3) of (4)"}
+
+
+def test_further_columns_are_kept_where_they_hold_numbers(tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", 'time,"load, in percent",who,height\n0,7,a,1\n1,8,b,2\n')
+    record = PistonRecord.from_csv(path)
+    assert {name: column.tolist() for name, column in record.extra.items()} == {
+        "load, in percent": [7.0, 8.0]
+    }
+    record.to_csv(tmp_path / "back.csv")
+    back = PistonRecord.from_csv(tmp_path / "back.csv")
+    assert back.extra["load, in percent"].tolist() == [7.0, 8.0]
+
+
+BAD = [
+    ("", "is empty"),
+    ("time,height\n", "0 samples"),
+    ("time,height\n0,1\n", "1 samples"),
+    ("time,depth\n0,1\n1,2\n", "no column 'height'"),
+    ("0,1\n1,2\n", "no column 'time'"),
+    ("time,height,height\n0,1,2\n1,2,3\n", "'height' is there twice"),
+    ("time,height\n0,1\n1,two\n", "height of sample 1 is 'two', not a number"),
+    ("time,height\n0,1\n1\n", "sample 1 has 1 values for 2 columns"),
+    ("time,height\n0,1\n1,nan\n", "height of sample 1 is nan"),
+    ("time,height\n0,1\n1,inf\n", "height of sample 1 is inf"),
+    ("time,height\n0,1\n0,2\n", "is there twice"),
+    ("time,height\n1,1\n0,2\n", "comes after 1 s"),
+    ("time,height\n0,one\n1,2\n", "height of sample 0 is 'one', not a number"),
+    ("Zeit,Höhe\n0,1\n1,2\n", "no column 'time'; found: 'zeit', 'höhe'"),
+    (";;\n0;1;2\n1;2;3\n", "no column 'time'; found: none with a name"),
+    ("time [s]; [mm]\n0;1\n1;2\n", "no column 'height'; found: 'time'"),
+    ("time,height [mm^-200]\n0,1\n1,2\n", "is beyond 9"),
+    ("time,height [nm^9 nm^9]\n0,1\n1,2\n", "write a smaller power"),
+    ("time [kg],height\n0,1\n1,2\n", "the unit 'kg' does not fit; one of s is wanted"),
+    ("time,height [furlong]\n0,1\n1,2\n", "unknown unit 'furlong'"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), BAD)
+def test_bad_files(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(RecordError) as caught:
+        PistonRecord.from_csv(write(tmp_path / "bad.csv", text))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def parquet(path: Path, columns: dict[str, object], units: dict[str, str] | None = None) -> Path:
+    """A Parquet file, units in the metadata of its fields."""
+    import pyarrow
+    import pyarrow.parquet
+
+    made = {name: pyarrow.array(values) for name, values in columns.items()}
+    fields = [
+        pyarrow.field(
+            name, values.type,
+            metadata={"units": units[name]} if units and name in units else None,
+        )
+        for name, values in made.items()
+    ]  # fmt: skip
+    table = pyarrow.Table.from_arrays(list(made.values()), schema=pyarrow.schema(fields))
+    pyarrow.parquet.write_table(table, path)
+    return path
+
+
+def test_parquet_units_and_further_columns(tmp_path: Path) -> None:
+    """Units in names or in metadata, integers, and columns that hold something else."""
+    columns = {
+        "time [ms]": [0, 2, 4],
+        "Height": [59.0, 60.0, 61.0],
+        "who": ["Ada", "Ben", "Ada"],
+        "gaps": [1.0, None, 2.0],
+        "load": np.array([1.0, 2.0, 3.0], dtype=np.float32),
+    }
+    path = parquet(tmp_path / "lab.parquet", columns, {"Height": "mm"})
+    record = PistonRecord.from_file(path)
+    assert record.time.tolist() == [0.0, 0.002, 0.004]
+    assert record.height.tolist() == pytest.approx([0.059, 0.060, 0.061])
+    assert {name: values.tolist() for name, values in record.extra.items()} == {
+        "load": [1.0, 2.0, 3.0]
+    }
+    assert PistonRecord.from_parquet(path, {"height": "m"}).height.tolist() == [59.0, 60.0, 61.0]
+
+
+def test_a_frame_of_pandas_is_a_record(tmp_path: Path) -> None:
+    import pandas
+
+    frame = pandas.DataFrame({"time": [0.0, 1.0, 2.0], "height": [1.0, 2.0, 4.0]})
+    frame.to_parquet(tmp_path / "frame.pq")
+    assert PistonRecord.from_file(tmp_path / "frame.pq").height.tolist() == [1.0, 2.0, 4.0]
+
+
+BAD_TABLES = [
+    ({"time": [0.0, 1.0]}, {}, "no column 'height'; found: 'time'; rename"),
+    ({"time": [], "height": []}, {}, "time holds null, not numbers"),
+    ({"time": [0.0], "height": [1.0]}, {}, "1 samples"),
+    ({"time": [0.0, 1.0], "height": ["a", "b"]}, {}, "height holds string, not numbers"),
+    ({"time": [0.0, 1.0], "height": [1.0, None]}, {}, "height of sample 1 is missing"),
+    ({"time": [0.0, 1.0], "height": [1.0, np.nan]}, {}, "height of sample 1 is nan"),
+    ({"time": [1.0, 0.0], "height": [1.0, 2.0]}, {}, "comes after 1 s"),
+    ({"time": [0.0, 0.0], "height": [1.0, 2.0]}, {}, "is there twice"),
+    ({"time": [0.0, 1.0], "height": [1.0, 2.0]}, {"height": "kg"}, "'kg' does not fit"),
+    ({"time": [0.0, 1.0], "height [mm]": [1.0, 2.0]}, {"height [mm]": "m"}, "in its metadata"),
+    ({"time": [0.0, 1.0], "height": [1.0, 2.0], "Height": [1.0, 2.0]}, {}, "is there twice"),
+]
+
+
+@pytest.mark.parametrize(("columns", "units", "words"), BAD_TABLES)
+def test_bad_parquet(
+    tmp_path: Path, columns: dict[str, object], units: dict[str, str], words: str
+) -> None:
+    path = parquet(tmp_path / "bad.parquet", columns, units)
+    with pytest.raises(RecordError) as caught:
+        PistonRecord.from_parquet(path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RecordError, match="there is no file"):
+        PistonRecord.from_file(tmp_path / "nothing.parquet")
+    (tmp_path / "folder.pq").mkdir()
+    with pytest.raises(RecordError, match="cannot be read"):
+        PistonRecord.from_file(tmp_path / "folder.pq")
+    path = write(tmp_path / "text.parquet", "time,height\n0,1\n1,2\n" * 10)
+    with pytest.raises(RecordError, match="cannot be read as Parquet") as caught:
+        PistonRecord.from_file(path)
+    assert "\n" not in str(caught.value)
+    cut = parquet(tmp_path / "cut.parquet", {"time": [0.0, 1.0], "height": [1.0, 2.0]})
+    cut.write_bytes(cut.read_bytes()[:-20])
+    with pytest.raises(RecordError, match="cannot be read as Parquet"):
+        PistonRecord.from_file(cut)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(RecordError, match=r"pip install 'granular-damper\[parquet\]'"):
+        PistonRecord.from_file(cut)
+
+
+def test_missing_and_binary_files(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="there is no file"):
+        PistonRecord.from_csv(tmp_path / "nothing.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(RecordError, match="cannot be read as text"):
+        PistonRecord.from_csv(tmp_path / "binary.csv")
+    with pytest.raises(RecordError, match="check the path"):
+        PistonRecord.from_csv(tmp_path / ("x" * 300))
+    path = write(tmp_path / "lab.csv", "time,height\n0,1\n1,2\n")
+    with pytest.raises(RecordError, match="unknown column 'heigth'; did you mean 'height'"):
+        PistonRecord.from_csv(path, units={"heigth": "mm"})
+
+
+def test_arrays_are_checked_and_frozen() -> None:
+    with pytest.raises(RecordError, match="shape"):
+        PistonRecord(np.arange(3.0), np.arange(4.0))
+    record = PistonRecord(np.arange(3.0), np.arange(3.0))
+    with pytest.raises(ValueError, match="read-only"):
+        record.height[0] = 1.0
+    part = record.between(0.5, 5.0)
+    assert part.time.tolist() == [1.0, 2.0]

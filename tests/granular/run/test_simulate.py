@@ -1,0 +1,302 @@
+"""Runs: the same bits however they are cut, threaded, recorded or interrupted."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
+from granular.shared.errors import (
+    EnergyError,
+    GranularError,
+    InputError,
+    Interrupted,
+    NotAtRestError,
+    OutsideError,
+    RunError,
+    StoreError,
+)
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def scene(small_damper: Scene) -> Scene:
+    """A short damper run with a step that is no divisor of anything."""
+    return small_damper.replace(
+        **{"protocol.drop.until": None, "protocol.drop.duration": 0.0503,
+           "protocol.release.duration": 0.05, "output.frames": 0.01}
+    )  # fmt: skip
+
+
+def same(one: Trajectory, other: Trajectory) -> bool:
+    return all(
+        np.array_equal(one.dataset[name].values, other.dataset[name].values) for name in one.dataset
+    )
+
+
+@pytest.mark.parametrize("dt", ["auto", 3e-5])
+def test_cut_and_resumed_gives_the_same_bits(scene: Scene, tmp_path: Path, dt: float | str) -> None:
+    whole = simulate(scene, dt=dt, progress=False)
+    part = simulate(scene, dt=dt, t_end=0.02345, out=tmp_path / "run", progress=False)
+    assert part.complete
+    assert part.dataset["time"].values[-1] == pytest.approx(0.02345)
+    again = simulate(scene, dt=dt, t_end=0.0777, out=tmp_path / "run", resume=True, progress=False)
+    assert again.stages[-1].name == "release"
+    rest = simulate(scene, dt=dt, out=tmp_path / "run", resume=True, progress=False)
+    assert rest.complete
+    assert same(whole, rest)
+    assert whole.stages == rest.stages
+    assert same(whole, load_trajectory(tmp_path / "run"))
+
+
+def test_recording_does_not_change_the_motion(scene: Scene) -> None:
+    often = simulate(scene.replace(**{"output.frames": 0.001}), dt=2e-5, progress=False)
+    seldom = simulate(scene.replace(**{"output.frames": 0.02}), dt=2e-5, progress=False)
+    assert np.array_equal(
+        often.dataset["position"].values[-1], seldom.dataset["position"].values[-1]
+    )
+
+
+def test_threads_give_the_same_bits(bed: Scene) -> None:
+    large = bed.replace(
+        **{"grains.count": 1472, "cell.width": "120 D", "piston.height": "40 D",
+           "arrangement.height": "38 D"}
+    )  # fmt: skip
+    one = simulate(large, dt=2e-5, t_end=2e-3, threads=1, progress=False)
+    two = simulate(large, dt=2e-5, t_end=2e-3, threads=2, progress=False)
+    assert same(one, two)
+
+
+@pytest.mark.long
+def test_threads_leave_a_bed_alone_that_is_not_parted(bed: Scene) -> None:
+    few = bed.replace(**{"output.scalars": 1e-3})
+    assert same(
+        simulate(few, t_end=2e-3, threads=1, progress=False),
+        simulate(few, t_end=2e-3, threads=2, progress=False),
+    )
+
+
+def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
+    run = simulate(scene, t_end=0.02, out=tmp_path / "run", progress=False)
+    data = run.dataset
+    assert data["position"].dims == ("frame", "grain", "axis")
+    assert data["piston_height"].dims == ("time",)
+    assert all(
+        "units" in data[name].attrs for name in data.variables if name not in ("grain", "axis")
+    )
+    assert data["piston_force"].attrs["units"] == "N"
+    assert Scene.from_plain(__import__("tomllib").loads(data.attrs["scene"])) == scene
+    versions = json.loads(data.attrs["settings"])["versions"]
+    assert {"python", "numpy", "numba"} <= set(versions)
+    assert list(data["axis"].values) == ["x", "y"]
+    import xarray
+
+    plain = xarray.open_zarr(tmp_path / "run" / "trajectory.zarr")
+    assert plain.sizes["time"] == data.sizes["time"]
+
+
+@pytest.mark.parametrize(
+    ("method", "alone"),
+    [
+        ("adaptive-verlet", False),
+        ("pefrl", False),
+        # A grain at the wall is compiled for other tests as well.
+        ("stormer-verlet+compensated", True),
+        pytest.param("stormer-verlet+compensated", False, marks=pytest.mark.long),
+    ],
+)
+@pytest.mark.parametrize("cut", [0.02, 0.0123456])
+def test_any_method_resumes_to_the_same_bits(
+    small_bed: Scene, tmp_path: Path, method: str, alone: bool, cut: float
+) -> None:
+    scene = small_bed
+    if alone:
+        scene = load_scene("single-particle").replace(
+            **{"arrangement.positions": [["30 D", "3 D"]]}
+        )
+    scene = scene.replace(**{"output.frames": 0.005})
+    whole = simulate(scene, t_end=0.04, method=method, progress=False)
+    for t_end in (cut, 0.04):
+        part = simulate(
+            scene, t_end=t_end, method=method, out=tmp_path / "run", resume=True, progress=False
+        )
+        assert float(part.dataset["time"][-1]) == pytest.approx(t_end, rel=1e-12)
+    assert part.dataset.equals(whole.dataset)
+
+
+def test_absent_effects_leave_no_variables() -> None:
+    """Of a grain over the bottom alone, without drag."""
+    run = simulate(load_scene("single-particle"), t_end=5e-3, progress=False)
+    assert "drag_loss" not in run.dataset
+    assert "left_force" not in run.dataset
+    assert "bottom_force" in run.dataset
+
+
+def test_piston_record(scene: Scene, tmp_path: Path) -> None:
+    run = simulate(scene, progress=False)
+    record = run.piston()
+    assert record.time[0] == pytest.approx(0.0503)
+    assert record.height[0] == pytest.approx(run.stage("lift").height)
+    assert record.velocity[0] == 0.0
+    assert len(run.piston("drop")) + len(record) <= run.dataset.sizes["time"]
+    record.to_csv(tmp_path / "record.csv")
+    from granular import PistonRecord
+
+    back = PistonRecord.from_csv(tmp_path / "record.csv")
+    for name in ("time", "height", "velocity", "force"):
+        assert np.array_equal(getattr(record, name), getattr(back, name))
+
+
+def test_rest_is_detected(small_damper: Scene) -> None:
+    """At the end of the drop the piston's weight is borne by the grains."""
+    scene = small_damper.replace(**{"protocol.release.duration": 0.01})
+    run = simulate(scene, progress=False)
+    drop = run.stage("drop")
+    assert drop.reason == "rest"
+    assert drop.spread <= 1e-4 * 0.006
+    at_end = run.dataset["piston_force"].values[run.dataset["stage"].values == 0][-1]
+    assert at_end == pytest.approx(9.8, rel=1e-3)
+    window = run.dataset.sel(time=slice(drop.end - 1.0, drop.end))["piston_height"].values
+    assert np.ptp(window[1:-2]) <= 1e-4 * 0.006 * 1.0001
+
+
+def test_rest_that_does_not_come(small_damper: Scene) -> None:
+    scene = small_damper.replace(**{"protocol.drop.duration": 1.2})
+    with pytest.raises(
+        NotAtRestError, match=r"'drop' did not come to rest within 1\.2 s"
+    ) as caught:
+        simulate(scene, progress=False)
+    assert caught.value.time == pytest.approx(1.2)
+    assert caught.value.trajectory.dataset["time"].values[-1] == pytest.approx(1.2, abs=2e-3)
+
+
+def test_too_long_a_step_is_stopped(scene: Scene) -> None:
+    with pytest.raises(RunError) as caught:
+        simulate(scene, dt=2e-3, progress=False)
+    assert isinstance(caught.value, EnergyError | OutsideError)
+    error = caught.value
+    assert error.step > 0
+    assert error.time > 0.0
+    assert "dt" in error.remedy
+    assert str(error).startswith(f"step {error.step}, t = ")
+
+
+def test_interrupted_run_keeps_what_was_done(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    from granular.engine.run import Run
+
+    plain, calls = Run.advance, []
+
+    def advance(self: Run) -> None:
+        plain(self)
+        calls.append(1)
+        if len(calls) == 12:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Run, "advance", advance)
+    with pytest.raises(Interrupted) as caught:
+        simulate(scene, progress=False)
+    part = caught.value.trajectory
+    assert not part.complete
+    assert 5 < part.dataset.sizes["time"] < 104
+
+
+def test_killed_run_is_readable_and_resumes(small_damper: Scene, tmp_path: Path) -> None:
+    scene = small_damper.replace(**{"protocol.drop.until": None, "protocol.drop.duration": 3.0})
+    scene.save(tmp_path / "scene.toml")
+    code = f"""
+import granular.run.simulation as s
+s.COMMIT_SECONDS = 0.0
+from granular import load_scene
+s.simulate(load_scene({str(tmp_path / "scene.toml")!r}), t_end=3.0, dt=1e-5,
+           out={str(tmp_path / "run")!r}, progress=False)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
+    readable = 0
+    for _ in range(400):
+        time.sleep(0.05)
+        try:
+            readable = load_trajectory(tmp_path / "run").dataset.sizes["time"]
+        except StoreError:
+            continue
+        if readable > 200:
+            break
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert readable > 200
+    part = load_trajectory(tmp_path / "run")
+    assert not part.complete
+    assert np.isfinite(part.dataset["piston_height"].values).all()
+    again = simulate(scene, t_end=3.0, dt=1e-5, out=tmp_path / "run", resume=True, progress=False)
+    whole = simulate(scene, t_end=3.0, dt=1e-5, progress=False)
+    assert same(whole, again)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"dt": 0.0}, "above 0 s"),
+        ({"dt": float("nan")}, "above 0 s"),
+        ({"dt": "fast"}, "'auto'"),
+        ({"dt": "auto*100"}, "at most 8"),
+        ({"method": "stormer-verlte"}, "did you mean 'stormer-verlet'"),
+        ({"t_end": -1.0}, "above 0 s"),
+        ({"threads": 0}, "whole number from 1"),
+        ({"resume": True}, "needs out"),
+    ],
+)
+def test_bad_arguments(scene: Scene, arguments: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words.replace("(", r"\(")):
+        simulate(scene, progress=False, **arguments)
+
+
+def test_run_directories_are_not_overwritten(scene: Scene, tmp_path: Path) -> None:
+    simulate(scene, t_end=2e-3, out=tmp_path / "run", progress=False)
+    with pytest.raises(StoreError, match="holds a run"):
+        simulate(scene, t_end=2e-3, out=tmp_path / "run", progress=False)
+    with pytest.raises(StoreError, match="another dt"):
+        simulate(scene, dt=1e-5, t_end=2e-3, out=tmp_path / "run", resume=True, progress=False)
+    other = scene.replace(**{"piston.mass": 1.1})
+    with pytest.raises(StoreError, match="another scene"):
+        simulate(other, t_end=2e-3, out=tmp_path / "run", resume=True, progress=False)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("years of work")
+    with pytest.raises(StoreError, match="not empty"):
+        simulate(scene, t_end=2e-3, out=tmp_path / "full", progress=False)
+    with pytest.raises(StoreError, match="holds no run"):
+        load_trajectory(tmp_path / "full")
+
+
+def test_two_processes_do_not_write_to_one_run(scene: Scene, tmp_path: Path) -> None:
+    simulate(scene, t_end=2e-3, out=tmp_path / "run", progress=False)
+    code = f"""
+import time
+from granular.run.store import Store
+from granular import load_scene
+from granular.engine.system import natural_system
+scene = load_scene({str(tmp_path / "run" / "scene.toml")!r})
+Store(__import__("pathlib").Path({str(tmp_path / "run")!r}), scene, natural_system(scene)).hold()
+print("held", flush=True)
+time.sleep(60)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"held\n"
+    with pytest.raises(StoreError, match="another process is running"):
+        simulate(scene, t_end=3e-3, out=tmp_path / "run", resume=True, progress=False)
+    process.kill()
+    process.wait()
+    simulate(scene, t_end=3e-3, out=tmp_path / "run", resume=True, progress=False)
+
+
+def test_errors_share_a_base() -> None:
+    assert issubclass(InputError, GranularError)
+    assert issubclass(RunError, GranularError)

@@ -1,0 +1,199 @@
+"""Scenes: round trips, changes, and clear errors."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granular import Scene, load_scene, scene_names
+from granular.scene.units import si_value
+from granular.shared.errors import SceneError
+
+POSITIVE = st.floats(1e-3, 1e3)
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_packaged_scenes_round_trip(name: str, tmp_path: Path) -> None:
+    scene = load_scene(name)
+    assert scene.name == name
+    assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene
+    scene.save(tmp_path / "copy.toml")
+    assert load_scene(tmp_path / "copy.toml") == scene
+    assert load_scene(str(tmp_path / "copy.toml")).digest() == scene.digest()
+
+
+def test_packaged_scenes_are_those_asked_for() -> None:
+    assert {"bed", "damper", "single-particle"} <= set(scene_names())
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    mass=POSITIVE,
+    drag=st.floats(0.0, 1e3),
+    gravity=st.floats(0.0, 30.0),
+    width=st.floats(0.36, 10.0),
+    seed=st.integers(0, 2**31),
+    jitter=st.floats(0.0, 0.1),
+    until=st.sampled_from([None, "rest"]),
+    duration=st.floats(1.5, 100.0),
+    left=st.sampled_from([None, {"law": "experimental"}]),
+)
+def test_any_scene_round_trips(
+    mass: float, drag: float, gravity: float, width: float, seed: int, jitter: float,
+    until: str | None, duration: float, left: dict | None,
+) -> None:  # fmt: skip
+    scene = load_scene("damper").replace(
+        **{"piston.mass": mass, "effects.drag.coefficient": drag, "cell.width": width,
+           "effects.gravity.acceleration": gravity, "arrangement.seed": seed,
+           "arrangement.jitter": jitter, "protocol.drop.until": until,
+           "protocol.drop.duration": duration, "effects.walls.left": left}
+    )  # fmt: skip
+    assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    value=st.floats(-1e6, 1e6, allow_nan=False),
+    unit=st.sampled_from(["m", "mm", "cm", "um", "km", "nm"]),
+)
+def test_lengths_with_units(value: float, unit: str) -> None:
+    size = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "km": 1e3, "nm": 1e-9}[unit]
+    assert si_value(f"{value!r} {unit}", "m") == pytest.approx(value * size, rel=1e-15, abs=1e-300)
+
+
+def test_units() -> None:
+    assert si_value("5 mm", "m") == 0.005
+    assert si_value("8.33 mm/s", "m/s") == 0.00833
+    assert si_value("20 D", "m", 0.006) == 0.12
+    assert si_value("1e-2 D/s", "m/s", 0.006) == pytest.approx(6e-5)
+    assert si_value("9.8 N/kg", "m/s^2") == 9.8
+    assert si_value("2", "kg") == 2.0
+    assert si_value("90 deg", "1") == pytest.approx(np.pi / 2)
+
+
+def test_replace_returns_a_new_scene(damper: Scene) -> None:
+    other = damper.replace(**{"grains.count": 92, "piston.mass": "8 kg", "piston.height": "21 D"})
+    assert (damper.grains.count, damper.piston.mass) == (368, 7.5)
+    assert (other.grains.count, other.piston.mass) == (92, 8.0)
+    assert other.piston.height == pytest.approx(21 * 0.006)
+    assert damper.replace() == damper
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        damper.piston.mass = 3.0
+
+
+def test_replace_adds_and_takes_away(damper: Scene) -> None:
+    bare = damper.replace(**{"effects.drag": None, "effects.gravity": "none"})
+    assert bare.effects.drag is None
+    assert bare.effects.gravity is None
+    back = bare.replace(**{"effects.drag.coefficient": 0.1, "effects.gravity": True})
+    assert back == damper
+
+
+def test_items_are_named_or_numbered(damper: Scene) -> None:
+    by_name = damper.replace(**{"protocol.release.duration": 3})
+    assert by_name == damper.replace(**{"protocol.2.duration": "3 s"})
+    assert by_name.protocol[2].duration == 3.0
+
+
+def test_species_are_shared_out_evenly() -> None:
+    species = [
+        {"name": "big", "diameter": 0.005, "share": 0.7},
+        {"name": "small", "diameter": 0.003, "share": 0.3},
+    ]
+    scene = load_scene("bed").replace(**{"grains.species": species, "grains.count": 100})
+    assert scene.grains.counts() == (70, 30)
+    assignment = scene.grains.assignment()
+    assert np.bincount(assignment).tolist() == [70, 30]
+    runs = np.bincount(np.add.reduceat(assignment, np.arange(0, 100, 10)))
+    assert runs.argmax() == 3
+    assert len(np.flatnonzero(runs)) <= 2
+
+
+BAD = [
+    ({"grains.cuont": 3}, "grains: unknown key 'cuont'; did you mean 'count'?"),
+    ({"grians.count": 3}, "unknown key 'grians'; did you mean 'grains'?"),
+    ({"effects.drga.coefficient": 1}, "did you mean 'drag'?"),
+    ({"effects.superconductivity": {}}, "known are dipole"),
+    ({"protocol.dorp.duration": 3}, "unknown item 'dorp'; did you mean 'drop'?"),
+    ({"protocol.0.kind": "fre"}, "unknown kind 'fre'; did you mean 'free'?"),
+    ({"output.record": "relaese"}, "unknown stage 'relaese'; did you mean 'release'?"),
+    ({"effects.walls.left": "infinte"}, "unknown choice 'infinte'"),
+    ({"grains.count": -1}, "grains.count: -1 must be at least 0"),
+    ({"grains.count": 2.5}, "2.5 must be a whole number"),
+    ({"grains.count": True}, "must be a whole number"),
+    ({"grains.count": "many"}, "'many' is not a number"),
+    ({"grains.count": None}, "grains.count: must be given"),
+    ({"grains.count.parts": 1}, "grains.count: has no parts"),
+    ({"cell.width": "3 kg"}, "cell.width: '3 kg' has the unit kg; a quantity in m is wanted"),
+    ({"cell.width": "3 parsec"}, "unknown unit 'parsec'"),
+    ({"cell.width": "wide"}, "'wide' is not a quantity"),
+    ({"cell.width": -1}, "cell.width: -1 m must be above 0 m"),
+    ({"cell.width": 0}, "0 m must be above 0 m"),
+    ({"cell.width": float("nan")}, "nan must be finite"),
+    ({"cell.width": float("inf")}, "inf must be finite"),
+    ({"cell": 3}, "3 must be a table with the keys width, separation"),
+    ({"piston.mass": -7.5}, "piston.mass: -7.5 kg must be above 0 kg"),
+    ({"piston.mass": None}, "piston.mass: must be given: stage 'drop'"),
+    ({"piston": None}, "there is no piston"),
+    ({"piston.height": "5 D"}, "into the piston"),
+    ({"effects.drag.coefficient": -0.1}, "-0.1 kg/s must be at least 0 kg/s"),
+    ({"arrangement.jitter": 0.6}, "0.6 must be below 0.5"),
+    ({"grains.count": 4000}, "could overlap"),
+    ({"grains.species.grain.diameter": "2 cm"}, "could overlap"),
+    ({"grains.species.grain.share": 0.9}, "the shares add up to 0.9"),
+    ({"grains.species": []}, "must hold at least 1 table"),
+    ({"arrangement.positions": [[0.1, 0.1]]}, "holds 1 pairs for grains.count = 368"),
+    ({"arrangement.positions": "everywhere"}, "must be a pair"),
+    ({"arrangement.velocities": [[0.1, 0.1]]}, "together with positions"),
+    ({"protocol.release.until": "tomorrow"}, "unknown choice 'tomorrow'"),
+    ({"protocol.release.tolerance": 0.1}, "only counts with until"),
+    ({"protocol.drop.duration": 0.5}, "no longer than the window of rest"),
+    ({"protocol.lift.name": "drop"}, "the name 'drop' is given twice"),
+    ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, descend"),
+    ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "give either speed or duration"),
+    ({"name": ""}, "must be a text that is not empty"),
+]
+
+
+@pytest.mark.parametrize(("changes", "words"), BAD, ids=[next(iter(one[0])) for one in BAD])
+def test_bad_scenes(damper: Scene, changes: dict, words: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        damper.replace(**changes)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("positions", "words"),
+    [
+        ([[0.1, 0.05], [0.104, 0.05]], "grains 0 and 1 overlap"),
+        ([[0.1, 0.05], [0.1, 0.05]], "grains 0 and 1 overlap"),
+        ([[0.001, 0.05], [0.1, 0.05]], "grain 0 reaches 0.002 m into the left wall"),
+        ([[0.1, 0.05], [0.5, 0.05]], "grain 1 reaches"),
+        ([[0.1, 0.05], [0.2, -0.01]], "into the bottom"),
+        ([[0.1, 0.05], [0.2, 0.3]], "into the piston"),
+    ],
+)
+def test_bad_positions(damper: Scene, positions: list, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        damper.replace(**{"grains.count": 2, "arrangement.positions": positions})
+
+
+def test_bad_files(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="did you mean 'damper'"):
+        load_scene("dampr")
+    with pytest.raises(SceneError, match="there is no scene file"):
+        load_scene(tmp_path / "nothing.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("name = ")
+    with pytest.raises(SceneError, match=r"broken\.toml: not a TOML file"):
+        load_scene(broken)
+    broken.write_text("[grains]\ncount = 3\n")
+    with pytest.raises(SceneError, match=r"broken\.toml: grains\.species: must be given"):
+        load_scene(broken)

@@ -1,0 +1,200 @@
+"""Designing a damper: maps, proposals, refusals, and checks by simulation."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pandas
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granular import simulate
+from granular.shared.errors import InputError
+from reduced_models import Candidate, DamperMaps, damper_maps, design, fit
+from reduced_models.designs.candidate import affine_damping_ratio, candidate_at
+from reduced_models.designs.design import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE
+from reduced_models.designs.proposal import Wish, propose
+from reduced_models.designs.study import design_points, run_study
+
+TARGETS = [
+    (2.9, 0.05, {}),
+    (3.3, 0.1, {}),
+    (3.5, 0.2, {}),
+    (4.2, 0.15, {}),
+    (4.8, 0.2, {}),
+    (3.4, 0.12, {"mass": 5.0}),
+    (4.4, 0.12, {"grains": 184, "small_share": 0.5}),
+]
+
+inside = st.floats(-1.0, 1.0)
+
+
+@given(st.tuples(inside, inside, inside, inside))
+def test_coordinates_return(place):
+    made = candidate_at(np.array(place))
+    found = made.coordinates()
+    # The number of grains is rounded, and everything else goes on from the rounded one.
+    assert np.abs(found[[0, 2, 3]] - np.array(place)[[0, 2, 3]]).max() < 1e-9
+    assert abs(found[1] - place[1]) < 2.0 / math.log(4.0) * 0.5 / made.grains + 1e-9
+
+
+@given(st.floats(0.5, 2.0))
+def test_drag_scales_the_affine_damping_ratio(factor):
+    one = Candidate(7.5, 368, 0.1)
+    more = one._replace(drag=0.1 * factor)
+    assert affine_damping_ratio(more) == pytest.approx(factor * affine_damping_ratio(one))
+
+
+def test_published_damper_is_in_the_maps():
+    maps = damper_maps()
+    said = maps.predict(Candidate(7.5, 368, 0.1))
+    # tests/regression/test_damper.py: 9.856 D, 0.2880 s, 0.0367.
+    expected = {"rest_height": 9.856 * 0.006, "frequency": 1.0 / 0.2880, "damping_ratio": 0.0367}
+    for name, value in expected.items():
+        room = 2.0 * maps.surfaces[name].error  # two standard errors of a prediction
+        assert getattr(said, name) == pytest.approx(value, rel=room)
+    assert said.k1 == pytest.approx((2.0 * math.pi * said.frequency) ** 2)
+
+
+def test_maps_find_a_polynomial_again():
+    """On figures that are cubic in the coordinates the maps are exact; on others they say how far
+    off they are.
+    """
+    random = np.random.default_rng(1)
+    dampers = design_points(128)
+    places = np.array([one.coordinates() for one in dampers])
+    cubic = 1.0 + 0.2 * places[:, 0] ** 3 - 0.1 * places[:, 1] * places[:, 2] * places[:, 3]
+    noisy = cubic + 0.05 * random.standard_normal(len(cubic))
+
+    def maps(frequency):
+        table = pandas.DataFrame([one._asdict() for one in dampers])
+        return DamperMaps(
+            table.assign(
+                rest_height=0.05, frequency=np.exp(frequency), damping_ratio=0.1,
+                k1=1.0, k2=0.0, k3=0.0,
+            )
+        )  # fmt: skip
+
+    exact = maps(cubic)
+    assert exact.surfaces["frequency"].error < 1e-12
+    unseen = candidate_at(np.array([0.3, 1.0, -0.2, 0.7]))
+    expected = math.exp(1.0 + 0.2 * 0.027 + 0.1 * 0.2 * 0.7)
+    assert exact.predict(unseen).frequency == pytest.approx(expected, rel=1e-9)
+    assert 0.045 < maps(noisy).surfaces["frequency"].error < 0.075
+
+
+def test_maps_predict_what_they_did_not_see():
+    surfaces = damper_maps().surfaces
+    assert surfaces["rest_height"].error < 0.01
+    assert surfaces["frequency"].error < 0.02
+    # Beds of one kind come to rest in one order or another, whose dampings differ by this much.
+    assert surfaces["damping_ratio"].error < 0.1
+
+
+@settings(max_examples=25, deadline=None)
+@given(inside, inside, inside, st.floats(0.0, 0.5))
+def test_a_damper_of_the_maps_is_found_again(mass, grains, drag, share):
+    maps = damper_maps()
+    wanted = candidate_at(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * share - 1.0]))
+    said = maps.predict(wanted)
+    wish = Wish(said.frequency, said.damping_ratio, wanted.grains, None, wanted.small_share)
+    found = maps.predict(propose(maps, wish))
+    assert found.frequency == pytest.approx(said.frequency, rel=1e-3)
+    assert found.damping_ratio == pytest.approx(said.damping_ratio, rel=1e-3)
+
+
+def test_given_mass_is_kept():
+    proposal = propose(damper_maps(), Wish(3.6, 0.1, mass=4.0))
+    assert proposal.mass == 4.0
+    said = damper_maps().predict(proposal)
+    assert said.frequency == pytest.approx(3.6, rel=0.005)  # the number of grains is whole
+    assert said.damping_ratio == pytest.approx(0.1, rel=0.01)
+
+
+def test_published_number_of_grains_where_it_does():
+    assert propose(damper_maps(), Wish(3.3, 0.1)).grains == 368
+    assert propose(damper_maps(), Wish(4.8, 0.1)).grains < 368
+
+
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        ({"frequency": 9.0, "damping": 0.1}, "frequency = 9 Hz"),
+        ({"frequency": 1.0, "damping": 0.1}, "give a frequency from"),
+        ({"frequency": 3.3, "damping": 0.9}, "damping = 0.9"),
+        ({"frequency": 3.3, "damping": 0.001}, "give one from"),
+        ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "or leave grains and mass free"),
+        ({"frequency": 3.3, "damping": 0.1, "mass": 50.0}, "mass = 50 kg"),
+        ({"frequency": 3.3, "damping": 0.1, "grains": 5000}, "whole number from 92 to 368"),
+        ({"frequency": 3.3, "damping": 0.1, "grains": 200, "mass": 5.0}, "give one of them"),
+        ({"frequency": -3.3, "damping": 0.1}, "frequency = -3.3"),
+        ({"frequency": 3.3, "damping": float("nan")}, "damping = nan"),
+        ({"frequency": 3.3, "damping": 0.1, "small_share": 0.8}, "small_share = 0.8"),
+    ],
+)  # fmt: skip
+def test_refusals_name_value_limit_and_remedy(wish, words):
+    with pytest.raises(InputError) as caught:
+        design(**wish, progress=False)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_a_refusal_offers_can_be_had():
+    with pytest.raises(InputError) as caught:
+        propose(damper_maps(), Wish(9.0, 0.1))
+    high = float(str(caught.value).split(" to ")[-1].split(" Hz")[0])
+    propose(damper_maps(), Wish(0.99 * high, 0.1))
+    with pytest.raises(InputError):
+        propose(damper_maps(), Wish(1.05 * high, 0.1))
+
+
+def test_study_refuses_other_numbers_of_points():
+    with pytest.raises(InputError, match="power of two"):
+        run_study(points=100, progress=False)
+
+
+def test_maps_refuse_other_tables(tmp_path):
+    (tmp_path / "other.csv").write_text("mass,grains\n1,2\n")
+    with pytest.raises(InputError, match="no column"):
+        damper_maps(tmp_path / "other.csv")
+    with pytest.raises(InputError, match="holds no study"):
+        damper_maps(tmp_path / "none.csv")
+
+
+def test_design_is_met_and_kept(tmp_path):
+    found = design(3.9, 0.12, grains=184, seeds=(5,), out=tmp_path, progress=False)
+    assert found.frequency == pytest.approx(3.9, rel=FREQUENCY_TOLERANCE)
+    assert found.damping_ratio == pytest.approx(0.12, rel=DAMPING_TOLERANCE)
+    plain = json.loads((tmp_path / "design.json").read_text())
+    assert plain["damper"]["grains"] == 184
+    assert "<svg" in (tmp_path / "report.html").read_text()
+    again = design(3.9, 0.12, grains=184, seeds=(5,), out=tmp_path, progress=False)
+    assert again.to_plain() == found.to_plain()
+
+
+def test_command_says_no_in_one_line():
+    done = subprocess.run(
+        [sys.executable, "-m", "reduced_models", "design", "--frequency", "9", "--damping", "0.1"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "9 Hz" in done.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("frequency", "damping", "fixed"), TARGETS)
+def test_designs_meet_their_targets_in_a_fresh_simulation(frequency, damping, fixed):
+    found = design(frequency, damping, **fixed, progress=False)
+    run = simulate(found.damper.scene(seed=11), progress=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        swing = fit(run.piston("release").from_zero(), law="polynomial-spring").at_rest
+    assert 1.0 / swing.period == pytest.approx(frequency, rel=FREQUENCY_TOLERANCE)
+    assert swing.damping_ratio == pytest.approx(damping, rel=DAMPING_TOLERANCE)

@@ -1,0 +1,341 @@
+"""Discovery: exact structures from noisy records, by every method, and honest results."""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy
+
+from granular import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from reduced_models import HeightMap, discover
+from reduced_models.discovery.result import Candidate, Discovery, pareto_front
+from reduced_models.discovery.selection import all_subsets, scored
+from reduced_models.discovery.terms import Term, library, sum_of, symbols, terms_of
+from reduced_models.discovery.weak import Motion, weak_form
+from reduced_models.laws.law import Law
+from reduced_models.laws.solution import motion
+
+TIME = np.linspace(0.0, 40.0, 2000)
+VELOCITY = {"speed": 1, "odd": True}
+# Each law: its equation, coefficients, z(0), and its terms in the same order.
+LAWS = {
+    "van-der-pol-like": (
+        "z'' = c0 + c1*z + c2*z*z' + c3*z**2*z'", (-1.0, -(1.05**2), 0.68, -0.34), 1.0,
+        (Term(0), Term(1), Term(1, **VELOCITY), Term(2, **VELOCITY)),
+    ),
+    "duffing": (
+        "z'' = c0*z + c1*z**3 + c2*z'", (-1.0, -0.5, -0.1), 1.5,
+        (Term(1), Term(3), Term(0, **VELOCITY)),
+    ),
+    "van-der-pol": (
+        "z'' = c0*z + c1*z' + c2*z**2*z'", (-1.1, 0.5, -2.0), 0.3,
+        (Term(1), Term(0, **VELOCITY), Term(2, **VELOCITY)),
+    ),
+    "quadratic-drag": (
+        "z'' = c0*z + c1*Abs(z')*z'", (-1.2, -0.2), 1.5, (Term(1), Term(0, 2, True)),
+    ),
+}  # fmt: skip
+
+
+@functools.cache
+def clean(name: str) -> np.ndarray:
+    equation, values, start, _ = LAWS[name]
+    return motion(Law(name, equation), TIME, start, 0.0, values, 1.0).z
+
+
+def made(name: str, seed: int, level: float = 0.01) -> PistonRecord:
+    z = clean(name)
+    return PistonRecord(TIME, z + np.random.default_rng(seed).normal(0.0, level * z.std(), len(z)))
+
+
+def is_exact(found: Discovery, name: str) -> bool:
+    return set(found.best.terms or ()) == set(LAWS[name][3])
+
+
+def coefficient_errors(found: Discovery, name: str) -> np.ndarray:
+    _, values, _, terms = LAWS[name]
+    assert found.best.terms is not None
+    return np.array([found.best.terms[t] / v - 1.0 for t, v in zip(terms, values, strict=True)])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_sparse_regression_finds_the_structure(name: str) -> None:
+    found = discover(made(name, 0), polish=0)
+    assert is_exact(found, name)
+    assert found.best.error == pytest.approx(1.0, abs=0.3)
+    assert np.abs(coefficient_errors(found, name)).max() < 0.04
+
+
+@pytest.mark.parametrize(
+    "name", ["quadratic-drag", pytest.param("van-der-pol-like", marks=pytest.mark.long)]
+)
+def test_symbolic_regression_finds_the_structure(name: str) -> None:
+    assert is_exact(discover(made(name, 0), "operon", polish=0), name)
+
+
+def test_every_candidate_that_matters_is_polished() -> None:
+    found = discover(made("van-der-pol-like", 0))
+    assert is_exact(found, "van-der-pol-like")
+    model = found.model
+    assert model.quality.relative == pytest.approx(0.01, rel=0.1)
+    # The interval of the noisiest coefficient is 2.6 % wide to each side on one record.
+    assert np.abs(coefficient_errors(found, "van-der-pol-like")).max() < 0.03
+    for value, (low, high) in zip(model.parameters.values(), model.intervals.values(), strict=True):
+        assert low <= value <= high
+    later = model.simulate(TIME)
+    assert np.std(later.height - clean("van-der-pol-like")) < 0.005
+    numbers = {float(one) for one in found.best.expression.atoms(sympy.Float)}
+    assert numbers == set(model.parameters.values())
+
+
+@pytest.mark.parametrize("method", ["sindy", "operon"])
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.long
+def test_ten_seeds(method: str, name: str) -> None:
+    found = [discover(made(name, seed), method) for seed in range(10)]  # type: ignore[arg-type]
+    exact = [one for one in found if is_exact(one, name)]
+    assert len(exact) >= (9 if method == "sindy" else 8)
+    errors = np.abs([coefficient_errors(one, name) for one in exact])
+    assert np.median(errors, axis=0).max() < 0.01
+
+
+def test_strong_form_and_ensembles() -> None:
+    record = made("duffing", 1)
+    assert is_exact(discover(record, form="strong", polish=0), "duffing")
+    found = discover(record, form="strong", ensemble=True, polish=0)
+    assert is_exact(found, "duffing")
+    shares = found.inclusion
+    assert all(shares[term.text] > 0.9 for term in LAWS["duffing"][3])
+    assert all(0.0 <= share <= 1.0 for share in shares.values())
+
+
+def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
+    """Two records of half the usual length, from other heights and at other times."""
+    equation, values, _, _ = LAWS[name]
+    time, records = TIME[:1000], []
+    for seed, start in enumerate(starts):
+        z = motion(Law(name, equation), time, start, 0.0, values, 1.0).z
+        noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
+        records.append(PistonRecord(5.0 * seed + time, z + noise))
+    return records
+
+
+@pytest.mark.parametrize("options", [{}, {"form": "strong"}, {"method": "operon"}])
+def test_several_records_have_one_structure(options: dict[str, object]) -> None:
+    """A small and a large swing of the same spring, which stiffens in the large one alone."""
+    found = discover(pair("duffing", (0.1, 1.8)), polish=0, **options)  # type: ignore[arg-type]
+    assert is_exact(found, "duffing")
+    assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
+
+
+def test_the_small_swing_alone_hides_the_spring() -> None:
+    found = discover(pair("duffing", (0.1, 1.8))[0], polish=0)
+    assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY)}
+
+
+def test_several_records_share_the_polished_numbers() -> None:
+    records = pair("duffing", (0.1, 1.8))
+    found = discover(records, polish=1)
+    assert is_exact(found, "duffing")
+    assert np.abs(coefficient_errors(found, "duffing")).max() < 0.01
+    first, second = found.best.models
+    assert first.parameters == second.parameters
+    for model, record in zip(found.best.models, records, strict=True):
+        assert model.quality.relative == pytest.approx(0.01, rel=0.15)
+        assert model.quality.samples == len(record)
+    for bad, words in ((([],), "no record"), ((records, "operon"), "of one record, not of 2")):
+        options = {"target": "height"} if len(bad) > 1 else {}
+        with pytest.raises(InputError, match=words):
+            discover(*bad, **options)  # type: ignore[arg-type]
+
+
+def test_the_command_takes_several_records(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from reduced_models.__main__ import main
+
+    names = []
+    for k, record in enumerate(pair("duffing", (0.1, 1.8))):
+        names.append(str(tmp_path / f"{k}.csv"))
+        record.to_csv(names[-1])
+    main(["discover", *names, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["model"]["quality"]["samples"] == 1000
+    assert len(found["model"]["parameters"]) == 3
+
+
+def test_terms_that_may_be_zero_are_left_out() -> None:
+    """Record 5 calls for a friction of nothing in the weak form; its fit shows that it is none."""
+    record = made("quadratic-drag", 5)
+    assert not is_exact(discover(record, polish=0), "quadratic-drag")
+    found = discover(record, polish=1)
+    assert is_exact(found, "quadratic-drag")
+    assert np.abs(coefficient_errors(found, "quadratic-drag")).max() < 0.01
+    assert found.notes == ()
+
+
+def test_a_seed_repeats_a_search() -> None:
+    from reduced_models.discovery.symbolic import operon_expressions
+
+    z = clean("duffing")[::5]
+    v = np.gradient(z, TIME[::5])
+    target = -z - 0.5 * z**3 - 0.1 * v + np.random.default_rng(0).normal(0.0, 0.02, len(z))
+    found = [
+        operon_expressions({"z": z, "v": v}, target, 0.02, evaluations=10_000, seed=seed)
+        for seed in (4, 4, 5)
+    ]
+    assert found[0] == found[1]
+    assert found[0] != found[2]
+
+
+def test_noise_free_records_keep_their_structure() -> None:
+    for name in LAWS:
+        found = discover(made(name, 0, level=0.0), polish=0)
+        assert is_exact(found, name)
+        assert np.abs(coefficient_errors(found, name)).max() < 1e-3
+
+
+def test_a_height_in_metres_is_centred_and_scaled() -> None:
+    record = PistonRecord(TIME, 0.06 + 0.002 * made("duffing", 0).height)
+    found = discover(record, polish=1)
+    assert found.map.shift == pytest.approx(0.06, abs=2e-4)
+    assert found.map.scale == pytest.approx(0.003, rel=0.1)
+    assert set(LAWS["duffing"][3]) <= set(found.best.terms or ())
+    assert found.model.map == found.map
+    given = discover(record, map=HeightMap(0.06, 0.002), polish=0)
+    assert is_exact(given, "duffing")
+
+
+def test_an_input_is_a_term() -> None:
+    from scipy.integrate import solve_ivp
+
+    def base(t: np.ndarray) -> np.ndarray:
+        return np.sin(1.7 * t) + 0.5 * np.sin(0.6 * t)
+
+    solved = solve_ivp(
+        lambda t, y: [y[1], -0.2 * y[1] - 1.3 * y[0] + 0.7 * base(t)], (0.0, 40.0), [0.5, 0.0],
+        "DOP853", TIME, rtol=1e-10,
+    )  # fmt: skip
+    z = solved.y[0] + np.random.default_rng(0).normal(0.0, 0.01 * solved.y[0].std(), len(TIME))
+    found = discover(PistonRecord(TIME, z, extra={"base": base(TIME)}), input="base", polish=0)
+    drive = Term(0, driven=True)
+    assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY), drive}
+    assert found.best.terms[drive] == pytest.approx(0.7, rel=0.01)
+
+
+def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
+    """With the true law, the white residuals have unit variance, over 40 records."""
+    _, values, _, terms = LAWS["van-der-pol-like"]
+    z, squares = clean("van-der-pol-like"), []
+    sigma = 0.01 * z.std()
+    v = np.gradient(z, TIME)
+    for seed in range(40):
+        record = made("van-der-pol-like", seed).height
+        weak = weak_form(Motion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0))
+        whitening = weak.whitening(terms, np.array(values))
+        left = whitening @ (weak.target - weak.matrix(terms) @ np.array(values))
+        squares.append((left**2).mean())
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> None:
+    terms = library(2)
+    z = clean("van-der-pol")
+    v = np.gradient(z, TIME)
+    weak = weak_form(Motion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
+    ranked, judge = scored(weak, terms, terms, all_subsets(len(terms)))
+    assert set(ranked[0].terms) == set(LAWS["van-der-pol"][3])
+    assert judge.excess < 1.5
+
+
+def test_terms_are_unique_and_go_there_and_back() -> None:
+    z, v, u = symbols()
+    products = {
+        v * sympy.sign(v): Term(0, 1),
+        sympy.Abs(v) * sympy.sign(v) * z: Term(1, 1, True),
+        v**2 * sympy.sign(v): Term(0, 2, True),
+        v * sympy.Abs(v): Term(0, 2, True),
+        sympy.sign(v) ** 2 * z: Term(1),
+        sympy.Abs(v) ** 3: Term(0, 3),
+        2 * z * u: Term(1, driven=True),
+    }
+    for product, term in products.items():
+        assert set(terms_of(product) or ()) == {term}
+    values = np.linspace(1.0, 3.0, len(library(3)))
+    assert terms_of(sum_of(library(3), list(values))) == pytest.approx(
+        dict(zip(library(3), values, strict=True))
+    )
+    assert terms_of(sympy.sin(z) + v) is None
+
+
+def test_the_pareto_front_holds_no_dominated_candidate() -> None:
+    z = symbols()[0]
+    sizes = [(3, 2.0), (3, 1.5), (5, 1.6), (7, 1.0), (9, 1.0), (9, float("inf"))]
+    front = pareto_front([Candidate(z, *size, criterion=0.0) for size in sizes])
+    assert [(one.complexity, one.error) for one in front] == [(3, 1.5), (7, 1.0)]
+
+
+def test_a_discovery_is_plain_data() -> None:
+    found = discover(made("duffing", 0), polish=0)
+    plain = json.loads(json.dumps(found.to_plain(), allow_nan=False))
+    assert plain["candidates"][plain["chosen"]]["equation"] == found.best.text
+    assert found.best.text in str(found)
+    with pytest.raises(InputError, match="not polished"):
+        _ = found.model
+
+
+def test_a_law_outside_the_library_is_noted() -> None:
+    from scipy.integrate import solve_ivp
+
+    solved = solve_ivp(
+        lambda _, y: [y[1], -0.1 * y[1] - 4.0 * np.sin(3.0 * y[0])], (0.0, 40.0), [0.9, 0.0],
+        "DOP853", TIME, rtol=1e-10,
+    )  # fmt: skip
+    noise = np.random.default_rng(0).normal(0.0, 1e-4, len(TIME))
+    found = discover(PistonRecord(TIME, solved.y[0] + noise), degree=1, polish=0)
+    assert any("not among those searched" in note for note in found.notes)
+
+
+@pytest.mark.long
+def test_symbolic_regression_finds_a_damped_cosine() -> None:
+    """The source's demonstration, z(t) itself."""
+    height = 1.3 * np.exp(-0.12 * TIME) * np.cos(1.7 * TIME)
+    noise = np.random.default_rng(0).normal(0.0, 0.005, len(TIME))
+    found = discover(PistonRecord(TIME, height + noise), "operon", target="height")
+    t = sympy.Symbol("t", real=True)
+    values = sympy.lambdify(t, found.expression)(TIME)
+    assert np.std(values - height) < 0.002
+    assert found.best.error == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"method": "magic"}, "sindy, operon, pysr"),
+        ({"form": "soft"}, "weak, strong"),
+        ({"degree": 9}, "from 1 to 5"),
+        ({"polish": -1}, "from 0 on"),
+        ({"derivative": "tea-leaves"}, "savitzky-golay"),
+        ({"target": "height"}, "symbolic"),
+        ({"method": "operon", "ensemble": True}, "belong to method 'sindy'"),
+        ({"input": "wind"}, "wind"),
+        ({"map": "no"}, "HeightMap"),
+    ],
+)
+def test_bad_options_are_refused(options: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        discover(made("duffing", 0), **options)  # type: ignore[arg-type]
+
+
+def test_bad_records_are_refused() -> None:
+    for record in (
+        PistonRecord(TIME[:10], np.cos(TIME[:10])),
+        PistonRecord(TIME, np.full(len(TIME), 0.06)),
+    ):
+        with pytest.raises(RecordError):
+            discover(record)

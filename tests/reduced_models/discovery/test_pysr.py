@@ -1,0 +1,163 @@
+"""The adapter of PySR without Julia: the probe, the error, the settings, the way back to SymPy."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models import discover
+from reduced_models.discovery import julia
+
+TIME = np.linspace(0.0, 20.0, 400)
+RECORD = PistonRecord(TIME, np.cos(TIME))
+
+# The real package over a juliacall that answers everything with itself.
+STUB = """
+import sys, types
+class Anything(types.ModuleType):
+    def __init__(self): super().__init__("juliacall"); self.__path__ = []
+    def __getattr__(self, name):
+        if name.startswith("__"): raise AttributeError(name)
+        return 1 if name in ("major", "minor", "patch") else Anything()
+    def __call__(self, *a, **k): return Anything()
+stub = Anything()
+stub.AnyValue = type("AnyValue", (), {}); stub.VectorValue = type("VectorValue", (), {})
+sys.modules["juliacall"] = stub
+import warnings; warnings.simplefilter("ignore")
+from pysr import PySRRegressor
+from reduced_models.discovery.julia import settings
+for options in (dict(), dict(functions=("sin", "exp"), elliptic=True, seed=3)):
+    wanted = settings(**options)
+    made = PySRRegressor(early_stop_condition=1e-3, **wanted)
+    assert all(made.get_params()[name] == value for name, value in wanted.items())
+try:
+    PySRRegressor(**settings(), tea=3)
+except TypeError as error:
+    print("TypeError", error)
+"""
+
+
+def needs_no_julia() -> None:
+    if julia.missing() is None:
+        pytest.skip("Julia is here")
+
+
+def test_absent_julia_is_one_line_with_two_commands() -> None:
+    needs_no_julia()
+    with pytest.raises(InputError) as caught:
+        discover(RECORD, "pysr")
+    text = str(caught.value)
+    assert "\n" not in text
+    assert all(command in text for command in julia.COMMANDS)
+
+
+def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
+    needs_no_julia()
+    code = (
+        "import socket, sys\n"
+        "def refuse(*a, **k): raise SystemExit('the network was used')\n"
+        "socket.socket.connect = refuse\n"
+        "from reduced_models.discovery import julia\n"
+        "assert julia.missing()\n"
+        "assert not {'pysr', 'juliacall'} & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_given_julia_is_looked_at_and_not_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip("juliapkg")
+    monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(tmp_path))
+    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", sys.executable)
+    assert julia.missing() is None
+    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", "/nowhere/julia")
+    assert "/nowhere/julia" in str(julia.missing())
+
+
+def test_settings_suit_the_real_constructor() -> None:
+    pytest.importorskip("juliapkg")
+    done = subprocess.run([sys.executable, "-c", STUB], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "TypeError" in done.stdout
+    assert "tea" in done.stdout
+
+
+def python_of(operator: str) -> str:
+    """The right side of one of the Julia operators in Python, by rewriting its few idioms."""
+    body = operator.split("= ", 1)[1]
+    condition, rest = body.split(" ? ", 1)
+    value = rest.rsplit(" : ", 1)[0]
+    value = re.sub(r"foldl\(\(p, _\) -> \((.*?), (sqrt\(.*?\))\), 1:9; init=\((.*?)\)\)\[1\]",
+                   r"fold(\3)", value)  # fmt: skip
+    value = (
+        value.replace("oftype(u, ", "(")
+        .replace("^", "**")
+        .replace("for n in 0:24", "for n in range(25)")
+    )
+    value = value.replace("for n in 1:24", "for n in range(1, 25)")
+    value = value.replace("(K, q) -> ", "lambda K, q: ").replace("(x) -> ", "lambda x: ")
+    return f"({value}) if {condition} else float('nan')"
+
+
+@pytest.mark.parametrize("name", ["sn", "cn", "dn"])
+def test_julia_operators_are_the_elliptic_functions(name: str) -> None:
+    """Their text, carried over to Python, against the functions in JAX."""
+    import math
+
+    from reduced_models import elliptic
+
+    def fold(a: float, b: float) -> float:
+        for _ in range(9):
+            a, b = (a + b) / 2, math.sqrt(a * b)
+        return a
+
+    (text,) = (one for one in julia.elliptic_operators() if one.startswith(f"jacobi_{name}(u, m)"))
+    assert "\n" not in text
+    scope = {"fold": fold, "one": lambda _: 1.0, "sqrt": math.sqrt, "exp": math.exp, "pi": math.pi,
+             "sin": math.sin, "cos": math.cos}  # fmt: skip
+    function = eval(f"lambda u, m: {python_of(text)}", scope)
+    for m in (1e-5, 0.3, 0.5, 0.9, 0.999):
+        for u in (-7.3, 0.0, 0.4, 3.1, 20.0):
+            assert function(u, m) == pytest.approx(float(getattr(elliptic, name)(u, m)), abs=1e-8)
+    assert math.isnan(function(1.0, 1.0))
+    assert math.isnan(function(1.0, -0.1))
+    assert set(julia.elliptic_mappings()) == {"jacobi_sn", "jacobi_cn", "jacobi_dn"}
+
+
+def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same call and result for PySR as for the others, with a search that knows the answer."""
+    import types
+
+    import pandas as pd
+    import sympy
+
+    class Search:
+        def __init__(self, **settings: object) -> None:
+            assert settings["deterministic"] is True
+
+        def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
+            symbols = sympy.symbols(variable_names)
+            numbers, *_ = np.linalg.lstsq(matrix[:, :2], target)
+            best = sum(float(c) * s for c, s in zip(numbers, symbols[:2], strict=True))
+            self.equations_ = pd.DataFrame({"sympy_format": [symbols[0] * -1.0, best]})
+
+    monkeypatch.setattr(julia, "missing", lambda: None)
+    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
+    height = 0.7 * np.exp(-0.05 * TIME) * np.cos(1.4 * TIME)
+    noise = np.random.default_rng(0).normal(0.0, 0.003, len(TIME))
+    found = discover(PistonRecord(TIME, height + noise), "pysr", polish=0)
+    assert found.method == "pysr"
+    assert {term.text for term in found.best.terms} == {"z", "z'"}
+    assert found.best.terms[min(found.best.terms)] != 0.0
+    coefficients = {term.text: value for term, value in found.best.terms.items()}
+    assert coefficients["z"] == pytest.approx(-(1.4**2 + 0.05**2), rel=0.01)
+    assert coefficients["z'"] == pytest.approx(-0.1, rel=0.1)

@@ -1,0 +1,378 @@
+"""Fits: recovery of known parameters, honest intervals, open directions, models on disk."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from reduced_models import HeightMap, ReducedModel, fit, load_model
+from reduced_models.fitting.refinement import SOLVER_LIMIT
+from reduced_models.laws import LAWS, law_named
+from reduced_models.laws.law import Law, parse
+from reduced_models.laws.solution import Motion, motion
+
+TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
+TIME = np.linspace(0.0, 40.0, 2000)
+CLEAN = motion(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0).z
+
+
+def noisy(seed: int, level: float = 0.01) -> PistonRecord:
+    noise = np.random.default_rng(seed).normal(0.0, level * CLEAN.std(), len(CLEAN))
+    return PistonRecord(TIME, CLEAN + noise)
+
+
+def errors(model: ReducedModel) -> np.ndarray:
+    return np.array([abs(model.parameters[name] / value - 1.0) for name, value in TRUE.items()])
+
+
+def test_solution_agrees_with_scipy() -> None:
+    from scipy.integrate import solve_ivp
+
+    def law(_: float, state: np.ndarray) -> list[float]:
+        z, v = state
+        return [v, TRUE["g0"] - TRUE["omega"] ** 2 * z - 2 * TRUE["alpha"] * (z**2 - 2 * z) * v]
+
+    found = solve_ivp(law, (0, 40), [1.0, 0.0], "DOP853", rtol=1e-12, atol=1e-13, t_eval=TIME)
+    np.testing.assert_allclose(CLEAN, found.y[0], atol=1e-8)
+
+
+def test_clean_data_give_the_parameters_back() -> None:
+    model = fit(PistonRecord(TIME, CLEAN), starts=64)
+    assert errors(model).max() < 1e-6
+    assert model.quality.converged >= 0.9 * 64
+    assert not model.map.fitted
+    assert model.quality.holdout < 1e-6
+    assert model.undetermined == ()
+    swing = model.at_rest
+    assert swing.height == pytest.approx(TRUE["g0"] / TRUE["omega"] ** 2, rel=1e-6)
+    assert swing.period == pytest.approx(2 * np.pi / TRUE["omega"], rel=1e-6)
+
+
+def test_noisy_data_give_the_parameters_back() -> None:
+    models = [fit(noisy(seed), starts=64) for seed in range(4)]
+    assert np.median([errors(model) for model in models], axis=0).max() < 0.01
+    assert all(model.quality.converged >= 0.9 * 64 for model in models)
+
+
+def test_intervals_cover_the_truth() -> None:
+    """95 % intervals, over 60 records with noise of their own."""
+    given = HeightMap()
+    models = [fit(noisy(seed), map=given, starts=2, holdout=0.0) for seed in range(100, 160)]
+    for name, value in TRUE.items():
+        covered = [
+            model.intervals[name][0] <= value <= model.intervals[name][1] for model in models
+        ]
+        assert 0.85 <= np.mean(covered) <= 1.0
+
+
+def test_the_height_map_is_found() -> None:
+    """The same motion seen as a height in metres: the map comes out, up to what noise allows."""
+    model = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN))
+    assert model.map.fitted
+    assert errors(model).max() < 1e-5
+    assert model.map.shift == pytest.approx(0.06, rel=1e-6)
+    assert model.map.scale == pytest.approx(0.002, rel=1e-5)
+    given = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), map=HeightMap(0.06, 0.002))
+    assert errors(given).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("true", "start", "seeds"),
+    [
+        pytest.param(TRUE, 1.0, 10, marks=pytest.mark.long),
+        ({"alpha": 0.3, "omega": 1.05, "g0": 1.1}, 1.2, 4),
+    ],
+    ids=["decay, ten seeds", "limit cycle"],
+)
+def test_map_and_law_are_found_together_in_noise(
+    true: dict[str, float], start: float, seeds: int
+) -> None:
+    """Records in metres at 1 % noise, also of a motion whose rest is unstable."""
+    shift, scale = 0.06, 0.002
+    clean = motion(LAWS["van-der-pol-like"], TIME, start, 0.0, tuple(true.values()), 1.0).z
+    truth = true | {"shift": shift, "scale": scale}
+    covered, wrong = [], []
+    for seed in range(seeds):
+        noise = np.random.default_rng(seed).normal(0.0, 0.01 * clean.std(), len(clean))
+        model = fit(PistonRecord(TIME, shift + scale * (clean + noise)), starts=64)
+        assert model.map.fitted
+        assert model.quality.converged >= 0.9 * 64
+        found = dict(model.parameters) | {"shift": model.map.shift, "scale": model.map.scale}
+        wrong.append([abs(found[name] / value - 1.0) for name, value in truth.items()])
+        covered += [
+            model.intervals[name][0] <= value <= model.intervals[name][1]
+            for name, value in truth.items()
+        ]
+    assert np.median(wrong, axis=0).max() < 0.025
+    assert np.mean(covered) >= 0.85
+
+
+def test_the_weak_form_finds_a_quadratic_damping() -> None:
+    from reduced_models.records.weak_form import quadratic_damping
+
+    found = quadratic_damping(TIME, CLEAN, 6.0)
+    assert found.damping == pytest.approx([0.0, -4.0 * 0.17, 2.0 * 0.17], abs=2e-3)
+    assert found.stiffness == pytest.approx(1.05**2, rel=1e-4)
+    assert found.force == pytest.approx(-1.0, rel=1e-3)
+    assert found.unexplained < 1e-6
+
+
+def linear_record(swing: float = 0.0012, noise: float = 0.0) -> PistonRecord:
+    time = np.linspace(0.0, 6.0, 1500)
+    omega, lam = 21.8, 0.8
+    height = 0.059 + swing * np.exp(-lam * time) * np.cos(np.sqrt(omega**2 - lam**2) * time)
+    height += np.random.default_rng(1).normal(0.0, noise, len(time))
+    return PistonRecord(time, height)
+
+
+def test_linear_oscillator() -> None:
+    model = fit(linear_record(), "linear")
+    assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-7)
+    assert model.parameters["lam"] == pytest.approx(0.8, rel=1e-6)
+    assert model.at_rest.height == pytest.approx(0.059, rel=1e-8)
+    assert model.at_rest.damping_ratio == pytest.approx(0.8 / 21.8, rel=1e-6)
+
+
+def test_nearly_constant_damping_leaves_a_direction_open() -> None:
+    """A linear record tells the damping at rest, not how it changes with height."""
+    model = fit(linear_record(noise=1e-6), "van-der-pol-like")
+    assert model.undetermined
+    moving = set().union(*(direction.powers for direction in model.undetermined))
+    assert {"alpha", "scale"} <= moving
+    assert "omega" not in moving
+    assert "alpha" in str(model.undetermined[0])
+    assert model.at_rest.damping_ratio == pytest.approx(0.8 / 21.8, rel=0.02)
+
+
+def test_holdout_judges_on_unseen_data() -> None:
+    """A record whose frequency changes behind the training stretch is predicted badly."""
+    time = np.linspace(0.0, 10.0, 2000)
+    phase = np.where(time < 7.0, 20.0 * time, 140.0 + 25.0 * (time - 7.0))
+    model = fit(PistonRecord(time, 0.06 + 0.001 * np.cos(phase)), "linear")
+    assert model.quality.holdout_from == pytest.approx(7.0)
+    assert model.quality.holdout > 0.3
+
+
+def test_holdout_is_blind() -> None:
+    """What happens in the held-out stretch does not change the model that is judged on it."""
+    record, offset = noisy(5), 0.3
+    late = TIME > 28.0
+
+    def squared_error(by: float) -> float:
+        height = record.height + by * late
+        quality = fit(PistonRecord(TIME, height), map=HeightMap()).quality
+        return (quality.holdout * height.std()) ** 2
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        above, same, below = (squared_error(by) for by in (offset, 0.0, -offset))
+    # If all three predict the same, the mean squares of r + c, r and r - c obey this to rounding.
+    assert above + below == pytest.approx(2.0 * same + 2.0 * offset**2, rel=1e-9)
+
+
+def test_holdout_stands_beside_a_piston_at_rest() -> None:
+    quality = fit(linear_record(), "linear").quality
+    height, late = linear_record().height, linear_record().time > 4.2
+    rest = height[~late][-(~late).sum() // 3 :].mean()
+    resting = np.sqrt(((height[late] - rest) ** 2).mean()) / height.std()
+    assert quality.holdout_at_rest == pytest.approx(resting, rel=1e-3)
+    assert quality.holdout < 1e-6 < resting
+
+
+@pytest.mark.parametrize("duration", [0.2, 0.3, 0.4])
+def test_short_records(duration: float) -> None:
+    """Less than one and a half periods, in which the frequency cannot be read off."""
+    time = np.linspace(0.0, duration, 400)
+    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(np.sqrt(21.8**2 - 0.64) * time)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = fit(PistonRecord(time, height), "linear")
+    assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-6)
+    assert model.parameters["lam"] == pytest.approx(0.8, rel=1e-5)
+
+
+def test_doubtful_fits_warn_and_keep_the_note(tmp_path: Path) -> None:
+    time = np.linspace(0.0, 0.08, 400)  # a quarter of a period
+    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
+    with pytest.warns(UserWarning, match="random starts led to this fit"):
+        fit(PistonRecord(time, height), "linear")
+    time = np.linspace(0.0, 10.0, 2000)
+    chirp = 0.06 + 0.001 * np.cos(10.0 * time + time**2)
+    with pytest.warns(UserWarning, match="times the record's noise"):
+        model = fit(PistonRecord(time, chirp), "linear")
+    assert any("noise" in note for note in model.notes)
+    model.save(tmp_path / "model.json")
+    assert load_model(tmp_path / "model.json").notes == model.notes
+
+
+def test_records_with_too_many_periods_are_refused() -> None:
+    time = np.linspace(0.0, 4000.0, 200_000)
+    with pytest.raises(RecordError, match=r"holds about 1\.39e\+04 periods.*record\.between"):
+        fit(PistonRecord(time, 0.06 + 0.001 * np.cos(21.8 * time)), "linear")
+
+
+def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reduced_models.fitting.fitting.FINE_STEPS", 4)
+    model = fit(linear_record(), "linear")
+    assert model.quality.solver_error <= SOLVER_LIMIT
+    assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-6)
+    monkeypatch.setattr("reduced_models.fitting.refinement.finer_grid", lambda steps: None)
+    with pytest.raises(InputError, match=r"is off by .* amplitudes on a grid of"):
+        fit(linear_record(), "linear")
+
+
+def test_a_solution_that_the_judge_cannot_follow_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lost = Motion(np.full(1500, np.nan), np.full(1500, np.nan), "steps")
+    monkeypatch.setattr("reduced_models.fitting.refinement.motion", lambda *_: lost)
+    with pytest.raises(InputError, match="cannot be followed by the adaptive solver"):
+        fit(linear_record(), "linear")
+
+
+def test_a_rest_level_near_zero_leaves_nothing_open() -> None:
+    record = linear_record(noise=1.2e-5)
+    model = fit(PistonRecord(record.time, record.height - 0.059), "linear")
+    assert abs(model.parameters["g0"]) < 0.01
+    assert model.undetermined == ()
+
+
+def test_simulate_continues_and_starts_elsewhere() -> None:
+    model = fit(linear_record(), "linear")
+    later = model.simulate(np.linspace(0.0, 60.0, 500))
+    assert later.height[-1] == pytest.approx(0.059, abs=1e-9)
+    other = model.simulate(np.linspace(0.0, 1.0, 100), z0=0.0595, v0=0.0)
+    assert other.height[0] == 0.0595
+    assert other.velocity[0] == 0.0
+    with pytest.raises(InputError, match="increasing"):
+        model.simulate(np.array([1.0, 0.5]))
+
+
+def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reduced_models.laws.solution.STEP_BUDGETS", (2**11, 2**12))
+
+    def start(estimates, random, count):  # type: ignore[no-untyped-def]
+        return {"k": estimates.frequencies(random, count) ** 2, "b": np.full(count, 1.0)}
+
+    softening = Law("softening", "z'' = -k*z + b*z**3", start, positive=("k", "b"))
+    swing = motion(softening, TIME, 0.5, 0.0, (1.0, 0.4), 1.0)
+    assert swing.ending == "complete"
+    model = fit(PistonRecord(TIME, swing.z), softening)
+    assert list(model.parameters.values()) == pytest.approx([1.0, 0.4], rel=1e-6)
+    with pytest.raises(InputError, match="blows up behind t = "):
+        model.simulate(np.linspace(0, 40, 200), z0=3.0, v0=0.0)
+    assert motion(softening, TIME, 3.0, 0.0, (1.0, 0.4), 1.0).ending == "blow-up"
+    model = fit(PistonRecord(TIME, CLEAN), starts=8)
+    with pytest.raises(InputError, match=r"needs more than .* steps behind t = .*stiff"):
+        model.simulate(np.linspace(0, 40, 200), z0=1.0, v0=-1e9)
+
+
+def test_models_on_disk(tmp_path: Path) -> None:
+    for law in ("linear", "van-der-pol-like"):
+        model = fit(linear_record(noise=1e-6), law)
+        model.save(tmp_path / "model.json")
+        back = load_model(tmp_path / "model.json")
+        assert back.to_plain() == model.to_plain()
+        times = np.linspace(0.0, 1.0, 50)
+        assert np.array_equal(back.simulate(times).height, model.simulate(times).height)
+        json.loads((tmp_path / "model.json").read_text(), parse_constant=lambda _: 1 / 0)
+    (tmp_path / "model.json").write_text("[]")
+    with pytest.raises(InputError, match="holds no model"):
+        load_model(tmp_path / "model.json")
+    (tmp_path / "model.json").write_text("{}")
+    with pytest.raises(InputError, match="not those of a reduced model"):
+        load_model(tmp_path / "model.json")
+
+
+def test_equations() -> None:
+    import sympy
+
+    model = fit(linear_record(), "linear")
+    t = sympy.Symbol("t")
+    z = sympy.Function("z")(t)
+    lam, omega, g0 = sympy.symbols("lam omega g0")
+    assert (
+        sympy.simplify(model.equation.lhs - (z.diff(t, 2) + 2 * lam * z.diff(t) + omega**2 * z))
+        == 0
+    )
+    assert model.equation.rhs == g0
+    assert model.latex == r"\ddot{z} + 2 \lambda \dot{z} + \omega^{2} z = g_{0}"
+    assert "475.2" in model.fitted_latex
+    assert law_named("van-der-pol-like").parameters == ("alpha", "omega", "g0")
+
+
+@pytest.mark.parametrize(
+    ("equation", "words"),
+    [
+        ("z'' + z", "one equals sign"),
+        ("z'' = z = 1", "one equals sign"),
+        ("z''**2 + z = 0", "linear in z''"),
+        ("z'' + sin(z''*c) = 0", "linear in z''"),
+        ("z' + z = 0", "linear in z''"),
+        ("z'' + x' = 0", "prime that does not follow z"),
+        ("z'' + (z = 0", "cannot be read"),
+        ("z'' + __import__('os') = 0", "characters"),
+        ("z'' + z = 0 & z", "characters"),
+        ("z'' + z; z = 0", "one equals sign"),
+        ("z'' + k*z + w = 0; w = z'", "one equals sign"),
+        ("z'' + k*z + w = 0; w' = z''", "prime that does not follow z"),
+        ("z'' + (z, 1) = 0", "cannot be read"),
+    ],
+)
+def test_bad_laws(equation: str, words: str) -> None:
+    with pytest.raises(InputError, match=words.replace("(", r"\(")):
+        parse(equation)
+
+
+def test_own_law(tmp_path: Path) -> None:
+    """A law of one's own is fitted like those of the package."""
+
+    def start(estimates, random, count):  # type: ignore[no-untyped-def]
+        return {"k": np.full(count, estimates.frequency**2), "level": np.full(count, 0.058),
+                "c": np.full(count, 2.0)}  # fmt: skip
+
+    law = Law("spring", "z'' = -k*(z - level) - c*z'", start, positive=("k", "c"))
+    model = fit(linear_record(), law)
+    assert model.parameters["k"] == pytest.approx(21.8**2, rel=1e-6)
+    assert model.parameters["level"] == pytest.approx(0.059, rel=1e-6)
+    model.save(tmp_path / "own.json")
+    back = load_model(tmp_path / "own.json")
+    assert back.to_plain() == model.to_plain()
+    times = np.linspace(0.0, 1.0, 50)
+    assert np.array_equal(back.simulate(times).height, model.simulate(times).height)
+    again = fit(linear_record(), back.law)  # which says no more where to start
+    assert again.parameters["k"] == pytest.approx(21.8**2, rel=1e-6)
+    mapped = dataclasses.replace(back.law, mapped=True)
+    with pytest.raises(InputError, match="does not say where to start"):
+        fit(linear_record(), mapped, map="fitted")
+    plain = model.to_plain() | {"equation": "z'' = -k*z"}
+    with pytest.raises(InputError, match="not those of a reduced model"):
+        ReducedModel.from_plain(plain)
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        (PistonRecord(np.arange(5.0), np.arange(5.0)), "at least 20"),
+        (PistonRecord(np.arange(50.0), np.full(50, 0.06)), "a motion is needed"),
+    ],
+)
+def test_records_that_say_too_little(record: PistonRecord, words: str) -> None:
+    with pytest.raises(RecordError, match=words):
+        fit(record)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"law": "linaer"}, {"starts": 0}, {"holdout": 1.0}, {"confidence": 0.0}, {"map": "none"}],
+)
+def test_bad_arguments(arguments: dict) -> None:
+    with pytest.raises(InputError):
+        fit(linear_record(), **arguments)

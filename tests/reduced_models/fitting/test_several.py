@@ -1,0 +1,108 @@
+"""Several records at once, own parameters, bounds, gaps, resampled intervals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models import fit
+from reduced_models.laws import LAWS
+from reduced_models.laws.solution import motion
+from reduced_models.records.first_guesses import noise_level
+
+TIME = np.linspace(0.0, 40.0, 2000)
+
+
+def linear(g0: float, start: float, seed: int) -> PistonRecord:
+    found = motion(LAWS["linear"], TIME, start, 0.0, (0.05, 1.05, g0), 1.0)
+    noise = np.random.default_rng(seed).normal(0.0, 0.01, len(TIME))
+    return PistonRecord(TIME + 3.0 * seed, found.z + noise)
+
+
+def test_shared_and_own_parameters() -> None:
+    """Two masses on one spring: frequency and damping are shared, the load is not."""
+    records = [linear(-1.0, 1.0, 1), linear(0.5, 3.0, 2)]
+    models = fit(records, "linear", own=["g0"])
+    assert [model.parameters["g0"] for model in models] == pytest.approx([-1.0, 0.5], rel=0.01)
+    for name, value in (("lam", 0.05), ("omega", 1.05)):
+        assert models[0].parameters[name] == models[1].parameters[name]
+        assert models[0].parameters[name] == pytest.approx(value, rel=0.01)
+    assert all(model.quality.relative < 0.03 for model in models)
+    # Both models know the heights of both records.
+    low = min(float(record.height.min()) for record in records)
+    high = max(float(record.height.max()) for record in records)
+    assert [model.domain["height"] for model in models] == [(low, high)] * 2
+    # What two records tell together, each tells less sharply.
+    alone = fit(records[0], "linear")
+    together, single = (np.diff(model.intervals["omega"])[0] for model in (models[0], alone))
+    assert together < 0.7 * single
+    with pytest.warns(UserWarning, match="times the record's noise"):
+        wrong = fit(records, "linear")
+    assert wrong[0].quality.relative > 5.0 * models[0].quality.relative
+
+
+def test_the_same_record_twice_halves_the_variance() -> None:
+    record = linear(-1.0, 1.0, 1)
+    one = fit(record, "linear")
+    two = fit([record, record], "linear")[0]
+    assert two.parameters == pytest.approx(one.parameters, rel=1e-5)
+    for name in one.parameters:
+        ratio = np.diff(two.intervals[name])[0] / np.diff(one.intervals[name])[0]
+        assert ratio == pytest.approx(np.sqrt(0.5), rel=0.01)
+
+
+def test_bounds_hold_and_are_noted(made: Any) -> None:
+    record = made("linear")
+    free = fit(record, "linear", bounds={"omega": (0.5, 2.0)})
+    assert free.parameters == pytest.approx(fit(record, "linear").parameters, rel=1e-6)
+    with pytest.warns(UserWarning, match="omega = 1.06 lies at its bound"):
+        held = fit(record, "linear", bounds={"omega": (1.06, 2.0)})
+    assert held.parameters["omega"] == pytest.approx(1.06, rel=1e-12)
+    for bounds in ({"omega": (2.0, 1.0)}, {"omega": (-2.0, -1.0)}, {"omege": (0.0, 1.0)}):
+        with pytest.raises(InputError):
+            fit(record, "linear", bounds=bounds)
+
+
+def test_irregular_samples_with_a_gap(made: Any) -> None:
+    """A third of the samples at random, none of them over a whole period."""
+    record, random = made("duffing"), np.random.default_rng(4)
+    kept = (random.uniform(size=2000) < 0.33) & ((record.time < 12.0) | (record.time > 17.0))
+    thin = PistonRecord(record.time[kept], record.height[kept])
+    model = fit(thin, "duffing")
+    for name, value in made.true["duffing"].items():
+        assert model.parameters[name] == pytest.approx(value, rel=0.01)
+    assert model.quality.noise == pytest.approx(0.01 * record.height.std(), rel=0.2)
+    assert model.quality.holdout < 0.015
+
+
+def test_noise_level_heeds_the_times() -> None:
+    random = np.random.default_rng(1)
+    time = np.sort(random.uniform(0.0, 10.0, 5000))
+    smooth = np.sin(time)
+    assert noise_level(smooth, time) < 1e-5
+    noisy = smooth + random.normal(0.0, 0.02, 5000)
+    assert noise_level(noisy, time) == pytest.approx(0.02, rel=0.05)
+
+
+def test_resampled_intervals_agree_with_linear_ones(made: Any) -> None:
+    """Where the law is right and the noise is white, both are the same but for sampling error."""
+    record = made("linear", level=0.02)
+    linear_ones = fit(record, "linear").intervals
+    resampled = fit(record, "linear", intervals="bootstrap")
+    for name, pair in resampled.intervals.items():
+        ratio = np.diff(pair)[0] / np.diff(linear_ones[name])[0]
+        assert 0.75 < ratio < 1.3
+    assert "bootstrap" in resampled.provenance["fit"]
+
+
+def test_bad_arguments(made: Any) -> None:
+    record = made("linear")
+    for options in ({"own": ["omege"]}, {"intervals": "profil"}):
+        with pytest.raises(InputError):
+            fit(record, "linear", **options)
+    with pytest.raises(InputError, match="no record"):
+        fit([], "linear")

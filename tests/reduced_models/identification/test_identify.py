@@ -1,0 +1,245 @@
+"""The way from a scene, a run or a CSV file to a report."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, Scene, simulate
+from granular.run.simulation import checked_step
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
+from reduced_models import identify, load_model
+from reduced_models.identification.checks import Case, Failure, halved, step_check
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    time = np.linspace(0.0, 6.0, 1500)  # as in other tests: fits of one shape are compiled once
+    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
+    height += np.random.default_rng(3).normal(0.0, 3e-6, len(time))
+    path = tmp_path_factory.mktemp("lab") / "lab.csv"
+    PistonRecord(time, height).to_csv(path)
+    return path
+
+
+def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> None:
+    done = command("reduced_models", "identify", str(lab), "-o", str(tmp_path / "out"), "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert "z'' + 2*lam*z' + omega**2*z = g0" in done.stdout
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.startswith("<!doctype html>")
+    assert "width=device-width" in page
+    assert page.count("<svg") == 3
+    assert "The laws compared" in page
+    assert "LaTeX:" in (tmp_path / "out" / "equations.txt").read_text()
+    assert page.count("<math") >= 4
+    assert not re.search(r"(src|href)=\"http", page)
+    model = load_model(tmp_path / "out" / "model.json")
+    assert model.law.name == "linear"
+    assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-3)
+    back = PistonRecord.from_csv(tmp_path / "out" / "record.csv")
+    assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
+
+
+def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path) -> None:
+    scene = small_damper.replace(
+        **{"protocol.release.duration": 2.0, "protocol.drop.tolerance": "1e-3 D"}
+    )
+    found = identify(scene, tmp_path / "out", progress=False)
+    assert (tmp_path / "out" / "run" / "checkpoint.npz").is_file()
+    page = (tmp_path / "out" / "report.html").read_text()
+    for words in ("The bed before and after", "Energy ledger", "Settings", "What it took"):
+        assert words in page
+    for figure in found.figures.values():
+        assert np.isfinite(figure.value)
+        assert figure.step_error is not None
+        assert figure.seed_spread > 0.0
+    assert found.run.complete
+    assert {model.law.name for model in found.models} == {"linear", "van-der-pol-like"}
+    again = identify(scene, tmp_path / "out", laws=["linear"], checks=False, progress=False)
+    assert again.seconds["simulation"] < 0.5 * found.seconds["simulation"] + 1.0
+    assert json.dumps(again.to_plain())
+
+
+@pytest.fixture(scope="module")
+def run(small_damper: Scene, tmp_path_factory: pytest.TempPathFactory) -> Trajectory:
+    """A short run with twice the automatic step, in a directory."""
+    scene = small_damper.replace(
+        **{"protocol.drop.until": None, "protocol.drop.duration": 0.3,
+           "protocol.release.duration": 1.0}
+    )  # fmt: skip
+    return simulate(scene, "auto*2", out=tmp_path_factory.mktemp("run") / "run", progress=False)
+
+
+def test_from_run(run: Trajectory) -> None:
+    found = identify(run.path, laws=["linear"], checks=False, progress=False)
+    assert np.array_equal(found.record.height, run.piston().height)
+    assert "time step auto*2: " in str(found)
+    for option in ({"changes": {"piston.mass": 1.0}}, {"dt": 1e-5}, {"threads": 1}):
+        with pytest.raises(InputError, match="this is a run or a record"):
+            identify(run.path, progress=False, **option)
+
+
+@pytest.mark.parametrize(
+    ("dt", "half"),
+    [("auto", "auto/2"), ("auto*2", "auto*1"), ("auto*8", "auto*4"), ("auto/2", "auto/4"),
+     ("auto*0.5", "auto/4"), ("auto*1.5", "auto/1.3333333333333333"), (1e-5, 5e-6)],
+)  # fmt: skip
+def test_half_a_step(dt: float | str, half: float | str) -> None:
+    assert halved(dt) == half
+    step, finer = checked_step(dt), checked_step(halved(dt))
+    assert finer.factor == pytest.approx(step.factor if step.seconds else 0.5 * step.factor)
+
+
+@pytest.mark.parametrize(
+    ("dt", "phase", "other", "factor"),
+    [("auto", 0.2, "auto*2", 1.0), (1e-5, 0.5, 2e-5, 1.0), ("auto", 0.6, "auto/2", 4 / 3),
+     (1e-5, 1.8, 5e-6, 4 / 3), ("auto*8", 0.1, "auto*4", 4 / 3)],
+)  # fmt: skip
+def test_the_step_is_doubled_where_that_resolves_the_motion(
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch,
+    dt: float | str, phase: float, other: float | str, factor: float,
+) -> None:  # fmt: skip
+    settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
+    monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
+    check = step_check(run)
+    assert check.case.dt == other
+    assert check.factor == pytest.approx(factor)
+
+
+def faster(record: PistonRecord, by: float) -> PistonRecord:
+    """The same swing in a shorter time."""
+    return PistonRecord(record.time / by, record.height)
+
+
+@pytest.mark.parametrize("law", ["linear", "van-der-pol-like"])
+def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch, law: str
+) -> None:
+    asked: list[Case] = []
+    time = np.linspace(0.0, 1.0, 500)
+    height = 0.02 + 1e-3 * np.exp(-2.0 * time) * np.cos(60.0 * time)
+    swing = PistonRecord(time, height)
+    monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
+
+    def runs(cases: list[Case], progress: bool) -> list[PistonRecord]:
+        asked.extend(cases)
+        return [faster(swing, by) for by in (1.03, 1.01, 0.99)]
+
+    monkeypatch.setattr("reduced_models.identification.identification.run_cases", runs)
+    found = identify(run.path, laws=[law], progress=False)
+    assert [case.dt for case in asked] == ["auto*4", "auto*2", "auto*2"]
+    assert {case.method for case in asked} == {"stormer-verlet"}
+    seeds = [case.scene["arrangement"]["seed"] for case in asked]
+    assert seeds == [run.scene.arrangement.seed + more for more in (0, 1, 2)]
+    period = found.figures["period"]
+    assert found.figures_law == law
+    # All of what twice the step changes.
+    assert period.step_error == pytest.approx(period.value * (1 - 1 / 1.03), rel=1e-3)
+    assert period.seed_spread == pytest.approx(0.01 * period.value, rel=0.02)
+
+
+def test_a_failed_check_takes_nothing_with_it(
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def runs(cases: list[Case], progress: bool) -> list[PistonRecord | Failure]:
+        assert (tmp_path / "model.json").is_file()
+        assert (tmp_path / "report.html").is_file()
+        return [Failure(cases[0].what, "EnergyError: step 3"), run.piston(), run.piston()]
+
+    monkeypatch.setattr("reduced_models.identification.identification.run_cases", runs)
+    with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
+        found = identify(run.path, tmp_path, laws=["linear"], progress=False)
+    period = found.figures["period"]
+    assert period.step_error is None
+    assert period.seed_spread < 1e-6 * period.value
+    words = "the check with twice the time step failed: EnergyError: step 3"
+    assert words in str(found)
+    assert words in load_model(tmp_path / "model.json").notes
+    assert words.replace("the check", "The check") in (tmp_path / "report.html").read_text()
+
+
+SCRIPT = """
+import json, sys
+from pathlib import Path
+from reduced_models.identification.checks import Case, run_cases
+print("started")
+scene = json.loads(Path(sys.argv[1]).read_text())
+cases = [Case(f"step {dt}", scene, dt, "stormer-verlet", None) for dt in (4e-3, "auto")]
+for outcome in run_cases(cases, False):
+    print(type(outcome).__name__, getattr(outcome, "cause", ""))
+"""
+
+
+def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
+    """No guard is needed, and a run that fails in its process comes back as words."""
+    (tmp_path / "scene.json").write_text(json.dumps(run.scene.plain()))
+    (tmp_path / "script.py").write_text(SCRIPT)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "script.py", tmp_path / "scene.json"],
+        capture_output=True, text=True, check=True, cwd=tmp_path, timeout=300,
+    )  # fmt: skip
+    started, failed, kept = done.stdout.splitlines()
+    assert started == "started"
+    assert re.match(
+        r"Failure (NotFiniteError|StepError|OutsideError|EnergyError): step \d+", failed
+    )
+    assert kept.startswith("PistonRecord")
+
+
+def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
+    cut = dataclasses.replace(run, complete=False)
+    with pytest.warns(UserWarning, match=r"the run was cut at t = 1\.3 s, in stage 'release'"):
+        found = identify(cut, laws=["linear"], progress=False)
+    assert "was cut" in found.notes[0]
+    assert found.figures["period"].step_error is None
+
+
+def test_verdict_calls_equals_equal(lab: Path) -> None:
+    found = identify(lab, progress=False)
+    assert found.best.law.name == "linear"
+    assert "the data cannot tell van-der-pol-like from it" in found.verdict
+    assert [row.name for row in found.comparison.rows] == ["linear", "van-der-pol-like"]
+
+
+CODE = """
+import collections, sys
+import jax
+seen = collections.Counter()
+jax.monitoring.register_event_listener(lambda name, **_: seen.update([name.split("/")[-1]]))
+from reduced_models import identify
+identify(sys.argv[1], laws=['linear'], progress=False)
+print(seen["compile_requests_use_cache"], seen["cache_hits"])
+"""
+
+
+@pytest.mark.long
+def test_second_start_compiles_nothing(lab: Path, tmp_path: Path) -> None:
+    """Every request for compiled code is then served from the disk."""
+    counts = []
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", CODE, str(lab)],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=ROOT,
+            env=os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax")},
+        )
+        counts.append(tuple(map(int, done.stdout.split())))
+    (requests, hits), again = counts
+    assert requests > 5
+    assert hits == 0
+    assert again == (requests, requests)

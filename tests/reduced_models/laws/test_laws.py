@@ -1,0 +1,229 @@
+"""Every law finds itself in its own motion, at 1 % noise."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from reduced_models import ReducedModel, fit, forced_law, load_model
+from reduced_models.laws import LAWS, law_named
+from reduced_models.laws.law import compiled_slopes, law_from_text, parse
+from reduced_models.laws.solution import motion
+
+
+def errors(model: ReducedModel, true: dict[str, float]) -> list[float]:
+    return [abs(model.parameters[key] / value - 1.0) for key, value in true.items()]
+
+
+# One law of each kind: linear, with a damping, a spring, a jump, a state of its own.
+QUICK = ("linear", "van-der-pol-like", "duffing", "coulomb", "bouc-wen")
+
+
+@pytest.mark.parametrize(
+    "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.long) for one in LAWS]
+)
+def test_a_law_finds_itself(made: Any, name: str) -> None:
+    """Within five of its own standard errors; 95 % intervals are two of them to each side."""
+    true = made.true[name]
+    model = fit(made(name, seed=1), name)
+    assert model.quality.converged >= 4
+    assert model.quality.relative == pytest.approx(0.01, rel=0.05)
+    for key, value in true.items():
+        low, high = model.intervals[key]
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        assert abs(middle - value) < 2.5 * half
+        assert half < 0.05 * abs(value)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", LAWS)
+def test_laws_are_recovered_within_half_a_per_cent(made: Any, name: str) -> None:
+    """In the median of ten records with noise of their own, each parameter."""
+    wrong = [errors(fit(made(name, seed), name), made.true[name]) for seed in range(10)]
+    assert np.median(wrong, axis=0).max() < 0.005
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", LAWS)
+def test_intervals_cover_the_truth(made: Any, name: str) -> None:
+    """95 % intervals of 100 records with noise of their own; all parameters together."""
+    covered = []
+    for seed in range(100, 200):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            model = fit(made(name, seed), name, holdout=0.0, starts=4)
+        covered.append(
+            [
+                model.intervals[key][0] <= value <= model.intervals[key][1]
+                for key, value in made.true[name].items()
+            ]
+        )
+    for share in np.mean(covered, axis=0):
+        assert 0.85 <= share <= 0.99
+
+
+def test_friction_lets_the_swing_fall_in_a_straight_line() -> None:
+    """By 4 friction/omega^2 a period, until it is as small as friction/omega^2."""
+    time = np.linspace(0.0, 60.0, 6001)
+    found = motion(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
+    peaks = [found.z[round(100 * 2.0 * math.pi * k)] for k in range(8)]
+    assert np.diff(peaks) == pytest.approx([-0.24] * 7, rel=0.02)
+
+
+def test_a_hysteresis_loop_has_the_work_of_its_force(made: Any) -> None:
+    """Energy of a Bouc-Wen cycle, by another solver, and the ends of its loop."""
+    from scipy.integrate import solve_ivp
+
+    model = fit(made("bouc-wen"), "bouc-wen")
+    friction, rho, sigma = (model.parameters[key] for key in ("friction", "rho", "sigma"))
+    size, omega = 6.0, 0.7
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        w, v = state[0], -size * omega * np.sin(omega * t)
+        return [
+            rho * (v - sigma * abs(v) * abs(w) * w + (sigma - 1.0) * v * w**2),
+            friction * w * v,
+        ]
+
+    period = 2.0 * np.pi / omega
+    times = [0.0, 3.0 * period, 4.0 * period]
+    work = solve_ivp(rates, (0, times[-1]), [0, 0], rtol=1e-9, atol=1e-10, t_eval=times).y[1]
+    loop = model.cycle(size, omega)
+    assert loop.energy == pytest.approx(work[2] - work[1], rel=2e-3)
+    assert 0.5 < loop.energy / (4.0 * friction * size) < 1.0
+    assert model.cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "equation", "values"),
+    [
+        ("linear", "z'' + 2*d*z' + k*z = g", (0.05, 1.1025, -1.0)),
+        ("duffing", "z'' + c*z' + k*(z-r) + b*(z-r)**3 = 0", (0.1, 1.1025, 0.5, 0.8)),
+    ],
+)
+def test_a_law_by_its_text_alone(
+    made: Any, name: str, equation: str, values: tuple[float, ...]
+) -> None:
+    """Where to start is told by the record's accelerations."""
+    model = fit(made(name), equation)
+    assert tuple(model.parameters.values()) == pytest.approx(values, rel=0.005)
+    assert model.quality.converged >= 12
+
+
+def test_inputs_are_columns_of_the_record(tmp_path: Any) -> None:
+    """A driven Duffing oscillator, with its drive as a column; to CSV, to JSON and back."""
+    time = np.linspace(0.0, 40.0, 2000)
+    drive = 0.5 * np.cos(1.3 * time) + 0.2 * np.sign(np.sin(0.4 * time))
+    law = forced_law(LAWS["duffing"], "push")
+    true = {"lam": 0.05, "omega": 1.05, "rest": 0.5, "beta": 0.8}
+    found = motion(law, time, 0.5, 0.0, [true[key] for key in law.parameters], 1.0, [drive])
+    assert found.ending == "complete"
+    noise = np.random.default_rng(0).normal(0.0, 0.01 * found.z.std(), len(time))
+    record = PistonRecord(time, found.z + noise, extra={"push": drive})
+    record.to_csv(tmp_path / "driven.csv")
+    record = PistonRecord.from_csv(tmp_path / "driven.csv")
+    text = "z'' + 2*lam*z' + omega**2*(z - rest) + beta*(z - rest)**3 = push"
+    assert law_from_text(text, ["push"]).inputs == ("push",)
+    model = fit(record, text)
+    assert abs(model.parameters["omega"]) == pytest.approx(1.05, rel=0.005)
+    assert model.parameters["beta"] == pytest.approx(0.8, rel=0.005)
+    assert model.quality.relative == pytest.approx(0.01, rel=0.05)
+    model.save(tmp_path / "model.json")
+    back = load_model(tmp_path / "model.json")
+    assert back.to_plain() == model.to_plain()
+    assert np.array_equal(back.follow(record).height, model.follow(record).height)
+    with pytest.raises(InputError, match="has the input 'push'; give inputs"):
+        back.simulate(time)
+    with pytest.raises(RecordError, match="no column of that name; found: none"):
+        fit(PistonRecord(time, found.z), law)
+
+
+def test_driven_solutions_agree_with_scipy() -> None:
+    """Heights and velocities, under a smooth drive."""
+    from scipy.integrate import solve_ivp
+
+    time = np.linspace(0.0, 20.0, 4001)
+    drive = np.cos(2.0 * time)
+    law = law_from_text("z'' + c*z' + k*z + f*w = u; w' = z' - Abs(z')*w", ["u"])
+    assert law.hidden == ("w",)
+    found = motion(law, time, 1.0, 0.0, (0.1, 1.0, 0.2), 1.0, [drive])
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        z, v, w = state
+        return [v, np.cos(2 * t) - 0.1 * v - z - 0.2 * w, v - abs(v) * w]
+
+    exact = solve_ivp(rates, (0, 20), [1, 0, 0], "DOP853", rtol=1e-11, atol=1e-12, t_eval=time)
+    np.testing.assert_allclose(found.z, exact.y[0], atol=3e-6)
+    np.testing.assert_allclose(found.velocity, exact.y[1], atol=3e-6)
+
+
+def test_a_driven_solution_that_blows_up_says_so() -> None:
+    time = np.linspace(0.0, 40.0, 400)
+    law = law_from_text("z'' = k*z**3 + u", ["u"])
+    found = motion(law, time, 1.0, 0.0, (1.0,), 1.0, [np.zeros(400)])
+    assert found.ending == "blow-up"
+    assert np.isnan(found.z[-1])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_laws_are_well_declared(name: str) -> None:
+    law = LAWS[name]
+    assert set(law.units) == set(law.parameters)
+    assert set(law.positive) <= set(law.parameters)
+    assert law.source
+    assert parse(law.equation).parameters == law.parameters
+
+
+def test_dry_friction_by_its_sign(made: Any) -> None:
+    """It is fitted as it stands; where the piston sticks there is no small swing to tell of."""
+    law = "z'' + friction*sign(z') + k*z = g0"
+    model = fit(made("coulomb").first(1200), law, holdout=0.0)
+    true = made.true["coulomb"]
+    assert model.parameters["friction"] == pytest.approx(true["friction"], rel=0.05)
+    assert model.parameters["k"] == pytest.approx(true["omega"] ** 2, rel=0.01)
+    assert model.at_rest is None
+
+
+def test_slopes_of_a_law_that_jumps() -> None:
+    slopes = compiled_slopes("z'' + mu*sign(z') + c*z' + k*z = 0")
+    assert slopes(0.3, 0.5, 2.0, 0.1, 3.0) == (-3.0, -0.1)
+    assert all(map(math.isnan, slopes(0.3, 0.0, 2.0, 0.1, 3.0)))
+
+
+def test_the_swing_form_is_the_same_law() -> None:
+    """There and back, also for a motion whose rest is unstable and for the mirrored map."""
+    form = law_named("van-der-pol-like").swing_form
+    alpha, omega, g0 = 0.17, np.array([1.05, 1.2, 0.9]), np.array([-1.0, 1.1, 0.4])
+    shift, scale = np.array([0.4, -0.7, 1.3]), np.array([0.6, 0.9, 1.7])
+    p, q, k = -shift / scale, 1.0 / scale, omega**2
+    swing = {
+        "c0": 2.0 * alpha * ((p - 1.0) ** 2 - 1.0),
+        "c1": 4.0 * alpha * q * (p - 1.0),
+        "c2": 2.0 * alpha * q**2,
+        "k": k,
+        "f": (g0 - k * p) / q,
+    }
+    assert min(swing["c0"]) < 0.0 < max(swing["c0"])
+    found = form.mapped(swing)
+    expected = {"alpha": alpha, "omega": omega, "g0": g0, "shift": shift, "scale": scale}
+    for name, value in expected.items():
+        np.testing.assert_allclose(found[name], value * np.ones(3), rtol=1e-12)
+
+
+def test_a_damping_that_the_law_cannot_have_keeps_its_value_at_rest() -> None:
+    """Parabolas that open downwards, or are positive at their vertex, or are straight lines."""
+    form = law_named("van-der-pol-like").swing_form
+    c0 = np.array([0.8, 0.8, 0.8, -0.3])
+    c1, c2 = np.array([0.3, 0.2, 0.0, 0.5]), np.array([-0.4, 0.9, 0.0, 0.0])
+    found = form.mapped({"c0": c0, "c1": c1, "c2": c2, "k": np.ones(4), "f": np.zeros(4)})
+    assert all(np.isfinite(values).all() for values in found.values())
+    assert (found["alpha"] > 0.0).all()
+    assert (found["scale"] > 0.0).all()
+    p = -found["shift"] / found["scale"]
+    np.testing.assert_allclose(2.0 * found["alpha"] * ((p - 1.0) ** 2 - 1.0), c0, rtol=1e-9)

@@ -1,0 +1,109 @@
+"""Records that are no good end in one line, or in a result with a warning that says why."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular.shared.console import BAD_INPUT, launch
+from reduced_models.__main__ import main
+
+N = 600
+TIME = np.linspace(0.0, 3.0, N)
+SWING = 0.059 + 0.0012 * np.exp(-0.8 * TIME) * np.cos(21.8 * TIME)
+NOISE = np.random.default_rng(3).normal(0.0, 1.0, N)
+
+
+def table(height: np.ndarray, time: np.ndarray = TIME, header: str = "time,height") -> str:
+    rows = [f"{t!r},{z!r}" for t, z in zip(time.tolist(), height.tolist(), strict=True)]
+    return "\n".join([header, *rows]) + "\n"
+
+
+def changed(sample: int, value: float) -> np.ndarray:
+    height = SWING.copy()
+    height[sample] = value
+    return height
+
+
+REFUSED = {
+    "empty": ("", "is empty"),
+    "comments only": ("# lab 3\n", "is empty"),
+    "header only": ("time,height\n", "0 samples"),
+    "one sample": ("time,height\n0,1\n", "1 samples"),
+    "two samples": ("time,height\n0,1\n1,2\n", "at least 20 are needed"),
+    "too short": (table(SWING[:15], TIME[:15]), "at least 20 are needed"),
+    "short after the hold-out": (table(SWING[:25], TIME[:25]), "at least 20 are needed"),
+    "constant": (table(np.full(N, 0.059)), "a motion is needed"),
+    "NaN": (table(changed(7, np.nan)), "height of sample 7 is nan"),
+    "infinite": (table(changed(7, np.inf)), "height of sample 7 is inf"),
+    "a word": (table(SWING).replace("\n0.0,", "\nzero,"), "time of sample 0 is 'zero'"),
+    "unsorted": (table(SWING, TIME[::-1]), "comes after"),
+    "two samples swapped": (table(SWING, np.r_[TIME[1], TIME[0], TIME[2:]]), "comes after"),
+    "a time twice": (table(SWING, np.r_[TIME[0], TIME[0], TIME[2:]]), "is there twice"),
+    "wrong dimension": (table(SWING, header="time,height [kg]"), "does not fit; one of m"),
+    "time in metres": (table(SWING, header="time [m],height"), "does not fit; one of s"),
+    "unknown unit": (table(SWING, header="time,height [furlong]"), "unknown unit 'furlong'"),
+    "no height": (table(SWING, header="time,depth"), "no column 'height'; found: 'time', 'depth'"),
+    "no header": (table(SWING).split("\n", 1)[1], "no column 'time'"),
+    "a column twice": ("time,height,height\n0,1,2\n1,2,3\n", "'height' is there twice"),
+    "ragged": (table(SWING) + "3.1\n", "1 values for 2 columns"),
+    "decimal commas": (table(SWING).replace(".", ","), "values for 2 columns"),
+    "too many periods": (
+        table(np.cos(np.arange(40000) * 2.1), 0.01 * np.arange(40000)), "record.between"
+    ),
+    "too large": (table(1e200 * SWING), "heights up to"),
+    "no text": ("\x00\x01\x02\n", "no column 'time'"),
+}  # fmt: skip
+
+DOUBTED = {
+    "noise alone": (table(0.059 + 1e-4 * NOISE), "% of the rms swing, so the record says little"),
+    "mostly noise": (table(SWING + 5e-4 * NOISE), "% of the rms swing, so the record says little"),
+    "millimetres without unit": (table(1e3 * SWING), "check the units"),
+    "another motion": (table(0.06 + 1e-3 * np.cos(10 * TIME + 9 * TIME**2)), "the law or the fit"),
+    "blowing up": (table(0.06 + 1e-6 * np.exp(6.0 * TIME) * np.cos(21.8 * TIME)), "the law or the"),
+    "a jump": (table(np.where(TIME < 1.0, 0.05, 0.06) + 1e-6 * NOISE), "the law or the fit"),
+    "clipped": (table(np.clip(SWING, 0.0586, 0.0594)), "the law or the fit"),
+    "an outlier": (table(changed(300, 0.2)), "the law or the fit"),
+}
+
+
+def said(
+    text: str, folder: Path, patch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[int, str, str]:
+    (folder / "bad.csv").write_text(text)
+    patch.setattr(warnings, "showwarning", warnings.showwarning)  # launch replaces it
+    patch.chdir(folder)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        code = launch(main, ["fit", "bad.csv", "--law", "linear", "--quiet"])
+    out, complaint = capsys.readouterr()
+    return code, out, complaint
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_bad_records_are_refused_in_one_line(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, words = REFUSED[name]
+    code, out, complaint = said(text, tmp_path, monkeypatch, capsys)
+    assert code == BAD_INPUT
+    assert out == ""
+    assert complaint.startswith("error: ")
+    assert complaint.count("\n") == 1
+    assert words in complaint
+
+
+@pytest.mark.parametrize("name", DOUBTED)
+def test_doubtful_records_give_a_result_with_a_warning(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, words = DOUBTED[name]
+    code, out, complaint = said(text, tmp_path, monkeypatch, capsys)
+    assert code == 0
+    assert "omega = " in out
+    assert "warning: fit of linear: " in complaint
+    assert words in complaint
+    assert "Traceback" not in complaint
