@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, opened
-from granular.export.target import replacing
 from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
+from granular.shared.files import replacing
 
 PROPERTIES = "species:S:1:pos:R:3:velo:R:3:force:R:3:radius:R:1:mass:R:1:id:I:1"
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, opened
-from granular.export.target import replacing
 from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
+from granular.shared.files import replacing
 
 
 def to_gsd(

@@ -23,12 +23,12 @@ from granular.export.lammps_deck import Deck, pair_name, script, wall_name
 from granular.export.lammps_stages import Leg, check_scene, leg
 from granular.export.lammps_step import collision_frequency, stiffest_frequency
 from granular.export.lammps_tables import NEAREST_PAIR, NEAREST_WALL, pair_table, wall_table
-from granular.export.target import check_target, make_directory, replacing
 from granular.run.store import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.arrangement import initial_motion
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene, load_scene
+from granular.shared.files import check_target, make_directory, replacing
 
 
 class _Start(NamedTuple):

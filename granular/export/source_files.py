@@ -33,11 +33,11 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, opened
-from granular.export.target import check_target, make_directory, replacing
 from granular.observables import force_magnitudes, source_pair_distance
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.scene.scales import Scales
+from granular.shared.files import check_target, make_directory, replacing
 
 STEPS_PER_TIME = 10**6
 """Steps of the source in its unit of time T [D, 2.3.2]."""

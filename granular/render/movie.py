@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from granular.export.frames import bed_frames, opened
-from granular.export.target import check_target, replacing
 from granular.render.colourings import colouring
 from granular.render.picture import BedPicture, colour_limits, highest
 from granular.render.selection import stage_frames
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
+from granular.shared.files import check_target, replacing
 
 
 def movie(

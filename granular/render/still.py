@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from granular.export.frames import bed_frames, opened
-from granular.export.target import replacing
 from granular.render.colourings import colouring
 from granular.render.picture import BedPicture, colour_limits, highest
 from granular.render.selection import frame_number
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
+from granular.shared.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 import tomllib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NoReturn
 
 from granular.shared.errors import GranularError, InputError, Interrupted
+from granular.shared.files import finite
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 
@@ -93,23 +92,6 @@ def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
     JSON has neither infinities nor NaN: they are printed as null.
     """
     print(json.dumps(finite(result), allow_nan=False) if as_json else text)
-
-
-def finite(plain: Any) -> Any:
-    """Plain data with None in place of every number that is infinite or NaN."""
-    if isinstance(plain, dict):
-        return {key: finite(value) for key, value in plain.items()}
-    if isinstance(plain, list | tuple):
-        return [finite(value) for value in plain]
-    if isinstance(plain, float) and not math.isfinite(plain):
-        return None
-    return plain
-
-
-def write_json(path: Path, plain: dict[str, Any]) -> None:
-    """Write plain data as a JSON file for people and programs."""
-    text = json.dumps(finite(plain), indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
 
 
 def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:

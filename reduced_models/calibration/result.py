@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
-from granular.shared.console import write_json
+from granular.shared.files import write_json
 from reduced_models.models.model import Direction
 from reduced_models.records.sources import prepared
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.scene.scene import Scene
-from granular.shared.console import write_json
+from granular.shared.files import write_json
 from reduced_models.designs.candidate import ASPECT, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.proposal import Wish

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.console import write_json
 from granular.shared.errors import InputError
+from granular.shared.files import write_json
 from reduced_models.laws import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.laws.printing import latex, rounded

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from granular.shared.console import BAD_INPUT, finite, launch
+from granular.shared.console import BAD_INPUT, launch
+from granular.shared.files import finite
 from reduced_models.__main__ import main
 
 

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granular.shared.console import finite
 from granular.shared.errors import InputError
+from granular.shared.files import finite
 from validation.benchmark import PARTS, c_kernel, lammps, openmm
 from validation.parts import Part, Piece, machine, measured
 

@@ -7,8 +7,8 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
-from granular.shared.console import finite
 from granular.shared.errors import InputError
+from granular.shared.files import finite
 from validation.published.calculations import calculated
 from validation.published.causes import comparisons
 from validation.published.judging import counts, judged

@@ -1,11 +1,14 @@
-"""Files that are written elsewhere first and appear all at once."""
+"""Files that are written beside their place first and appear all at once, or not at all."""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from granular.shared.errors import InputError
 
@@ -21,7 +24,8 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         if its directory does not exist or cannot be written to.
     """
     check_target(path, overwrite)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    # Two processes that write the same file at once must not write into each other's part.
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         part.touch()
     except OSError as error:
@@ -30,9 +34,37 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         yield part
         os.replace(part, path)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error}") from None
+        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, over one of that name.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written; what was there before still stands.
+    """
+    with replacing(path, overwrite=True) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, plain: object) -> None:
+    """Write plain data as a JSON file for people and programs; see `finite` and `write_text`."""
+    write_text(path, json.dumps(finite(plain), indent=2, allow_nan=False) + "\n")
+
+
+def finite(plain: Any) -> Any:
+    """Plain data with None in place of every number that is infinite or NaN."""
+    if isinstance(plain, dict):
+        return {key: finite(value) for key, value in plain.items()}
+    if isinstance(plain, list | tuple):
+        return [finite(value) for value in plain]
+    if isinstance(plain, float) and not math.isfinite(plain):
+        return None
+    return plain
 
 
 def check_target(path: Path, overwrite: bool) -> None:
