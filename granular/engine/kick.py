@@ -109,9 +109,8 @@ def _rub_grain(
 
 @compiled
 def _slide_grain(
-    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float,
-    speed: float, against: float,
-) -> None:  # fmt: skip
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
     """Force, drag and friction together, friction against the mean direction of the motion.
 
     One after the other, as fast grains take them, they would give a creeping grain more energy in
@@ -122,15 +121,18 @@ def _slide_grain(
     vx, vy = state.vx[i], state.vy[i]
     ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
     length = math.hypot(ux, uy)
-    if vx * ux + vy * uy <= 0.0:
-        _turn_grain(law, rate, span, state, i, mass, load, speed, against)
+    if length == 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
         return
     ux, uy = ux / length, uy / length
+    if vx * ux + vy * uy < 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
     brake = law.dynamic * load / mass
     ax, ay = ax - brake * ux, ay - brake * uy
     wx, wy = decay * vx + gain * ax, decay * vy + gain * ay
     if wx * ux + wy * uy <= 0.0:
-        _turn_grain(law, rate, span, state, i, mass, load, speed, against)
+        _turn_grain(law, rate, span, state, i, mass, load)
         return
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
@@ -141,12 +143,13 @@ def _slide_grain(
 
 @compiled
 def _turn_grain(
-    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float,
-    speed: float, against: float,
-) -> None:  # fmt: skip
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
     """A grain that comes to rest within the span; the force may set it off for what is left."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
-    _stop_grain(law, rate, state, i, mass, load, speed, against)
+    _stop_grain(law, rate, state, i, mass, load)
     _start_grain(law, rate, max(span - spent, 0.0), state, i, mass, load)
 
 
@@ -160,15 +163,12 @@ def _kick_with_friction(
         if charge is not None:
             mass = charge[i]
         load = normal_force(law, state.load, i)
-        speed = math.hypot(state.vx[i], state.vy[i])
-        if speed == 0.0:
+        if state.vx[i] == 0.0 and state.vy[i] == 0.0:
             _start_grain(law, rate, span, state, i, mass, load)
-            continue
-        against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
-        if _sticks(law, span, state, i, mass, load, speed, against):
-            _stop_grain(law, rate, state, i, mass, load, speed, against)
-        elif _slow(law, span, mass, load, speed, against):
-            _slide_grain(law, rate, span, state, i, mass, load, speed, against)
+        elif _sticks(law, span, state, i, mass, load):
+            _stop_grain(law, rate, state, i, mass, load)
+        elif _slow(law, span, state, i, mass, load):
+            _slide_grain(law, rate, span, state, i, mass, load)
         elif opening:
             _push_grain(rate, span, 1.0, state, i, mass)
             _rub_grain(law, span, state, i, mass, load)
@@ -178,26 +178,27 @@ def _kick_with_friction(
 
 
 @compiled
-def _sticks(
-    law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float, speed: float,
-    against: float,
-) -> bool:  # fmt: skip
+def _sticks(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
     """Whether the force, and friction with it, stop the grain in the span, and friction holds it.
 
     A grain must not be carried through rest to the other side, where dynamic friction would let go
-    of what static friction holds. ``against`` is the force against its motion [F*].
+    of what static friction holds.
     """
-    if against <= 0.0 or speed * mass > span * (against + law.dynamic * load):
+    vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
+    against = -(vx * fx + vy * fy)
+    if against <= 0.0 or math.hypot(fx, fy) > law.static * load:
         return False
-    return math.hypot(state.fx[i], state.fy[i]) <= law.static * load
+    speed = math.hypot(vx, vy)
+    return speed * mass <= span * (against / speed + law.dynamic * load)
 
 
 @compiled
 def _stop_grain(
-    law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float, speed: float,
-    against: float,
-) -> None:  # fmt: skip
+    law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float
+) -> None:
     """Stop a grain; friction and drag take their shares, the rest becomes potential energy."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load
     way = drag.stopping_way(rate, speed, (friction + against) / mass)
     state.ledger[FRICTION] += friction * way
@@ -206,15 +207,16 @@ def _stop_grain(
 
 
 @compiled
-def _slow(
-    law: FrictionLaw, span: float, mass: float, load: float, speed: float, against: float
-) -> bool:
+def _slow(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
     """Whether the force and twice the friction would stop the grain in the span.
 
     Force and friction must then act together, or a grain that is pushed on would be stopped for
     good: the static friction that then holds it is greater.
     """
-    return speed * mass < span * (max(against, 0.0) + 2.0 * law.dynamic * load)
+    vx, vy = state.vx[i], state.vy[i]
+    speed = math.hypot(vx, vy)
+    against = max(-(vx * state.fx[i] + vy * state.fy[i]) / speed, 0.0)
+    return speed * mass < span * (against + 2.0 * law.dynamic * load)
 
 
 @compiled

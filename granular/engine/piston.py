@@ -56,7 +56,7 @@ def _free_kick(
 def _slow(resistance: Resistance, force: float, span: float, mass: float, state: State) -> bool:
     """Whether the force and twice the friction would stop the piston in the span."""
     v = state.piston[1]
-    against = abs(force) if force * v < 0.0 else 0.0
+    against = max(-math.copysign(force, force * v), 0.0)
     return abs(v) * mass < span * (against + 2.0 * resistance.force)
 
 
@@ -71,7 +71,7 @@ def _push(resistance: Resistance, force: float, span: float, mass: float, state:
 
 @compiled
 def _slide(resistance: Resistance, force: float, span: float, mass: float, state: State) -> None:
-    """Force, drag and friction together, where they could stop the piston.
+    """Force, drag and friction together, where friction alone could stop the piston.
 
     As for grains: one after the other, they would stop for good a piston that is pushed on, and
     give a creeping one more energy than it has.
