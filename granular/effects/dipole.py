@@ -7,7 +7,7 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 
 from __future__ import annotations
 
-from granular.compiled import compiled
+from granular.compiled import entry
 from granular.scene.schema import Section
 
 STRENGTH = 0.75
@@ -18,19 +18,19 @@ class Dipole(Section):
     """Dipole repulsion between all grains. It has no parameters: the grains' moments fix it."""
 
 
-@compiled
+@entry
 def pair_force(r: float) -> float:
     """Repulsion [F*] of two grains of the first species at the distance r [D]."""
     return STRENGTH / (r * r * r * r)
 
 
-@compiled
+@entry
 def pair_energy(r: float) -> float:
     """Energy [F* D] of two grains of the first species at the distance r [D]."""
     return ENERGY / (r * r * r)
 
 
-@compiled
+@entry
 def head_on_stiffness(speed: float, charge: float) -> float:
     """Square of the angular frequency [1/tau^2] at the closest approach of two alike grains.
 

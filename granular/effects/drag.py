@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 from granular.scene.scales import Scales
 from granular.scene.schema import Section, quantity
 
@@ -38,7 +38,7 @@ class Drag(Section):
         return self.coefficient * scales.time / scales.mass
 
 
-@compiled
+@entry
 def flow(rate: float, span: float) -> tuple[float, float, float, float, float]:
     """Coefficients of the exact flow of kick and drag over ``span``.
 

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 
 STRENGTH = 0.5
 ENERGY = STRENGTH / 2.5
 STIFFNESS = STRENGTH * 3.5
 
 
-@compiled
+@entry
 def force(w: float) -> float:
     """Force [F*] on a grain of the first species at the distance w [D]; NaN behind the wall."""
     return STRENGTH / (w * w * w * math.sqrt(w))
 
 
-@compiled
+@entry
 def energy(w: float) -> float:
     """Energy [F* D] at the distance w [D]."""
     return ENERGY / (w * w * math.sqrt(w))

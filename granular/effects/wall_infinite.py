@@ -5,16 +5,16 @@ Force on a grain at the distance w: q / w^3 along the normal; energy q / (2 w^2)
 
 from __future__ import annotations
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 
 
-@compiled
+@entry
 def force(w: float) -> float:
     """Force [F*] on a grain of the first species at the distance w [D]."""
     return 1.0 / (w * w * w)
 
 
-@compiled
+@entry
 def energy(w: float) -> float:
     """Energy [F* D] at the distance w [D]."""
     return 0.5 / (w * w)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 
 
 @compiled
@@ -35,7 +35,7 @@ def _steep(w: float, a: float) -> float:
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 
 
-@compiled
+@entry
 def energy(w: float, a: float, b: float) -> float:
     """Energy [F* D] of a grain of the first species."""
     if a >= 0.0 and b >= 0.0:
@@ -46,7 +46,7 @@ def energy(w: float, a: float, b: float) -> float:
     return 0.25 * (_pull(w, -b) - _pull(w, a))
 
 
-@compiled
+@entry
 def normal_force(w: float, a: float, b: float) -> float:
     """Force [F*] away from the line, along its normal."""
     if a >= 0.0 and b >= 0.0:
@@ -60,7 +60,7 @@ def normal_force(w: float, a: float, b: float) -> float:
     return 0.25 * (_steep(w, -b) - _steep(w, a))
 
 
-@compiled
+@entry
 def tangential_force(w: float, a: float, b: float) -> float:
     """Force [F*] along the line, in the direction in which a grows."""
     w2 = w * w

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, entry
 from granular.effects.friction import FrictionLaw
 from granular.engine.kick import speed_up
 from granular.engine.state import State
@@ -10,7 +10,7 @@ from granular.engine.system import Constants
 from granular.pairs.far_field import FarForces, find_far_forces
 
 
-@compiled(inline=True)
+@entry(inline=True)
 def find_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
     """The far field at the present places, kept in the state; 1 where there is no room for it."""
     if far is None:

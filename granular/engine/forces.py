@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, entry
 from granular.effects import contact
 from granular.effects.contact import ContactLaw
 from granular.effects.dipole import ENERGY
@@ -104,7 +104,7 @@ def _other_forces(state: State, constants: Constants, time: float) -> int:
     )  # fmt: skip
 
 
-@compiled(inline=True)
+@entry(inline=True)
 def compute_forces(state: State, constants: Constants, time: float) -> int:
     """Overwrite the forces on the grains and the walls, at a time [tau].
 
@@ -120,7 +120,7 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
     return crowded + _other_forces(state, constants, time)
 
 
-@compiled
+@entry
 def measure_forces(
     state: State, constants: Constants, time: float, measurement: Measurement
 ) -> int:
@@ -135,7 +135,7 @@ def measure_forces(
     return crowded + _other_forces(state, constants, time)
 
 
-@compiled
+@entry
 def kinetic_energy(state: State, constants: Constants) -> tuple[float, float]:
     """Kinetic energy of the grains [F* D], and the square of the greatest speed."""
     fastest = 0.0
@@ -186,7 +186,7 @@ def _inertia_energy(swing: Swing | None, time: float, state: State, constants: C
     return -(ax * mx + ay * my)
 
 
-@compiled
+@entry
 def potential_energies(
     state: State, constants: Constants, time: float, measurement: Measurement
 ) -> tuple[float, float, float, float]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, entry
 from granular.engine.far import find_far_field, kick_by_far_field
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.motion import Motion
@@ -94,7 +94,7 @@ class Watch(NamedTuple):
     floor: float
 
 
-@compiled
+@entry
 def measure(
     time: float,
     state: State,
@@ -238,7 +238,7 @@ def _make_tick(
     return 0
 
 
-@compiled
+@entry
 def advance(
     window: Window,
     pace: Pace,

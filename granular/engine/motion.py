@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 
 STRAIGHT, DESCENT, SINE, TABLE = range(4)
 _NO_TABLE = np.zeros(2)
@@ -55,7 +55,7 @@ class Motion(NamedTuple):
     heights: np.ndarray = _NO_TABLE
 
 
-@compiled(inline=True)
+@entry(inline=True)
 def path(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
     if motion.kind == DESCENT:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 from granular.effects.contact import ContactLaw, impact_stiffness
 from granular.effects.dipole import head_on_stiffness, pair_energy
 from granular.effects.walls import piston_stiffness, turning_stiffness
@@ -16,7 +16,7 @@ from granular.engine.state import Measurement, State
 from granular.engine.system import Constants
 
 
-@compiled
+@entry
 def collision_frequency(constants: Constants, speed: float) -> float:
     """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 from granular.effects.walls import WallLaws
 from granular.engine.state import State
 from granular.engine.system import Constants
@@ -45,7 +45,7 @@ def _density(state: State, constants: Constants) -> tuple[float, float]:
     )  # fmt: skip
 
 
-@compiled
+@entry
 def open_density(
     speed: float, longest: float, fraction: float, state: State, constants: Constants
 ) -> None:

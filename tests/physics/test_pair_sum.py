@@ -14,14 +14,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from granular.compiled import entry
+from granular.pairs import direct
 from granular.pairs.direct import (
     PARTED_FROM,
-    direct_sum,
     padded_coordinates,
     padded_values,
     part_buffers,
 )
 from granular.pairs.plain import plain_direct_sum
+
+direct_sum = entry(direct.direct_sum)
 
 ROOT = Path(__file__).parents[2]
 
@@ -93,10 +96,12 @@ def test_error_against_long_double(count: int, charged: bool) -> None:
 PORTABLE = """
 import json, sys
 import numpy as np
+from granular.compiled import entry
 from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
 positions = np.array(json.loads(sys.argv[1]))
 x, y = padded_coordinates(positions)
 fx, fy, load = np.zeros((3, x.size))
+direct_sum = entry(direct_sum)
 weight = padded_values(np.ones(len(positions)))
 direct_sum(x, y, fx, fy, None, None, None, load, weight, None, None)
 (code,) = direct_sum.inspect_asm().values()

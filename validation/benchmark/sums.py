@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from granular.compiled import entry
 from granular.pairs.direct import (
     PARTED_FROM,
     direct_sum,
@@ -28,6 +29,8 @@ from validation.benchmark.peers import (
     verlet_list_room,
 )
 from validation.benchmark.timing import least_seconds
+
+_direct_sum = entry(direct_sum)
 
 DENSITY = 0.307
 """Grains on a square diameter: packing fraction 0.241, as in the source's compressed bed."""
@@ -93,7 +96,7 @@ def direct(grains: Grains, *, load: bool = False, threaded: bool = False) -> Ent
     thread = True if threaded and buffers is not None else None
     return grains.entry(
         sums,
-        lambda: direct_sum(
+        lambda: _direct_sum(
             x, grains.y, sums[0], sums[1], None, None, None, third, weight, buffers, thread
         ),
     )

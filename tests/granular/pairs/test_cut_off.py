@@ -8,11 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, simulate
+from granular.compiled import entry
 from granular.engine.state import kept_lists, put_lists
-from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
+from granular.pairs import direct, stripes
+from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.stripes import BUILDS, Stripes, cut_sum, stripes_room
+from granular.pairs.stripes import BUILDS, Stripes, stripes_room
 from granular.shared.errors import SceneError
+
+cut_sum = entry(stripes.cut_sum)
 
 
 def scattered(count: int, seed: int) -> np.ndarray:
@@ -74,7 +78,7 @@ def test_wide_radius_is_the_direct_sum() -> None:
     bed = Bed(scattered(200, 2), 1e3, charged=False)
     found = bed.sums()[:400].reshape(2, 200)
     fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
-    direct_sum(bed.x, bed.y, fx, fy, None, None, None, None, None, None, None)
+    entry(direct.direct_sum)(bed.x, bed.y, fx, fy, None, None, None, None, None, None, None)
     np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
 
 

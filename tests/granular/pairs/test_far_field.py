@@ -10,14 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular import Scene, evaluate, simulate
+from granular.compiled import entry
+from granular.pairs import far_field, mesh
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_field import FarField, FarForces, far_forces_room, find_far_forces
-from granular.pairs.mesh import spread
+from granular.pairs.far_field import FarField, FarForces, far_forces_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
 from granular.pairs.split import far_cube, far_fifth
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
+
+spread = entry(mesh.spread)
+find_far_forces = entry(far_field.find_far_forces)
 
 
 @given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))

@@ -1,0 +1,125 @@
+"""Folders for what can be computed again, and files in them that are whole or count as absent.
+
+What is kept here is code. It is loaded only from folders and files that belong to the user and that
+nobody else may write to, and only if it is what was written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import stat
+import tempfile
+import warnings
+from pathlib import Path
+
+APPLICATION = "granular-damper"
+
+
+def cache_home() -> Path | None:
+    """The user's folder for caches: ``XDG_CACHE_HOME``, or ``.cache`` in the home directory.
+
+    An empty or relative ``XDG_CACHE_HOME`` is ignored, as its specification says: it would be
+    another folder in every working directory. None where the user has no home directory.
+    """
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if given.is_absolute():
+        return given
+    try:
+        return Path.home() / ".cache"
+    except RuntimeError:
+        return None
+
+
+def own_folder(given: str | None, name: str, variable: str) -> Path | None:
+    """A folder of the user's own for compiled code, made where there is none.
+
+    Parameters
+    ----------
+    given : str or None
+        Folder that the user has chosen by an environment variable; with None or an empty text,
+        that of this toolkit among the user's caches.
+    name : str
+        Of the folder in it.
+    variable : str
+        Name of the environment variable.
+
+    Returns
+    -------
+    Path or None
+        None where the folder cannot be used. A warning says why.
+    """
+    home = cache_home()
+    if given:
+        folder = Path(given).absolute() / name
+    elif home is not None:
+        folder = home / APPLICATION / name
+    else:
+        return _unusable("the user has no home directory", variable)
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _is_own(folder.stat()):
+            return _unusable(f"{folder} belongs to others, or others may write to it", variable)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        return _unusable(f"{folder} cannot be written: {error.strerror}", variable)
+    return folder
+
+
+def _unusable(why: str, variable: str) -> None:
+    warnings.warn(
+        f"compiled code is not kept, and every start compiles anew: {why}; set {variable} to a "
+        "folder of your own",
+        stacklevel=4,
+    )
+
+
+def _is_own(status: os.stat_result) -> bool:
+    """Whether something belongs to the user, and only the user may write to it."""
+    if not hasattr(os, "geteuid"):
+        return True  # elsewhere other rules hold, and a user's folders are private
+    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def read_sealed(path: Path, label: str) -> bytes | None:
+    """What `write_sealed` wrote under the same label.
+
+    None where there is no such file, where it is not the user's own, and where it was damaged.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read() if _is_own(os.fstat(file.fileno())) else b""
+    except OSError:
+        return None
+    seal, body = content[:_SEAL], content[_SEAL:]
+    return body if seal == _sealed(label, body) else None
+
+
+def write_sealed(path: Path, label: str, body: bytes) -> None:
+    """Write a file with a digest before its content, all at once.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; nothing is left behind then.
+    """
+    handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(_sealed(label, body) + body)
+        os.replace(part, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise
+
+
+def _sealed(label: str, body: bytes) -> bytes:
+    """Digest of a label and a content."""
+    digest = hashlib.sha256(label.encode())
+    digest.update(b"\0" + body)
+    return digest.digest()
+
+
+_SEAL = hashlib.sha256().digest_size
