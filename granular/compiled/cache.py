@@ -28,7 +28,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from granular.compiled.source import PACKAGE, raw_digest, source_files, syntax_digest
-from granular.shared.caches import own_folder, read_sealed, write_sealed
+from granular.shared.caches import own_folder, read_sealed, toolkit_cache, write_sealed
 
 ABANDONED = 86400.0
 """Age [s] from which a part of a file is nobody's any more."""
@@ -42,7 +42,9 @@ def cache_folder() -> Path | None:
     there is no folder to trust.
     """
     here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
-    return own_folder(numba.config.CACHE_DIR, f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
+    chosen = numba.config.CACHE_DIR
+    home = Path(chosen) if chosen else toolkit_cache()
+    return own_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
 
 
 @functools.cache

@@ -31,11 +31,13 @@ def pair_energy(r: float) -> float:
 
 
 @entry
-def head_on_stiffness(speed: float, charge: float) -> float:
+def head_on_stiffness(speed: float, mass: float, moment: float) -> float:
     """Square of the angular frequency [1/tau^2] at the closest approach of two alike grains.
 
-    Both come at ``speed`` [D/tau]; ``charge`` is their moment and mass over the first species'.
-    From q^2/(4 r^3) = q v^2 and 6 q/r^5.
+    Both come at ``speed`` [D/tau]; mass m and moment q are over those of the first species. From
+    q^2/(4 r^3) = m v^2 and 6 q^2/(m r^5).
     """
-    cube = charge / (4.0 * speed * speed)
-    return 6.0 * charge / cube ** (5.0 / 3.0) if speed > 0.0 else 0.0
+    # The quotient first: it is exactly 1 where all grains are of one material.
+    strength = moment * (moment / mass)
+    cube = strength / (4.0 * speed * speed)
+    return 6.0 * strength / cube ** (5.0 / 3.0) if speed > 0.0 else 0.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled, entry
+from granular.compiled import entry
 
 STRENGTH = 0.5
 ENERGY = STRENGTH / 2.5
@@ -28,14 +28,14 @@ def energy(w: float) -> float:
     return ENERGY / (w * w * math.sqrt(w))
 
 
-@compiled
+@entry
 def stiffness(w: float) -> float:
     """-d(force)/dw [F*/D] at the distance w [D]."""
     w2 = w * w
     return STIFFNESS / (w2 * w2 * math.sqrt(w))
 
 
-@compiled
+@entry
 def turning_stiffness(speed: float) -> float:
     """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
     return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8

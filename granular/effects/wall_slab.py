@@ -68,7 +68,7 @@ def tangential_force(w: float, a: float, b: float) -> float:
     return 0.25 * (1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra))
 
 
-@compiled
+@entry
 def stiffness(w: float, a: float, b: float) -> float:
     """Bound of the stiffness [F*/D]: that of an infinite wall at the slab's nearest point."""
     beyond = max(0.0, -min(a, b))

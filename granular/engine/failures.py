@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.engine.state import State
+from granular.engine.state import HEIGHT, State
 from granular.engine.system import Constants
 from granular.scene.scales import Scales
 from granular.shared.errors import (
@@ -28,8 +28,8 @@ def misplaced(
             "the position is not finite any more",
             step=step, time=time, grain=int(state.label[np.argmax(lost)]), remedy=remedy,
         )  # fmt: skip
-    if state.piston[0] < 0.0:
-        value = -float(state.piston[0]) * scales.length
+    if state.piston[HEIGHT] < 0.0:
+        value = -float(state.piston[HEIGHT]) * scales.length
         return OutsideError(
             f"the piston is {value:.3g} m below the bottom, 0 m is the limit",
             step=step, time=time, value=value,
@@ -40,7 +40,7 @@ def misplaced(
         "the left wall": (walls.left, place[:, 0]),
         "the right wall": (walls.right, constants.width - place[:, 0]),
         "the bottom": (walls.bottom, place[:, 1]),
-        "the piston": (walls.top, state.piston[0] - place[:, 1]),
+        "the piston": (walls.top, state.piston[HEIGHT] - place[:, 1]),
     }
     for name, (law, gap) in gaps.items():
         if law is not None and len(gap) and not gap.min() > 0.0:
@@ -50,7 +50,7 @@ def misplaced(
                 step=step, time=time, grain=int(state.label[gap.argmin()]), value=value,
                 remedy=remedy,
             )  # fmt: skip
-    if state.far is not None and not np.isfinite(state.far.energy[0]):
+    if state.far_forces is not None and not np.isfinite(state.far_forces.energy[0]):
         return OutsideError(
             "the bed has spread beyond the mesh of its far field",
             step=step, time=time, remedy="sum the pairs directly ('pairs.method = \"direct\"')",

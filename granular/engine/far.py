@@ -22,7 +22,7 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
 def _find(friction: FrictionLaw | None, far: FarForces, state: State, constants: Constants) -> int:
     weight = None if friction is None else friction.weight
     return find_far_forces(
-        far, constants.threaded, constants.grains, state.x, state.y, constants.charge, weight
+        far, constants.threaded, constants.grains, state.x, state.y, constants.moments, weight
     )
 
 
@@ -75,21 +75,21 @@ def kick_by_far_field(
 ) -> None:
     """The impulse over ``span`` [tau] of the far field but for what is held of it."""
     if far is not None:
-        _kick(state.low, far.held, far, span, state, constants.charge, constants.grains)
+        _kick(state.rounding, far.held, far, span, state, constants.masses, constants.grains)
 
 
 @compiled
 def _kick(
-    low: Array | None, held: Array | None, far: FarForces, span: float, state: State,
-    charge: Array | None, count: int,
+    rounding: Array | None, held: Array | None, far: FarForces, span: float, state: State,
+    masses: Array | None, count: int,
 ) -> None:  # fmt: skip
     if held is not None:
         for i in range(count):
             gain = span
-            if charge is not None:
-                gain /= charge[i]
+            if masses is not None:
+                gain /= masses[i]
             by_x, by_y = far.fx[i] - held[0, i], far.fy[i] - held[1, i]
-            speed_up(low, state, i, gain * by_x, gain * by_y)
+            speed_up(rounding, state, i, gain * by_x, gain * by_y)
 
 
 def hold_far_field(state: State) -> None:
@@ -98,7 +98,7 @@ def hold_far_field(state: State) -> None:
     The energy does not change, but what a symplectic step conserves does, a little: not to be done
     often in a run that dissipates nothing.
     """
-    far = state.far
+    far = state.far_forces
     if far is not None and far.held is not None:
         state.fx[:] += far.fx - far.held[0]
         state.fy[:] += far.fy - far.held[1]
@@ -107,7 +107,7 @@ def hold_far_field(state: State) -> None:
 
 def total_force(state: State) -> tuple[Array, Array]:
     """Force on the grains [F*], with a far field that acts in impulses."""
-    far = state.far
+    far = state.far_forces
     if far is None or far.held is None:
         return state.fx, state.fy
     return state.fx + far.fx - far.held[0], state.fy + far.fy - far.held[1]

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from granular.engine.loop import COLUMNS
+from granular.engine import columns
+from granular.engine.columns import COLUMNS
 from granular.scene.scene import Scene
 
 POTENTIALS = ("pair", "wall", "weight", "contact")
@@ -85,7 +86,7 @@ class Ledger:
         return cls(
             start=float(_columns(rows, *ENERGIES).sum()),
             potential=potential,
-            piston=float(row[COLUMNS.index("piston")]),
+            piston=float(row[columns.PISTON]),
             moved=_LEAST_TURNOVER * float(np.abs(_columns(rows, *POTENTIALS)).sum()),
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )

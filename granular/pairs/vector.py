@@ -86,7 +86,7 @@ def sweep_rows(
     y: Any,
     fx: Any,
     fy: Any,
-    charge: Any,
+    moments: Any,
     stiffness: Any,
     extremes: Any,
     load: Any,
@@ -97,7 +97,7 @@ def sweep_rows(
 ) -> Any:
     """The eight rows from ``first`` on against the partners start .. stop - 1, with reactions."""
     signature = types.void(
-        x, y, fx, fy, charge, stiffness, extremes, load, weight, types.intp, types.intp, types.intp
+        x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, types.intp, types.intp
     )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -121,7 +121,7 @@ def sweep_block(
     y: Any,
     fx: Any,
     fy: Any,
-    charge: Any,
+    moments: Any,
     stiffness: Any,
     extremes: Any,
     load: Any,
@@ -129,7 +129,7 @@ def sweep_block(
     first: Any,
 ) -> Any:
     """The eight grains from ``first`` on among themselves."""
-    signature = types.void(x, y, fx, fy, charge, stiffness, extremes, load, weight, types.intp)
+    signature = types.void(x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)

@@ -14,65 +14,55 @@ import tempfile
 import warnings
 from pathlib import Path
 
-APPLICATION = "granular-damper"
 
+def toolkit_cache() -> Path | None:
+    """The toolkit's folder among the user's caches; None where the user has no home directory.
 
-def cache_home() -> Path | None:
-    """The user's folder for caches: ``XDG_CACHE_HOME``, or ``.cache`` in the home directory.
-
-    An empty or relative ``XDG_CACHE_HOME`` is ignored, as its specification says: it would be
-    another folder in every working directory. None where the user has no home directory.
+    It is in ``XDG_CACHE_HOME``, or in ``.cache`` in the home directory. An empty or relative
+    ``XDG_CACHE_HOME`` is ignored, as its specification says: it would be another folder in every
+    working directory.
     """
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if given.is_absolute():
-        return given
-    try:
-        return Path.home() / ".cache"
-    except RuntimeError:
-        return None
+    home = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not home.is_absolute():
+        try:
+            home = Path.home() / ".cache"
+        except RuntimeError:
+            return None
+    return home / "granular-damper"
 
 
-def own_folder(given: str | None, name: str, variable: str) -> Path | None:
-    """A folder of the user's own for compiled code, made where there is none.
+def own_folder(folder: Path | None, variable: str) -> Path | None:
+    """A folder for compiled code, made where there is none, if it can be trusted and written to.
 
     Parameters
     ----------
-    given : str or None
-        Folder that the user has chosen by an environment variable; with None or an empty text,
-        that of this toolkit among the user's caches.
-    name : str
-        Of the folder in it.
+    folder : Path or None
+        None stands for no home directory.
     variable : str
-        Name of the environment variable.
+        Environment variable by which the user can choose another one.
 
     Returns
     -------
     Path or None
-        None where the folder cannot be used. A warning says why.
+        The folder, absolute; None where it must not or cannot be used. A warning says why.
     """
-    home = cache_home()
-    if given:
-        folder = Path(given).absolute() / name
-    elif home is not None:
-        folder = home / APPLICATION / name
-    else:
-        return _unusable("the user has no home directory", variable)
     try:
+        if folder is None:
+            raise OSError("there is no home directory")
+        folder = folder.absolute()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not _is_own(folder.stat()):
-            return _unusable(f"{folder} belongs to others, or others may write to it", variable)
+            raise PermissionError(f"{folder} belongs to others, or others may write to it (chmod go-w)")
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        return _unusable(f"{folder} cannot be written: {error.strerror}", variable)
+        why = f"{folder} cannot be used: {error.strerror}" if error.strerror else str(error)
+        warnings.warn(
+            f"compiled code is not kept, and every start compiles anew: {why}; set {variable} to a "
+            "folder of your own",
+            stacklevel=2,
+        )
+        return None
     return folder
-
-
-def _unusable(why: str, variable: str) -> None:
-    warnings.warn(
-        f"compiled code is not kept, and every start compiles anew: {why}; set {variable} to a "
-        "folder of your own",
-        stacklevel=4,
-    )
 
 
 def _is_own(status: os.stat_result) -> bool:

@@ -173,7 +173,7 @@ def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> Entry:
 def by_cut_off(positions: np.ndarray) -> Entry:
     """`BATCH` sums of moving grains a call."""
     size = Grains(positions).x.size
-    return _in_motion(positions, _cut_off_steps, stripes_room(size, charged=False, loaded=False))
+    return _in_motion(positions, _cut_off_steps, stripes_room(size, moments=False, loaded=False))
 
 
 def by_plain_list(positions: np.ndarray) -> Entry:

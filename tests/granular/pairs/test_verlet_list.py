@@ -28,9 +28,9 @@ def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    charge = padded_values(np.linspace(0.3, 1.0, count))
+    moments = padded_values(np.linspace(0.3, 1.0, count))
     out, extremes = np.zeros((4, x.size)), np.zeros(2)
-    function(first, second, count, x, y, out[0], out[1], charge, out[2], extremes, out[3], charge)
+    function(first, second, count, x, y, out[0], out[1], moments, out[2], extremes, out[3], moments)
     return np.concatenate([out[:, :count].ravel(), extremes])
 
 
