@@ -157,13 +157,13 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _scene(options: Any) -> Scene:
-    from granular.scene.scene import load_scene
+    from granular.scene.loading import load_scene
 
     return load_scene(options.scene).replace(**changes_from(options.changes))
 
 
 def _scenes(options: Any) -> None:
-    from granular.scene.scene import SCENES, scene_names
+    from granular.scene.loading import SCENES, scene_names
 
     first = {}
     for name in scene_names():

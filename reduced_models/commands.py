@@ -133,7 +133,8 @@ def compare_sources(options: Any) -> None:
 
 def calibrate_scene(options: Any) -> None:
     """Fit numbers of a scene to a record."""
-    from granular.scene.scene import Scene, load_scene
+    from granular.scene.loading import load_scene
+    from granular.scene.scene import Scene
     from reduced_models.calibration.calibration import calibrate
     from reduced_models.records.sources import opened
 

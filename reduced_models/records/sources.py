@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.record import PistonRecord
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from granular.shared.errors import InputError, StoreError
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from granular.studies.cases import measure_name
 
 Numbers = dict[str, float]

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from granular import sweep
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from granular.studies.cases import make_cases
 from granular.studies.work import Outcome, read_outcome
 from validation.published.plan import Group
