@@ -22,6 +22,7 @@ import numpy as np
 
 from granular.methods import method_named
 from granular.run.record import PistonRecord
+from granular.run.time_step import halved
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.calibration.features import LAW, Features, features
@@ -30,7 +31,6 @@ from reduced_models.calibration.result import Calibrated, Calibration, Match
 from reduced_models.calibration.simulations import Bench, Parameter, Point, parameter, workers
 from reduced_models.fitting.fitting import check_options
 from reduced_models.fitting.uncertainty import open_directions
-from reduced_models.identification.checks import halved
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepared
 

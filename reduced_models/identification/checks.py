@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.run.allowed import is_allowed
 from granular.run.record import PistonRecord
-from granular.shared.errors import GranularError, InputError
+from granular.run.time_step import doubled, halved
+from granular.shared.errors import GranularError
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
-    from granular.scene.scene import Scene
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -61,32 +62,6 @@ class Failure(NamedTuple):
     cause: str
 
 
-def halved(dt: float | str) -> float | str:
-    """Half a time step, given in seconds or as a multiple of the automatic one."""
-    return _scaled(dt, 0.5)
-
-
-def doubled(dt: float | str) -> float | str:
-    """Twice a time step, given in the same ways."""
-    return _scaled(dt, 2.0)
-
-
-def _scaled(dt: float | str, by: float) -> float | str:
-    from granular.run.simulation import checked_step
-
-    step = checked_step(dt)
-    if step.seconds is not None:
-        return by * step.seconds
-    factor = by * step.factor
-    if factor >= 1.0:
-        return f"auto*{_positional(factor)}"
-    return f"auto/{_positional(1.0 / factor)}"
-
-
-def _positional(value: float) -> str:
-    return np.format_float_positional(value, trim="-")
-
-
 class StepCheck(NamedTuple):
     """A run with another time step.
 
@@ -112,21 +87,11 @@ def step_check(run: Trajectory) -> StepCheck:
 
     settings = run.settings()
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= _RESOLVED and _allowed(run.scene, doubled(settings["dt"])):
+    if coarser <= _RESOLVED and is_allowed(run.scene, doubled(settings["dt"]), settings["method"]):
         return StepCheck(_step_case(run, "twice the time step", doubled(settings["dt"])), 1.0)
     power = 2.0 ** method_named(settings["method"]).order
     case = _step_case(run, "half the time step", halved(settings["dt"]))
     return StepCheck(case, power / (power - 1.0))
-
-
-def _allowed(scene: Scene, dt: float | str) -> bool:
-    from granular.run.simulation import checked_step
-
-    try:
-        checked_step(dt, scene)
-    except InputError:
-        return False
-    return True
 
 
 def _step_case(run: Trajectory, what: str, dt: float | str) -> Case:

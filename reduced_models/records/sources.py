@@ -113,7 +113,7 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
 def check_run_options(options: RunOptions) -> None:
     """Raise `InputError` unless method and time step are such."""
     from granular.methods import method_named
-    from granular.run.simulation import checked_step
+    from granular.run.time_step import checked_step
 
     method_named(options.method)
     checked_step(options.dt)

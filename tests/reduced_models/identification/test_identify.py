@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.simulation import checked_step
+from granular.run.time_step import checked_step, halved
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from reduced_models import identify, load_model
-from reduced_models.identification.checks import Case, Failure, halved, step_check
+from reduced_models.identification.checks import Case, Failure, step_check
 
 ROOT = Path(__file__).parents[3]
 
