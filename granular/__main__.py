@@ -19,6 +19,7 @@ from granular.shared.console import (
     time_step,
 )
 from granular.shared.errors import InputError
+from granular.shared.files import write_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -309,7 +310,7 @@ def _sweep(options: Any) -> None:
             **study,
         )
     path = Path(options.out) / "table.csv"
-    found.table.to_csv(path, index=False)
+    write_text(path, found.table.to_csv(index=False))
     figures = {
         "cases": len(found.cases),
         "reused": found.reused,
