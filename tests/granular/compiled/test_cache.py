@@ -68,9 +68,8 @@ def test_damaged_files_are_made_again(shift: int, workshop: Any) -> None:
 EVALUATE = """
 import numpy as np
 from granular import evaluate, load_scene
-from granular.scene.arrangement import initial_motion
 scene = load_scene("bed")
-found = evaluate(scene, initial_motion(scene)[0])
+found = evaluate(scene, scene.initial_motion()[0])
 print(found.piston_force, found.potential_energy, found.force.sum())
 """
 
