@@ -101,7 +101,7 @@ def stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def decay(law: ContactLaw, k: float, overlap: float, mass: float, span: float) -> float:
-    """Factor of the normal velocity after ``span``, for the reduced mass."""
+    """Share of the normal velocity that the dashpot leaves after ``span``, for a reduced mass."""
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * span)
 

@@ -25,7 +25,7 @@ class Gravity(Section):
 
 @compiled(inline=True)
 def add_weight(gravity: float | None, count: int, masses: Array | None, fy: Array) -> None:
-    """Add the grains' weight, -G times the mass ratio (which equals the masses)."""
+    """Add the grains' weight, -G times the mass."""
     if gravity is not None:
         if masses is None:
             for i in range(count):

@@ -49,7 +49,7 @@ class Swing(NamedTuple):
 
     @property
     def greatest_speed(self) -> float:
-        """Of the cell [D/tau]."""
+        """Greatest speed of the cell [D/tau]."""
         return math.hypot(self.x, self.y) / self.omega
 
 
@@ -64,7 +64,7 @@ def acceleration(swing: Swing | None, time: float) -> tuple[float, float]:
 
 @compiled
 def acceleration_rate(swing: Swing | None, time: float) -> tuple[float, float]:
-    """Its derivative with time."""
+    """Rate of change of the apparent acceleration at a time [tau]."""
     if swing is None:
         return 0.0, 0.0
     phase = swing.omega * math.cos(swing.omega * time)
@@ -75,7 +75,7 @@ def acceleration_rate(swing: Swing | None, time: float) -> tuple[float, float]:
 def add_inertia(
     swing: Swing | None, time: float, count: int, masses: Array | None, fx: Array, fy: Array
 ) -> None:
-    """Add the apparent forces (the mass ratio equals the masses)."""
+    """Add the apparent forces."""
     if swing is not None:
         ax, ay = acceleration(swing, time)
         for i in range(count):

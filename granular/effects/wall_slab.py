@@ -23,14 +23,14 @@ from granular.compiled import compiled, entry
 
 @compiled
 def _pull(w: float, a: float) -> float:
-    """The end's part of 4 w^2 energy, taken from its limit 1: 1 - a/sqrt(w^2 + a^2), over w^2."""
+    """(1 - a/sqrt(w^2 + a^2))/w^2: what an end takes off the energy of an endless wall, times 4."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
 def _steep(w: float, a: float) -> float:
-    """The end's part of the normal force, taken from its limit 2/w^3, for a > 0."""
+    """What an end takes off the normal force of an endless wall, times 4; for a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 

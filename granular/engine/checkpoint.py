@@ -13,7 +13,7 @@ from granular.engine.state import KEPT, State, kept_lists, put_lists
 
 @dataclasses.dataclass
 class Progress:
-    """Where a run stands; with the state's arrays, all that a checkpoint needs.
+    """Where a run stands: what a checkpoint needs besides the state's arrays.
 
     Attributes
     ----------

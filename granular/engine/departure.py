@@ -10,7 +10,7 @@ from granular.pairs.direct import PADDING
 
 
 def grain_constants(constants: Constants) -> list[np.ndarray]:
-    """The constants that hold a value a grain, each once; they move with the grains."""
+    """The constants with one value for each grain, which must move with the grains; each once."""
     acting = constants.acting
     found = [constants.masses, constants.moments]
     if acting.friction is not None:

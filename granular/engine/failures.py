@@ -19,7 +19,7 @@ from granular.shared.errors import (
 def misplaced(
     state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
 ) -> RunError:
-    """A grain that is where it cannot be, after so many steps, at a time [s]."""
+    """The error for a grain that is where it cannot be, after so many steps, at a time [s]."""
     count = constants.grains
     place = np.stack([state.x[:count], state.y[:count]], axis=1)
     lost = ~np.isfinite(place).all(axis=1)
@@ -59,7 +59,7 @@ def misplaced(
 
 
 def unbalanced(residual: float, limit: float, step: int, time: float, remedy: str) -> EnergyError:
-    """An energy ledger with a residual over the energy turned over, at a time [s]."""
+    """The error for an energy ledger that is off by that share of the energy turned over."""
     return EnergyError(
         f"the energy ledger is off by {residual:.2g} of the energy turned over, "
         f"{limit:g} is the limit",
@@ -71,7 +71,7 @@ def unbalanced(residual: float, limit: float, step: int, time: float, remedy: st
 
 
 def restless(stage: str, limit: float, spread: float, step: int, time: float) -> NotAtRestError:
-    """A stage whose piston still ranges over a spread [m] after its longest duration [s]."""
+    """The error for a piston that ranges over a spread [m] after a stage's longest duration [s]."""
     return NotAtRestError(
         f"stage {stage!r} did not come to rest within {limit:g} s; the piston still ranges over "
         f"{spread:.3g} m",

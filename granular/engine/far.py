@@ -12,7 +12,7 @@ from granular.pairs.far_field import FarForces, find_far_forces
 
 @entry(inline=True)
 def find_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
-    """The far field at the present places, kept in the state; 1 where there is no room for it."""
+    """Find the far field at the present places; 1 where its mesh has no room for them."""
     if far is None:
         return 0
     return _find(constants.acting.friction, far, state, constants)
@@ -28,7 +28,7 @@ def _find(friction: FrictionLaw | None, far: FarForces, state: State, constants:
 
 @compiled(inline=True)
 def refresh_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
-    """`find_far_field`, unless what is held of it acts between its impulses."""
+    """Find the far field where it is a part of every force; where it acts in impulses, it stays."""
     if far is None:
         return 0
     return _refresh(far.held, far, state, constants)
@@ -43,7 +43,7 @@ def _refresh(held: Array | None, far: FarForces, state: State, constants: Consta
 
 @compiled(inline=True)
 def add_far_field(far: FarForces | None, state: State, count: int) -> None:
-    """Add it to the forces and loads; where it acts in impulses, what is held of it."""
+    """Add the far field to forces and loads; where it acts in impulses, the held one."""
     if far is not None:
         _add(far.held, far, state.load, state, count)
 
@@ -65,7 +65,7 @@ def _add(held: Array | None, far: FarForces, load: Array | None, state: State, c
 
 @compiled
 def far_energy(far: FarForces | None) -> float:
-    """Its energy [F* D] where it was last found."""
+    """Energy of the far field [F* D] at the places where it was last found; 0 without one."""
     return 0.0 if far is None else far.energy[0]
 
 
@@ -73,7 +73,7 @@ def far_energy(far: FarForces | None) -> float:
 def kick_by_far_field(
     far: FarForces | None, span: float, state: State, constants: Constants
 ) -> None:
-    """The impulse over ``span`` [tau] of the far field but for what is held of it."""
+    """Give the impulse over ``span`` [tau] by which the far field differs from the held one."""
     if far is not None:
         _kick(state.rounding, far.held, far, span, state, constants.masses, constants.grains)
 
@@ -93,7 +93,7 @@ def _kick(
 
 
 def hold_far_field(state: State) -> None:
-    """Hold the present far field, where it acts in impulses.
+    """Hold the present far field from now on, where it acts in impulses.
 
     The energy does not change, but what a symplectic step conserves does, a little: not to be done
     often in a run that dissipates nothing.
@@ -106,7 +106,7 @@ def hold_far_field(state: State) -> None:
 
 
 def total_force(state: State) -> tuple[Array, Array]:
-    """Force on the grains [F*], with a far field that acts in impulses."""
+    """Force on the grains [F*], with all of a far field that acts in impulses."""
     far = state.far_forces
     if far is None or far.held is None:
         return state.fx, state.fy

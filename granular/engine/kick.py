@@ -316,7 +316,7 @@ def _dampen(
 
 @compiled(inline=True)
 def kick_grains(span: float, state: State, constants: Constants, opening: bool) -> None:
-    """Velocities of the grains after ``span`` [tau] under the present forces.
+    """Change the velocities of the grains by ``span`` [tau] under the present forces.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class Ledger:
 
     @classmethod
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
-        """A ledger from the first record; ``coarse`` as `is_coarse` says."""
+        """A ledger that begins with this record; ``coarse`` as `is_coarse` says."""
         rows = row[None]
         potential = float(_columns(rows, *POTENTIALS).sum())
         return cls(
@@ -92,7 +92,7 @@ class Ledger:
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual of each record beyond rounding [F* D], and over the energy moved by then."""
+        """What each record is off by beyond rounding: in [F* D], and over the energy turned over."""
         potential = _columns(rows, *POTENTIALS).sum(axis=1)
         total = _columns(rows, *ENERGIES).sum(axis=1)
         lost, work = _columns(rows, *LOSSES).sum(axis=1), _columns(rows, "work")[:, 0]

@@ -163,7 +163,7 @@ def _make_tick(
     fraction: float | None, every: int | None, tick: int, window: Window, pace: Pace, plan: Plan,
     state: State, constants: Constants, motion: Motion, measurement: Measurement,
 ) -> int:  # fmt: skip
-    """The steps of a tick; not zero where a grain is where it cannot be.
+    """Make the steps of a tick; not zero where a grain is where it cannot be.
 
     Variable steps go up to the first moment behind the tick's end; the last one of a stage is cut.
     A far field that acts ``every`` so many steps gives its impulse half before and half after them

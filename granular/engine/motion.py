@@ -81,7 +81,7 @@ def _descent(motion: Motion, time: float) -> tuple[float, float]:
 
 @compiled
 def _table(motion: Motion, time: float) -> tuple[float, float]:
-    """Straight lines from row to row; the last height behind the last."""
+    """Straight lines from row to row; behind the last row its height."""
     times, heights = motion.times, motion.heights
     k = np.searchsorted(times, time, "right") - 1
     if k >= times.size - 1:

@@ -123,7 +123,11 @@ def _rub(resistance: Resistance, span: float, mass: float, state: State) -> None
 
 @compiled
 def _path_speed(motion: Motion, time: float, span: float, opening: bool) -> float:
-    """Speed on the path; across the corners of a table the mean one, on the step's side."""
+    """Speed on the path [D/tau].
+
+    On a table, whose speed jumps from row to row, it is the mean one over the half step that the
+    kick stands for.
+    """
     if motion.kind == TABLE:
         before = time if opening else time - span
         return (path(motion, before + span)[0] - path(motion, before)[0]) / span
@@ -135,7 +139,7 @@ def kick_piston(
     span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
     opening: bool,
 ) -> None:  # fmt: skip
-    """The piston's velocity after ``span``, and the work done from outside meanwhile.
+    """Change the piston's velocity by ``span`` [tau]; enter the work done from outside meanwhile.
 
     Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
     the ledger has the method's order.
@@ -173,7 +177,7 @@ def add_shaking_work(
 def drift_piston(
     span: float, state: State, constants: Constants, motion: Motion, time: float, start: float
 ) -> None:
-    """The piston's height after ``span``, which ends at ``time`` in the stage."""
+    """Move the piston by ``span`` [tau], up to ``time`` in the stage."""
     if motion.free:
         _raise_height(state.rounding, span * state.piston[SPEED], state)
     else:

@@ -174,14 +174,14 @@ def _far_forces(size: int, acting: Acting) -> FarForces | None:
 
 
 def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
-    """What a checkpoint holds of the lists of partners: where they were made, not what they say."""
+    """What a checkpoint holds of the lists of partners: the places that they were made at."""
     if lists is None:
         return {}
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
 def put_lists(lists: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
-    """Let the lists be made again, as they were."""
+    """Let the lists be made again at the places that a checkpoint holds."""
     if lists is not None:
         lists.built[:], lists.memory[:] = kept["near_built"], kept["near_memory"]
         lists.memory[LISTED] = 0.0

@@ -41,7 +41,7 @@ class Plan(NamedTuple):
 
 @compiled(inline=True)
 def drift_grains(rounding: Array | None, span: float, state: State, count: int) -> None:
-    """Positions of the grains after ``span`` [tau]."""
+    """Move the grains by ``span`` [tau] at their present velocities."""
     if rounding is None:
         for i in range(count):
             state.x[i] += span * state.vx[i]
@@ -59,7 +59,7 @@ def make_step(
     tableau: Array | None, plan: Plan, h: float, time: float, start: float, state: State,
     constants: Constants, motion: Motion, measurement: Measurement | None,
 ) -> int:  # fmt: skip
-    """One step from ``time`` in the stage, which began at ``start`` [tau].
+    """Make one step, from ``time`` in the stage, which began at ``start`` [tau].
 
     Parameters
     ----------

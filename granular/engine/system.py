@@ -190,7 +190,7 @@ def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | Non
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:
-    """Steps from one evaluation of the far field to the next; None for a part of every force."""
+    """Steps from impulse to impulse of the far field; None where it is a part of every force."""
     wanted = scene.pairs.far_every
     rubs = scene.effects.friction is not None
     able = method is not None and method.takes_impulses and not rubs

@@ -49,7 +49,7 @@ class FarField(NamedTuple):
 
 
 class FarForces(NamedTuple):
-    """A mesh, and what it last said of the grains.
+    """A mesh, and the forces and the energy that were last found with it.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def find_far_forces(
     far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
     moments: Array | None, weight: Array | None,
 ) -> int:  # fmt: skip
-    """Forces and energy of the far part, and its load where grains rub; 1 where there is no room.
+    """Find forces, energy and, where grains rub, load of the far part; 1 where there is no room.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class Cut(NamedTuple):
 
 
 class Extremes:
-    """The energy and the closest pair of a sweep."""
+    """The energy of a sweep, and its closest pair."""
 
     def __init__(self, code: Code, pointer: ir.Value) -> None:
         self.code, self.pointer = code, pointer
@@ -127,7 +127,10 @@ def interact(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
     lanes: list[bool] | None = None, cut: Cut | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
-    """What the pairs add to the first, and to the second ones, in the lanes that count."""
+    """What the pairs add to the sums of the first grains, and to those of the second ones.
+
+    Only in the lanes that are given, or in all.
+    """
     b = code.builder
     zero = constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)

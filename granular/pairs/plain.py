@@ -71,7 +71,7 @@ def plain_cut_sum(
     load: Array | None,
     weight: Array | None,
 ) -> None:
-    """The same within a radius, where the energy of a pair is zero: every pair is looked at.
+    """Pair forces and sums within a radius, where the energy of a pair is zero.
 
     With ``smooth``, of the near part of the law alone.
     """

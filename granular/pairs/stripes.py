@@ -132,7 +132,7 @@ def stripes_room(size: int, *, moments: bool, loaded: bool) -> Stripes:
 
 @compiled
 def _sort(stripes: Stripes, grains: int, reach: float) -> tuple[int, float]:
-    """Put the grains into stripes, from where they were ``built``: how many, and how high."""
+    """Sort the grains into stripes by the places in ``built``; number and height of stripes."""
     x, y = stripes.built[0], stripes.built[1]
     low, high = y[0], y[0]
     for i in range(grains):
@@ -169,7 +169,7 @@ def _sort(stripes: Stripes, grains: int, reach: float) -> tuple[int, float]:
 
 @compiled
 def _list_runs(stripes: Stripes, number: int, height: float, reach: float) -> None:
-    """The runs of every two rows; places go on to the right, so each end moves one way only."""
+    """List the runs of every two rows; both ends of a run move right only, from row to row."""
     x = stripes.x
     slack = 1.0 + 1e-12
     for k in range(number):
@@ -225,7 +225,7 @@ def _list_partners(
 
 @compiled
 def _adapt_skin(memory: Array, radius: float) -> None:
-    """Nearer to where listing costs as much as the partners in the skin."""
+    """Bring the skin nearer to where making lists costs as much as the partners in it."""
     if memory[SKIN] == 0.0:
         memory[SKIN] = _FIRST_SKIN * radius
     elif memory[CALLS] * memory[SKIN] < _COST * radius / 2.0:
@@ -260,7 +260,7 @@ def _make_ready(
     stripes: Stripes, x: Array, y: Array, grains: int, moments: Array | None, weight: Array | None,
     radius: float,
 ) -> None:  # fmt: skip
-    """Lists that hold every pair within the radius."""
+    """Make the lists hold every pair within the radius."""
     if _moved(stripes, x, y, grains):
         _adapt_skin(stripes.memory, radius)
         for i in range(grains):
@@ -319,7 +319,7 @@ def _sweep_all(
     threaded: bool | None, stripes: Stripes, sums: Array | None, parts: Array | None,
     load: Array | None, groups: int, radius: float, smooth: bool | None,
 ) -> None:  # fmt: skip
-    """All groups, every second one first: each place adds up in one order on any threads."""
+    """Sweep all groups, every second one first: each grain's sum has one order on any threads."""
     if threaded is None:
         _sweep_groups(stripes, sums, parts, load, groups, radius, smooth)
     else:

@@ -37,7 +37,7 @@ def _rows_at_once(context: Any) -> int:
 def _sweep(
     code: Code, arrays: Arrays, first: ir.Value, rows: int, start: ir.Value, stop: ir.Value
 ) -> None:
-    """That many rows from ``first`` on against the partners start .. stop - 1."""
+    """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
     b = code.builder
     places = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
     grains = [one_grain(code, arrays, place) for place in places]
@@ -95,7 +95,7 @@ def sweep_rows(
     start: Any,
     stop: Any,
 ) -> Any:
-    """The eight rows from ``first`` on against the partners start .. stop - 1, with reactions."""
+    """Sum the pairs of the eight grains from ``first`` on with the partners start .. stop - 1."""
     signature = types.void(
         x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, types.intp, types.intp
     )
@@ -128,7 +128,7 @@ def sweep_block(
     weight: Any,
     first: Any,
 ) -> Any:
-    """The eight grains from ``first`` on among themselves."""
+    """Sum the pairs of the eight grains from ``first`` on among themselves."""
     signature = types.void(x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
