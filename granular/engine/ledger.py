@@ -92,7 +92,7 @@ class Ledger:
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What each record is off by beyond rounding: in [F* D], and over the energy turned over."""
+        """What each record is off by beyond rounding: [F* D], and over the energy turned over."""
         potential = _columns(rows, *POTENTIALS).sum(axis=1)
         total = _columns(rows, *ENERGIES).sum(axis=1)
         lost, work = _columns(rows, *LOSSES).sum(axis=1), _columns(rows, "work")[:, 0]

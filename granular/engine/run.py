@@ -381,7 +381,7 @@ class Run:
         return self._ticks_to(self.t_end - self.progress.start) - spared
 
     def _rest_of_stage(self, least: float = 1e-6) -> float:
-        """Time [tau] left of the stage behind its last whole tick; 0 if less than ``least`` steps."""
+        """Time [tau] left of the stage behind its last whole tick; 0 below ``least`` steps."""
         total = self.total
         if math.isinf(total):
             return 0.0
