@@ -11,7 +11,7 @@ from granular.run.simulation import checked_step
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost import Setting, WorkPrecision, work_precision
-from validation.quantities import Quantity, quantity_named
+from validation.quantities import MeasuredQuantity, quantity_named
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
 CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
@@ -99,14 +99,14 @@ def _takes_friction(name: str) -> bool:
 
 
 def cheapest(
-    scene: Scene, quantity: str | Quantity, tolerance: float, until: float | None = None
+    scene: Scene, quantity: str | MeasuredQuantity, tolerance: float, until: float | None = None
 ) -> Choice:
     """The setting that gives a quantity to a tolerance in the least time.
 
     Parameters
     ----------
     scene : Scene
-    quantity : str or Quantity
+    quantity : str or MeasuredQuantity
         One of `validation.quantities.QUANTITIES`, or one's own.
     tolerance : float
         Error that is allowed; relative, but for the positions (in D) and the energy (over the

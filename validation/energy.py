@@ -18,7 +18,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene, load_scene
 from granular.shared.errors import RunError
-from validation.table import Table, table
+from validation.table import TextTable, table
 from validation.trend import BLOCKS, Trend, energy_trend
 
 SHOWN = 800
@@ -225,7 +225,7 @@ def _step(dt: float | str) -> str:
     return dt if isinstance(dt, str) else f"{dt:.3g}"
 
 
-def summary(studies: list[EnergyStudy]) -> Table:
+def summary(studies: list[EnergyStudy]) -> TextTable:
     """One row a study."""
     rows = [
         (

@@ -24,7 +24,7 @@ import numpy as np
 
 from granular.shared.errors import InputError, RunError
 from validation.exact.problem import Moment, Problem
-from validation.table import Table, table
+from validation.table import TextTable, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -157,7 +157,7 @@ class ConvergenceResult:
             f"{min(self.errors):.2g}", f"{self.rounding:.1g}",
         )  # fmt: skip
 
-    def table(self) -> Table:
+    def table(self) -> TextTable:
         """Step, error, local slope and wall time of each run."""
         rows = zip(self.steps, self.errors, ("", *self.slopes), self.seconds, strict=True)
         return table(
@@ -212,9 +212,9 @@ HEADER = (
 )  # fmt: skip
 
 
-def summary(results: Sequence[ConvergenceResult]) -> Table:
+def summary(results: Sequence[ConvergenceResult]) -> TextTable:
     """One row a result."""
-    return Table(HEADER, tuple(one.summary() for one in results))
+    return TextTable(HEADER, tuple(one.summary() for one in results))
 
 
 def toolkit(method: str) -> Solver:

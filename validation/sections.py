@@ -19,7 +19,7 @@ from validation.outcomes import ACCURATE, STOPPED, Outcome
 from validation.outside import ORDERS
 from validation.parts import FAILED, Plain
 from validation.source_experiment import COMPENSATED, PLAIN, PRINTED_PEAKS, SourceExperiment
-from validation.table import Table, table
+from validation.table import TextTable, table
 from validation.trend import SIGNIFICANCE
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def _note_failures(page: Page, results: Sequence[Plain]) -> None:
             page.note(f"{one['label']} failed: {one[FAILED]}")
 
 
-def _tabulate(page: Page, shown: Table) -> None:
+def _tabulate(page: Page, shown: TextTable) -> None:
     page.table(shown.header, [tuple(map(_unbroken, row)) for row in shown.rows])
 
 
@@ -95,7 +95,7 @@ def convergence_section(page: Page, results: Sequence[Plain]) -> None:
     _note_failures(page, results)
 
 
-def slopes(found: Sequence[ConvergenceResult]) -> Table:
+def slopes(found: Sequence[ConvergenceResult]) -> TextTable:
     """Measured slopes: a row a method, a column a problem."""
     problems = tuple(dict.fromkeys(one.problem for one in found))
     declared = {one.method: one.order for one in found}
@@ -315,7 +315,7 @@ def work_precision_section(page: Page, results: Sequence[Plain]) -> None:
     _note_failures(page, results)
 
 
-def choices(found: Sequence[WorkPrecision]) -> Table:
+def choices(found: Sequence[WorkPrecision]) -> TextTable:
     """Which setting to take for 1 % and for 1e-6, and what it takes beside the default one."""
     rows = []
     for one in found:
@@ -373,7 +373,7 @@ def stability_verdict(found: Sequence[Outcome]) -> str:
     )
 
 
-def stability_matrix(found: Sequence[Outcome]) -> Table:
+def stability_matrix(found: Sequence[Outcome]) -> TextTable:
     """Outcomes: a row a case, a column for its own settings and for each method and step."""
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
@@ -402,7 +402,7 @@ def _ending(one: Outcome) -> str:
     return f"{share:.1g}{wrong}" if one.kind == ACCURATE else f"{one.kind}{wrong}"
 
 
-def stability_table(found: Sequence[Outcome]) -> Table:
+def stability_table(found: Sequence[Outcome]) -> TextTable:
     """One row an outcome."""
     rows = [
         (
@@ -416,7 +416,7 @@ def stability_table(found: Sequence[Outcome]) -> Table:
     return table(header, rows)
 
 
-def case_table(names: Collection[str]) -> Table:
+def case_table(names: Collection[str]) -> TextTable:
     """What is hard about each case, and what its error is."""
     from validation.hard_cases import catalogue
 

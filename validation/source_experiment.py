@@ -23,7 +23,7 @@ import numpy as np
 from granular.effects.wall_experimental import force
 from granular.scene.scales import Scales
 from validation.exact import bounce
-from validation.table import Table, table
+from validation.table import TextTable, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -167,7 +167,7 @@ class SourceExperiment:
         ends = {one.step: one.end for one in self.of(COMPENSATED)}
         return max(abs(one.end - ends[one.step]) for one in self.of(TOOLKIT))
 
-    def table(self) -> Table:
+    def table(self) -> TextTable:
         """One row a run."""
         rounding = self.rounding()
         rows = [

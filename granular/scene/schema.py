@@ -116,7 +116,7 @@ class Whole(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Choice(Kind):
+class OneOf(Kind):
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
@@ -267,7 +267,7 @@ def whole(
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return declare(Choice(optional, names=names), default)
+    return declare(OneOf(optional, names=names), default)
 
 
 def text(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:

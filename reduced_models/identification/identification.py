@@ -212,7 +212,7 @@ def identify(
     check_options(starts=starts)
     options = RunOptions(changes or {}, dt, method, threads, progress)
     target = prepared(out)
-    clock = _Clock()
+    clock = _Stopwatch()
     record, run = record_of(source, target, options)
     clock.lap("record" if run is None else "simulation")
     wanted: list[Any] = list(laws)
@@ -269,7 +269,7 @@ def _judged(
     )
 
 
-class _Clock:
+class _Stopwatch:
     """Wall time of the parts."""
 
     def __init__(self) -> None:

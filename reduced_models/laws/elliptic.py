@@ -20,7 +20,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
 from reduced_models.laws.double_double import less_product, quarter_period_pair
-from reduced_models.records.first_guesses import estimates
+from reduced_models.records.first_guesses import first_guesses
 
 jnp = jax.numpy
 
@@ -322,7 +322,7 @@ def fit_damped_elliptic(record: PistonRecord) -> EllipticFit:
     """
     from scipy.optimize import least_squares
 
-    guess = estimates(record)
+    guess = first_guesses(record)
     time = record.time - record.time[0]
     swing = guess.amplitude
     size = np.array(

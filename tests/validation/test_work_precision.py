@@ -22,7 +22,7 @@ from validation.cost import (
     work_precisions,
 )
 from validation.exact import bounce
-from validation.quantities import QUANTITIES, Quantity, small_swing
+from validation.quantities import QUANTITIES, MeasuredQuantity, small_swing
 
 
 def point(method: str, steps: int, error: float, seconds: float) -> Point:
@@ -136,7 +136,7 @@ def test_study_of_the_lone_grain() -> None:
 
 
 def test_floor_is_the_scatter_over_seeds() -> None:
-    drawn = Quantity("seed", "1", lambda run: float(run.scene.arrangement.seed))
+    drawn = MeasuredQuantity("seed", "1", lambda run: float(run.scene.arrangement.seed))
     scene = load_scene("single-particle")
     found = work_precision(
         scene, drawn, [Setting("stormer-verlet", 1e-4)], reference=1.0, until=0.001, seeds=3

@@ -13,12 +13,12 @@ import sympy
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, discover
-from reduced_models.discovery.result import Candidate, Discovery, pareto_front
+from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import all_subsets, scored
 from reduced_models.discovery.terms import Term, library, sum_of, symbols, terms_of
 from reduced_models.discovery.weak import Motion, weak_form
 from reduced_models.laws.law import Law
-from reduced_models.laws.solution import motion
+from reduced_models.laws.solution import solution
 
 TIME = np.linspace(0.0, 40.0, 2000)
 VELOCITY = {"speed": 1, "odd": True}
@@ -45,7 +45,7 @@ LAWS = {
 @functools.cache
 def clean(name: str) -> np.ndarray:
     equation, values, start, _ = LAWS[name]
-    return motion(Law(name, equation), TIME, start, 0.0, values, 1.0).z
+    return solution(Law(name, equation), TIME, start, 0.0, values, 1.0).z
 
 
 def made(name: str, seed: int, level: float = 0.01) -> PistonRecord:
@@ -119,7 +119,7 @@ def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
     equation, values, _, _ = LAWS[name]
     time, records = TIME[:1000], []
     for seed, start in enumerate(starts):
-        z = motion(Law(name, equation), time, start, 0.0, values, 1.0).z
+        z = solution(Law(name, equation), time, start, 0.0, values, 1.0).z
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
         records.append(PistonRecord(5.0 * seed + time, z + noise))
     return records
@@ -276,7 +276,7 @@ def test_terms_are_unique_and_go_there_and_back() -> None:
 def test_the_pareto_front_holds_no_dominated_candidate() -> None:
     z = symbols()[0]
     sizes = [(3, 2.0), (3, 1.5), (5, 1.6), (7, 1.0), (9, 1.0), (9, float("inf"))]
-    front = pareto_front([Candidate(z, *size, criterion=0.0) for size in sizes])
+    front = pareto_front([CandidateEquation(z, *size, criterion=0.0) for size in sizes])
     assert [(one.complexity, one.error) for one in front] == [(3, 1.5), (7, 1.0)]
 
 
