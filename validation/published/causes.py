@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from validation.published.entry import Finding
+from validation.published.finding import Finding
 from validation.published.plan import ASPECTS, RADII, mixture_name
 from validation.published.protocols import BEST_FIRST
 from validation.published.results import Results

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from granular.shared.html import Page
 from validation.published import plots
 from validation.published.causes import ChangedFigure, comparisons
-from validation.published.entry import Finding
+from validation.published.finding import Finding
 from validation.published.judging import Judged, counts, judged
 from validation.published.results import Results
 from validation.published.statements import statements

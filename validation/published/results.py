@@ -14,8 +14,8 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from validation.published.calculations import kept
-from validation.published.entry import Finding
 from validation.published.figures import figures_of
+from validation.published.finding import Finding
 from validation.published.plan import Group
 from validation.published.protocols import BEST_FIRST
 from validation.published.running import outcomes_of
