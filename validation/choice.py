@@ -60,10 +60,10 @@ class Choice:
             f"{self.seconds:.3g} s\n  {self.command}"
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The choice as plain data, with its command."""
         plain = dataclasses.asdict(self) | {"command": self.command}
-        return plain | {"study": self.study.to_dict()}
+        return plain | {"study": self.study.to_plain()}
 
 
 def candidates(scene: Scene) -> tuple[Setting, ...]:

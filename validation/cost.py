@@ -231,7 +231,7 @@ class WorkPrecision:
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
         )  # fmt: skip
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The result as plain data; None for what was not measured."""
         plain = dataclasses.asdict(self)
         for row, one in zip(plain["points"], self.points, strict=True):
@@ -240,8 +240,8 @@ class WorkPrecision:
         return plain
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> WorkPrecision:
-        """The result from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: Mapping[str, Any]) -> WorkPrecision:
+        """The result from what `to_plain` made, also by way of JSON."""
         points = tuple(
             Point(
                 Setting(**row["setting"]), _number(row["error"]), _number(row["seconds"]),

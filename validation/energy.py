@@ -85,13 +85,13 @@ class EnergyStudy:
     heights: tuple[float, ...] = ()
     velocities: tuple[float, ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The study as plain data."""
         return dataclasses.asdict(self)
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> EnergyStudy:
-        """The study from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: Mapping[str, Any]) -> EnergyStudy:
+        """The study from what `to_plain` made, also by way of JSON."""
         lists = ("times", "errors", "heights", "velocities")
         trend = Trend(**{**plain["trend"], "interval": tuple(plain["trend"]["interval"])})
         return cls(**{**plain, **{name: tuple(plain[name]) for name in lists}, "trend": trend})

@@ -185,15 +185,15 @@ class ConvergenceResult:
         for line in (axes.xaxis, axes.yaxis):
             line.set_minor_formatter("")  # labels between powers of ten would overlap
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The result as plain data."""
         plain = dataclasses.asdict(self)
         plain["fit"] = None if self.fit is None else self.fit._asdict()
         return plain
 
     @classmethod
-    def from_dict(cls, plain: dict[str, Any]) -> ConvergenceResult:
-        """The result from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: dict[str, Any]) -> ConvergenceResult:
+        """The result from what `to_plain` made, also by way of JSON."""
         fit = plain["fit"]
         return cls(
             **{

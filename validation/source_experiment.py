@@ -236,13 +236,13 @@ class SourceExperiment:
         axes.set_ylabel("peak off the start [m]")
         axes.set_xticks(range(1, 1 + len(self.of(PLAIN)[-1].peaks)))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The experiment as plain data."""
         return dataclasses.asdict(self)
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> SourceExperiment:
-        """The experiment from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: Mapping[str, Any]) -> SourceExperiment:
+        """The experiment from what `to_plain` made, also by way of JSON."""
         lists = ("peaks", "path")
         return cls(
             tuple(

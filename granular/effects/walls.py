@@ -41,8 +41,8 @@ class Wall(Section):
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
 
     @classmethod
-    def build(cls, plain: Any, diameter: float | None = None) -> Wall:
-        return super().build({"law": plain} if isinstance(plain, str) else plain, diameter)
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
+        return super().from_plain({"law": plain} if isinstance(plain, str) else plain, diameter)
 
     @property
     def has_gap(self) -> bool:

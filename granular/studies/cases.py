@@ -90,7 +90,7 @@ def _case(
 ) -> Case:
     changed = scene.replace(**changes)
     content = {
-        "scene": changed.plain(),
+        "scene": changed.to_plain(),
         "settings": settings,
         "measure": measure_name(measure),
     }

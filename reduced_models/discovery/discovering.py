@@ -30,7 +30,7 @@ from reduced_models.discovery.terms import (
     symbols,
     terms_of,
 )
-from reduced_models.discovery.weak import SmoothedMotion, WeakForm, weak_form
+from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod, derivatives
 from reduced_models.records.first_guesses import first_guesses

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from reduced_models.discovery.terms import Term, columns
-from reduced_models.discovery.weak import SmoothedMotion, WeakForm
+from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
 _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)
 """On coefficients of columns of unit size, as shares of the target's size."""

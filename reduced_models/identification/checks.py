@@ -130,7 +130,7 @@ def _allowed(scene: Scene, dt: float | str) -> bool:
 
 
 def _step_case(run: Trajectory, what: str, dt: float | str) -> Case:
-    return Case(what, run.scene.plain(), dt, run.settings()["method"], _forced_end(run))
+    return Case(what, run.scene.to_plain(), dt, run.settings()["method"], _forced_end(run))
 
 
 def seed_cases(run: Trajectory) -> list[Case]:
@@ -139,7 +139,7 @@ def seed_cases(run: Trajectory) -> list[Case]:
     return [
         Case(
             f"random start {seed}",
-            run.scene.replace(**{"arrangement.seed": seed}).plain(),
+            run.scene.replace(**{"arrangement.seed": seed}).to_plain(),
             settings["dt"],
             settings["method"],
             _forced_end(run),

@@ -17,7 +17,7 @@ import numpy as np
 
 from reduced_models.laws.law import Law, SwingForm
 from reduced_models.records.first_guesses import FirstGuesses
-from reduced_models.records.weak_form import quadratic_damping
+from reduced_models.records.quadratic_damping import quadratic_damping
 
 _UNEXPLAINED = 0.3
 """Share of the record that its quadratic damping may leave over before it says nothing."""

@@ -106,12 +106,12 @@ def test_choice_is_a_command_and_keywords() -> None:
         "python -m granular run scene --set effects.friction.scheme=velocity --dt 'auto*2' "
         "--method stormer-verlet"
     )
-    json.dumps(found.to_dict(), allow_nan=False)
+    json.dumps(found.to_plain(), allow_nan=False)
 
 
 def test_study_survives_json() -> None:
     one = study(point("a", 10, 1e-2, 1.0), FAILED, floor=0.1)
-    again = WorkPrecision.from_dict(json.loads(json.dumps(one.to_dict(), allow_nan=False)))
+    again = WorkPrecision.from_plain(json.loads(json.dumps(one.to_plain(), allow_nan=False)))
     assert again.table() == one.table()
     assert again.points[1].failed
     assert math.isnan(again.points[1].error)

@@ -34,7 +34,7 @@ class Judged(NamedTuple):
         """Why ours differs or cannot be compared."""
         return self.entry.note if self.verdict.words in (DIFFERS, NOT_COMPARABLE) else ""
 
-    def plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """For JSON."""
         found = self.found
         return {

@@ -78,11 +78,11 @@ def _alike(series: Iterable[Series]) -> Iterator[list[Series]]:
 def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
     """The scenes of all starts as changes, each once."""
     scenes = [one.scene(seed) for one in series for seed in one.seeds]
-    return [one.plain() for one in {scene.digest(): scene for scene in scenes}.values()]
+    return [one.to_plain() for one in {scene.digest(): scene for scene in scenes}.values()]
 
 
 def _keys(series: Series) -> list[str]:
-    changes = [series.scene(seed).plain() for seed in series.seeds]
+    changes = [series.scene(seed).to_plain() for seed in series.seeds]
     settings = {"dt": series.step, "t_end": None, "method": METHOD}
     cases = make_cases(load_scene("bed"), {}, changes, settings, series.measure)
     return [case.key for case in cases]

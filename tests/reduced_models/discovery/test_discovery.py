@@ -16,7 +16,7 @@ from reduced_models import HeightMap, discover
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import all_subsets, scored
 from reduced_models.discovery.terms import Term, library, sum_of, symbols, terms_of
-from reduced_models.discovery.weak import Motion, weak_form
+from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import solution
 
@@ -236,7 +236,9 @@ def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
     v = np.gradient(z, TIME)
     for seed in range(40):
         record = made("van-der-pol-like", seed).height
-        weak = weak_form(Motion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0))
+        weak = weak_form(
+            SmoothedMotion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0)
+        )
         whitening = weak.whitening(terms, np.array(values))
         left = whitening @ (weak.target - weak.matrix(terms) @ np.array(values))
         squares.append((left**2).mean())
@@ -247,7 +249,9 @@ def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> 
     terms = library(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
-    weak = weak_form(Motion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
+    weak = weak_form(
+        SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0)
+    )
     ranked, judge = scored(weak, terms, terms, all_subsets(len(terms)))
     assert set(ranked[0].terms) == set(LAWS["van-der-pol"][3])
     assert judge.excess < 1.5

@@ -185,7 +185,7 @@ for outcome in run_cases(cases, False):
 
 def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
     """No guard is needed, and a run that fails in its process comes back as words."""
-    (tmp_path / "scene.json").write_text(json.dumps(run.scene.plain()))
+    (tmp_path / "scene.json").write_text(json.dumps(run.scene.to_plain()))
     (tmp_path / "script.py").write_text(SCRIPT)
     done = subprocess.run(
         [sys.executable, tmp_path / "script.py", tmp_path / "scene.json"],
