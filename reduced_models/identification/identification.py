@@ -7,6 +7,7 @@ import math
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -16,7 +17,13 @@ from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from reduced_models.fitting.fitting import STARTS, check_options, fit
-from reduced_models.identification.checks import Case, Failure, run_cases, seed_cases, step_check
+from reduced_models.identification.checks import (
+    Failure,
+    RunCheck,
+    checked_records,
+    seed_checks,
+    step_check,
+)
 from reduced_models.identification.comparison import Comparison, compare, law_name
 from reduced_models.identification.data import Figure
 from reduced_models.identification.result import Identification
@@ -49,6 +56,7 @@ def identify(
     threads: int | None = None,
     starts: int = STARTS,
     checks: bool = True,
+    executor: Executor | None = None,
     progress: bool = True,
 ) -> Identification:
     """Identify the law of a piston's motion.
@@ -75,6 +83,8 @@ def identify(
         Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter. What was identified is saved
         before; a check that fails becomes a note.
+    executor : concurrent.futures.Executor, optional
+        Where the checks run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
 
     Raises
@@ -108,7 +118,7 @@ def identify(
     if target is not None:
         found.save(target)
     if checks and run is not None and run.complete and found.figures:
-        found = _checked(found, run, progress)
+        found = _checked(found, run, executor, progress)
         clock.lap("checks of step and seeds")
         if target is not None:
             found.save(target)
@@ -176,14 +186,17 @@ def _figures(model: ReducedModel) -> dict[str, Figure]:
 # Checks ----------------------------------------------------------------------------------------
 
 
-def _checked(found: Identification, run: Trajectory, progress: bool) -> Identification:
+def _checked(
+    found: Identification, run: Trajectory, executor: Executor | None, progress: bool
+) -> Identification:
     """What was identified, with step errors and scatter, and notes of checks that failed."""
     model = next(model for model in found.models if model.law.name == found.figures_law)
     step = step_check(run)
-    cases = [step.case, *seed_cases(run)]
+    asked = [step.check, *seed_checks(run)]
+    records = checked_records(run, asked, executor, progress)
     results = [
-        _refitted(case, record, found.record, model)
-        for case, record in zip(cases, run_cases(cases, progress), strict=True)
+        _refitted(check, record, found.record, model)
+        for check, record in zip(asked, records, strict=True)
     ]
     notes = tuple(
         f"the check with {result.what} failed: {result.cause}"
@@ -206,7 +219,7 @@ def _checked(found: Identification, run: Trajectory, progress: bool) -> Identifi
 
 
 def _refitted(
-    case: Case, record: PistonRecord | Failure, original: PistonRecord, model: ReducedModel
+    check: RunCheck, record: PistonRecord | Failure, original: PistonRecord, model: ReducedModel
 ) -> dict[str, float] | Failure:
     """The figures of a check's record, over the same duration and by the same law and map."""
     if isinstance(record, Failure):
@@ -225,9 +238,9 @@ def _refitted(
                 holdout=0.0,
             )
     except GranularError as error:
-        return Failure(case.what, str(error))
+        return Failure(check.what, str(error))
     if found.at_rest is None:
-        return Failure(case.what, "its fit has no level of rest")
+        return Failure(check.what, "its fit has no level of rest")
     values = dataclasses.asdict(found.at_rest)
     return {name: values[name] for name in model.at_rest.intervals} if model.at_rest else {}
 

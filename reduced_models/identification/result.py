@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from granular.shared.files import make_directory, write_text
 from reduced_models.identification.data import IdentificationData
 from reduced_models.laws import LAWS
 
@@ -16,10 +17,10 @@ class Identification(IdentificationData):
         from reduced_models.identification.page import identification_page
 
         out = Path(out)
-        (out / "models").mkdir(parents=True, exist_ok=True)
+        make_directory(out / "models")
         self.record.to_csv(out / "record.csv")
         self.best.save(out / "model.json")
-        (out / "equations.txt").write_text(self.best.text, encoding="utf-8")
+        write_text(out / "equations.txt", self.best.text)
         for place, model in enumerate(self.models):
             # The name of a law that was given as an equation is no file name.
             name = model.law.name if model.law.name in LAWS else f"own-{place + 1}"
