@@ -30,7 +30,7 @@ from reduced_models.fitting.start_vectors import (
     swing_unknowns,
     unknowns_of,
 )
-from reduced_models.laws import law_named
+from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.solution import grid_steps

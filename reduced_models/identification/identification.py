@@ -27,7 +27,7 @@ from reduced_models.identification.checks import (
 from reduced_models.identification.comparison import Comparison, compare, law_name
 from reduced_models.identification.data import Figure
 from reduced_models.identification.result import Identification
-from reduced_models.laws import law_named
+from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from granular.shared.files import make_directory, write_text
 from reduced_models.identification.data import IdentificationData
-from reduced_models.laws import LAWS
+from reduced_models.laws.catalogue import LAWS
 
 
 class Identification(IdentificationData):

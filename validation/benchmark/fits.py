@@ -89,7 +89,7 @@ def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
     """Seconds of the first fit and of some further ones in this process, and how good they are."""
     from granular.run.record import PistonRecord
     from reduced_models.fitting.fitting import fit
-    from reduced_models.laws import law_named
+    from reduced_models.laws.catalogue import law_named
     from reduced_models.laws.solution import solution
 
     truth, shape = TRUTHS[law], law_named(law)
