@@ -19,7 +19,6 @@ import numba
 import numpy as np
 
 from granular.engine.ledger import doubtful
-from granular.engine.run import Run
 from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.methods import method_named
@@ -27,6 +26,7 @@ from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.run.allowed import check_method
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
+from granular.run.run import Run
 from granular.run.store import Store, is_run, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
