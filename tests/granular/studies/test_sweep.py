@@ -190,7 +190,7 @@ def command(study: Path, out: Path, *more: str) -> list[str]:
 
 
 def outcomes(out: Path) -> dict[str, float]:
-    return {one.name: one.stat().st_mtime_ns for one in (out / "cases").glob("*.json")}
+    return {one.name: one.stat().st_mtime_ns for one in (out / "cases").glob("[!.]*.json")}
 
 
 def children(pid: int) -> list[int]:
