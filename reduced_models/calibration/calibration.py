@@ -135,15 +135,28 @@ def calibrate(
                 "progress": progress,
             },
         )
-        ended = descended(bench, wanted)
-        shift, more = _step_shift(bench, ended.centre) if checks else (None, 0)
-    result = _result(bench, record, wanted, ended, shift, confidence)
-    result = dataclasses.replace(result, simulations=result.simulations + more)
+        result = calibrated(bench, record, wanted, confidence, checks)
     for note in result.notes:
         warnings.warn(note, stacklevel=2)
     if target is not None:
         result.save(target)
     return result
+
+
+def calibrated(
+    bench: Bench, record: PistonRecord, wanted: Features, confidence: float, checks: bool
+) -> Calibration:
+    """The numbers for which a bench's simulations have the wanted features of a record.
+
+    Raises
+    ------
+    InputError
+        If a simulation at the start fails.
+    """
+    ended = descended(bench, wanted)
+    shift, more = _step_shift(bench, ended.centre) if checks else (None, 0)
+    result = _result(bench, record, wanted, ended, shift, confidence)
+    return dataclasses.replace(result, simulations=result.simulations + more)
 
 
 def _check_scene(scene: Scene) -> None:
