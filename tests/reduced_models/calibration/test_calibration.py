@@ -28,7 +28,7 @@ from reduced_models.__main__ import main
 from reduced_models.calibration.calibration import calibrated
 from reduced_models.calibration.features import Features, features
 from reduced_models.calibration.gauss_newton import RADIUS
-from reduced_models.calibration.simulations import Bench, Point, parameter
+from reduced_models.calibration.simulations import SceneSimulator, SimulatedPoint, parameter
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 NAMES = ("height", "period", "damping_ratio", "force")
@@ -48,7 +48,7 @@ def made_features(mass: float, drag: float, remanence: float, bed: np.ndarray) -
 
 
 @dataclasses.dataclass(frozen=True)
-class MadeUp(Bench):
+class MadeUp(SceneSimulator):
     """A formula takes the place of the simulations.
 
     Attributes
@@ -65,13 +65,15 @@ class MadeUp(Bench):
     fails: Callable[[float], bool] = lambda mass: False
     asked: list[np.ndarray] = dataclasses.field(default_factory=list)
 
-    def points(self, places: Sequence[np.ndarray]) -> list[Point]:
+    def points(self, places: Sequence[np.ndarray]) -> list[SimulatedPoint]:
         self.asked.extend(places)
         return [self.point(place) for place in places]
 
-    def point(self, place: np.ndarray) -> Point:
+    def point(self, place: np.ndarray) -> SimulatedPoint:
         if self.fails(math.exp(place[0])):
-            return Point(place, (), np.empty((0, 0)), "the simulation with it failed: boom")
+            return SimulatedPoint(
+                place, (), np.empty((0, 0)), "the simulation with it failed: boom"
+            )
         plain = self.scene.replace(**self.changes(place))
         rows = []
         for seed in self.seeds:
@@ -79,7 +81,7 @@ class MadeUp(Bench):
             drag = plain.effects.drag.coefficient
             rows.append(made_features(plain.piston.mass, drag, plain.grains.remanence, bed))
         records = (RECORD.from_zero(),) * len(rows)
-        return Point(place, records, np.array(rows)[:, : 4 if self.force else 3])
+        return SimulatedPoint(place, records, np.array(rows)[:, : 4 if self.force else 3])
 
 
 class Lab(NamedTuple):
@@ -97,7 +99,7 @@ class Lab(NamedTuple):
         wanted = Features(NAMES[used], np.exp(logs[used]), NOISE[used], ())
         return cls(wanted, int(random.integers(1, 10**6)))
 
-    def bench(self, *keys: str, scene: Scene | None = None, **options: Any) -> MadeUp:
+    def simulator(self, *keys: str, scene: Scene | None = None, **options: Any) -> MadeUp:
         """Where its features are looked for."""
         scene = scene or load_scene("damper")
         return MadeUp(
@@ -107,8 +109,8 @@ class Lab(NamedTuple):
         )  # fmt: skip
 
     def calibrated(self, *keys: str, **options: Any) -> Calibration:
-        bench = self.bench(*keys, **options)
-        return calibrated(bench, RECORD, self.wanted, 0.95, checks=False)
+        simulator = self.simulator(*keys, **options)
+        return calibrated(simulator, RECORD, self.wanted, 0.95, checks=False)
 
 
 def quiet(*parameters: str, scene: Scene | None = None, **options: Any) -> Calibration:
@@ -140,11 +142,11 @@ def test_intervals_cover_the_truth() -> None:
 def test_a_start_far_away() -> None:
     """A third of the drag, twice the mass: in steps no longer than the radius."""
     lab = Lab.of(3, mass=3.75, drag=0.3)
-    bench = lab.bench()
-    found = calibrated(bench, RECORD, lab.wanted, 0.95, checks=False)
+    simulator = lab.simulator()
+    found = calibrated(simulator, RECORD, lab.wanted, 0.95, checks=False)
     assert found.values == pytest.approx({MASS: 3.75, DRAG: 0.3}, rel=0.05)
     assert found.notes == ()
-    assert len(bench.asked) <= 3 + math.ceil(math.log(3.0) / RADIUS) + 3
+    assert len(simulator.asked) <= 3 + math.ceil(math.log(3.0) / RADIUS) + 3
     assert found.scene.piston.mass == found.values[MASS]
 
 
