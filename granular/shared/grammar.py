@@ -22,8 +22,8 @@ from granular.shared.messages import quoted
 
 MOST_SIGNS = 4000
 """Characters of a formula: five times the longest equation that a search has written."""
-MOST_WORDS = 1000
-"""Numbers, names and operators: all that is done with a formula takes well below a second."""
+MOST_WORDS = 600
+"""Numbers, names and signs: three times as many as a sum of all terms that `discover` knows has."""
 MOST_DEPTH = 50
 """Brackets and powers within each other: far from where Python's own recursion ends."""
 MOST_LETTERS = 40
@@ -34,8 +34,9 @@ GREATEST_POWER = 64
 """A height of 1e-3 m to it is 1e-192: with a higher power formulas leave double precision."""
 LARGEST = 1e100
 """Greatest size of a number, and one over the least: squares and cubes stay in double precision."""
-MOST_TERMS, MOST_SIZE = 1000, 20_000
-"""Terms once all brackets are multiplied out, which SymPy does within a second; names in them."""
+MOST_TERMS, MOST_SIZE = 300, 5000
+"""Terms once all brackets are multiplied out, as SymPy does, and numbers and names in all of them:
+within about a second."""
 
 CONSTANTS = {"pi": math.pi, "π": math.pi, "e": math.e}
 
@@ -409,12 +410,13 @@ class _Reader:
         if head == "/" and parts[1].value == 0.0:
             raise self.error(word.place, "a division by zero", "write another denominator")
         value = self._value(head, parts, word)
-        terms, size = (1.0, 1.0) if value is not None else _multiplied_out(head, parts)
+        # Also of numbers: SymPy keeps roots as they are, and multiplies them out.
+        terms, size = _multiplied_out(head, parts)
         if terms > MOST_TERMS or size > MOST_SIZE:
             raise self.error(
-                word.place, f"{terms:.3g} terms when all is multiplied out",
-                f"at most {MOST_TERMS} short ones are taken: write lower powers, or products of "
-                "fewer sums",
+                word.place, f"{terms:.3g} terms ({size:.3g} numbers and names) when multiplied out",
+                f"at most {MOST_TERMS} ({MOST_SIZE}) are taken: write lower powers, or products "
+                "of fewer sums",
             )  # fmt: skip
         return _Part(Applied(head, tuple(part.tree for part in parts)), value, terms, size)
 

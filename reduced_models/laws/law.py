@@ -298,7 +298,7 @@ def compiled_slopes(
     parsed = parse(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
-    acceleration = parsed.acceleration.subs(real)
+    acceleration = parsed.acceleration.xreplace(real)
     slopes = [acceleration.diff(real[by]) for by in (parsed.symbol_z, parsed.symbol_v)]
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
