@@ -10,7 +10,7 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.grammar import Applied, FormulaError, Name, Node, Number
+from granular.shared.grammar import FormulaError, Name, Node, Number
 
 if TYPE_CHECKING:
     import sympy

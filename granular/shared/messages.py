@@ -1,11 +1,13 @@
-"""How a user's own words stand in a message: quoted, cut, and unable to steer a terminal."""
+"""How a user's words stand in a message: cut, on one line, and unable to steer a terminal."""
 
 from __future__ import annotations
 
 import reprlib
 
 LONGEST = 200
-"""Signs of a user's value in a message; what is longer is no help to see."""
+"""Signs of a user's value in a message: what is longer shows no more."""
+MOST = 2000
+"""Signs of a whole message."""
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST
@@ -16,18 +18,38 @@ _SHORT.maxlevel = 3
 def quoted(value: object) -> str:
     """A value as Python would write it, on one line of at most `LONGEST` signs."""
     if isinstance(value, str):
-        return _cut(repr(str(value[: LONGEST + 1])), len(value) > LONGEST)
-    return plain(_SHORT.repr(value))
+        text = repr(str(value[: LONGEST + 1]))
+    elif isinstance(value, int) and value.bit_length() > 1000:
+        text = f"a whole number of {value.bit_length()} bits"  # Python refuses to write some
+    else:
+        text = visible(_SHORT.repr(value))
+    return _cut(text, LONGEST)
 
 
-def plain(text: object, most: int = LONGEST) -> str:
-    """A text on one line of at most so many signs, control signs written as escapes."""
-    words = str(text)
-    safe = "".join(
-        sign if sign.isprintable() else repr(sign)[1:-1] for sign in words[: most + 1]
-    )
-    return _cut(safe, len(words) > most, most)
+def visible(text: object, most: int = LONGEST) -> str:
+    """A text on one line of at most so many signs, control signs as escapes."""
+    return _cut("".join(map(_escaped, str(text)[: most + 1])), most)
 
 
-def _cut(text: str, longer: bool, most: int = LONGEST) -> str:
-    return f"{text[: most - 3]}..." if longer or len(text) > most else text
+def one_line(message: object) -> str:
+    """A message on one line, control signs as escapes, the middle of a very long one left out.
+
+    Its end stays: it says what to do.
+    """
+    words = " ".join(str(message).split())
+    if len(words) > MOST:
+        words = f"{words[: MOST - 400]} ... {words[-400:]}"
+    return "".join(map(_escaped, words))
+
+
+def printable(text: object) -> str:
+    """A text of many lines, all other control signs as escapes."""
+    return "".join(sign if sign in "\n\t" else _escaped(sign) for sign in str(text))
+
+
+def _escaped(sign: str) -> str:
+    return sign if sign.isprintable() else repr(sign)[1:-1]
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."

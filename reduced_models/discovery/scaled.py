@@ -50,7 +50,6 @@ class Scaled:
         symbols = {one: back[one.name] for one in expression.free_symbols if one.name in back}
         return sympy.Float(self.target_size) * expression.xreplace(symbols)
 
-
     def read(
         self, texts: Iterable[str], functions: Mapping[str, Function] = MappingProxyType({})
     ) -> list[sympy.Expr]:
