@@ -13,9 +13,9 @@ from granular.shared.algebra import function_of
 from granular.shared.errors import InputError
 from reduced_models.discovery.julia import ELLIPTIC
 from reduced_models.discovery.polishing import parametrised
-from reduced_models.discovery.result import Candidate, Discovery, pareto_front
+from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.terms import complexity
-from reduced_models.models.model import HeightMap
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.first_guesses import noise_level
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def height_equations(
         raise InputError(f"{method!r} found no expression that is finite; try another method")
     excess = max(1.0, min(error for _, error in fitted)) ** 2
     candidates = [
-        Candidate(
+        CandidateEquation(
             one,
             complexity(one),
             error,

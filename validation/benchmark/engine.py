@@ -8,7 +8,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from granular.engine.loop import COLUMNS, Window, advance
+from granular.engine.columns import COLUMNS
+from granular.engine.loop import Window, advance
 from granular.engine.run import Run
 from granular.engine.step_size import Pace, Step
 from granular.engine.system import natural_system

@@ -1,5 +1,5 @@
 from .catalogue import entries as entries
 from .entry import Entry as Entry
-from .entry import Finding as Finding
+from .finding import Finding as Finding
 from .programme import published as published
 from .results import committed as committed

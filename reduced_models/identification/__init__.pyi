@@ -1,0 +1,3 @@
+from .data import Figure as Figure
+from .identification import identify as identify
+from .result import Identification as Identification

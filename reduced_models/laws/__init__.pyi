@@ -1,0 +1,2 @@
+from .catalogue import LAWS as LAWS
+from .catalogue import law_named as law_named
