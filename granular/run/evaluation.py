@@ -14,6 +14,7 @@ from granular.engine.system import Constants, natural_system
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,7 +75,7 @@ def evaluate(
     try:
         piston_height = float(piston_height)
     except (TypeError, ValueError):
-        raise InputError(f"piston_height = {piston_height!r}; give a height [m]") from None
+        raise InputError(f"piston_height = {quoted(piston_height)}; give a height [m]") from None
     state = new_state(
         place / scales.length,
         speed / scales.velocity,
