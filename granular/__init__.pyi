@@ -11,5 +11,6 @@ from .scene.scene import Scene as Scene
 from .scene.scene import load_scene as load_scene
 from .scene.scene import scene_names as scene_names
 from .shared.errors import GranularError as GranularError
+from .shared.version import __version__ as __version__
 from .studies.sweep import Study as Study
 from .studies.sweep import sweep as sweep

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import importlib.metadata
 import json
 import math
-import platform
 import re
 import signal
 import threading
@@ -32,6 +30,7 @@ from granular.run.store import Store, is_run, read_settings
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
+from granular.shared.version import versions
 
 if TYPE_CHECKING:
     import xarray
@@ -303,15 +302,6 @@ def _thread_count(scene: Scene, threads: int | None) -> int:
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
     return threads
-
-
-def versions() -> dict[str, str]:
-    """Versions of the toolkit and what it computes with."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for name in ("granular-damper", "numpy", "numba"):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
 
 
 def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:

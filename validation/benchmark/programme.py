@@ -10,7 +10,8 @@ from typing import Any
 
 from granular.shared.errors import InputError
 from granular.shared.files import finite
-from validation.benchmark import PARTS, c_kernel, lammps, openmm
+from validation.benchmark import PARTS, c_kernel
+from validation.benchmark.others import NAMES, why_not
 from validation.parts import Part, Piece, machine, measured
 
 _Rows = list[dict[str, Any]]
@@ -143,8 +144,7 @@ def _missing() -> list[dict[str, str]]:
 
     reasons = {
         "C kernel": c_kernel.missing(),
-        "OpenMM": openmm.missing(),
-        "LAMMPS": lammps.missing(),
+        **{title: why_not(name) for name, title in NAMES.items()},
         "plain JAX": None if find_spec("jax") else "JAX is not installed",
     }
     return [{"what": what, "why": why} for what, why in reasons.items() if why is not None]
