@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+__all__ = ["Array", "compiled"]
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 _MARKS = (b"@compiled", b"@intrinsic", b"llvmlite")

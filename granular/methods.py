@@ -19,6 +19,8 @@ import math
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 
+__all__ = ["METHODS", "Method", "method_named"]
+
 COMPENSATED = "+compensated"
 """Behind the name of a composition method: positions and velocities as compensated sums."""
 

@@ -33,10 +33,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, damper, evaluate, load_scene, simulate
-from granular.scene.arrangement import initial_motion
-from granular.scene.scales import Scales
-from reduced_models import Law, compare, fit
-from reduced_models.records.first_guesses import Estimates
+from granular.scene import Scales, initial_motion
+from reduced_models import Estimates, Law, compare, fit
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
 
@@ -282,8 +280,7 @@ SOURCE = '''
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.scene.scales import Scales
-from granular.scene.schema import Section, quantity
+from granular.scene import Scales, Section, quantity
 
 
 class Spring(Section):

@@ -19,4 +19,6 @@ from .models.model import ReducedModel as ReducedModel
 from .models.model import load_model as load_model
 from .models.response import forced_law as forced_law
 from .models.roll_out import roll_out as roll_out
+from .records.envelope import envelope as envelope
+from .records.first_guesses import Estimates as Estimates
 from .records.record import PistonRecord as PistonRecord

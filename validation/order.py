@@ -212,7 +212,7 @@ HEADER = (
 )  # fmt: skip
 
 
-def summary(results: Sequence[ConvergenceResult]) -> Table:
+def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
     """One row a result."""
     return Table(HEADER, tuple(one.summary() for one in results))
 

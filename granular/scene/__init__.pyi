@@ -1,3 +1,6 @@
+from .arrangement import Arrangement as Arrangement
+from .arrangement import initial_motion as initial_motion
+from .scales import Scales as Scales
 from .scene import Cell as Cell
 from .scene import Effects as Effects
 from .scene import Grains as Grains
@@ -7,3 +10,7 @@ from .scene import Scene as Scene
 from .scene import Species as Species
 from .scene import load_scene as load_scene
 from .scene import scene_names as scene_names
+from .schema import Section as Section
+from .schema import quantity as quantity
+from .units import si_value as si_value
+from .units import unit_size as unit_size

@@ -4,6 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
+__all__ = [
+    "EnergyError",
+    "GranularError",
+    "InputError",
+    "Interrupted",
+    "NotAtRestError",
+    "NotFiniteError",
+    "OutsideError",
+    "RecordError",
+    "RunError",
+    "SceneError",
+    "StoreError",
+]
+
 
 class GranularError(Exception):
     """Base of every error that the toolkit raises on purpose."""

@@ -15,6 +15,8 @@ from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG
 from reduced_models.laws.van_der_pol import VAN_DER_POL
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
+__all__ = ["LAWS", "Law", "law_named"]
+
 LAWS = {
     law.name: law
     for law in (

@@ -49,7 +49,8 @@ def test_import_is_light(package: str) -> None:
 
 
 PACKAGES = (
-    "granular", "granular.observables", "reduced_models", "validation", "validation.published",
+    "granular", "granular.observables", "granular.scene", "reduced_models",
+    "reduced_models.designs", "reduced_models.identification", "validation", "validation.published",
 )  # fmt: skip
 
 
