@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from granular.shared.console import (
@@ -16,6 +17,7 @@ from granular.shared.console import (
     emit,
     launch,
 )
+from granular.shared.errors import InputError
 from validation.benchmark import PARTS
 from validation.published.command import add_published, run_published
 
@@ -69,6 +71,11 @@ def _add_benchmark(one: argparse.ArgumentParser) -> None:
     one.add_argument(
         "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
         help="measure this part only; see below (repeatable)",
+    )  # fmt: skip
+    one.add_argument(
+        "--history", metavar="FILE",
+        help="measure a few kernels only, add them to this file as ratios to a plain loop, and "
+        "show the last entries",
     )  # fmt: skip
     _add_measuring(one, None)
 
@@ -128,6 +135,9 @@ def _benchmark(options: Any) -> None:
     from validation.benchmark.page import benchmark_text
     from validation.benchmark.programme import benchmark
 
+    if options.history is not None:
+        _history(options)
+        return
     found = benchmark(
         options.out,
         parts=options.parts or tuple(PARTS),
@@ -136,6 +146,17 @@ def _benchmark(options: Any) -> None:
     )
     where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
     emit(found, benchmark_text(found) + where, options.json)
+
+
+def _history(options: Any) -> None:
+    from validation.benchmark.history import add, history_table, measured, read
+
+    if options.parts or options.out is not None or options.full:
+        raise InputError("--history measures what it does; leave --part, --out and --full out")
+    path = Path(options.history)
+    read(path)  # before minutes are spent
+    entries = add(path, measured())
+    emit(entries[-1], history_table(entries).text(), options.json)
 
 
 def _cheapest(options: Any) -> None:

@@ -99,6 +99,12 @@ def _start(full: bool) -> _Work:
     yield {}, starts
 
 
+def _package(full: bool) -> _Work:
+    from validation.benchmark.package import package_figures
+
+    yield {}, package_figures
+
+
 def _protocol(full: bool) -> _Work:
     from validation.benchmark.compression import SPEED, compression
 
@@ -120,6 +126,7 @@ _WORK: dict[str, Callable[[bool], _Work]] = {
     "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "rest": _rest,
     "threads": _threads,
     "effects": _effects, "absent": _absent, "memory": _memory, "start": _start,
+    "package": _package,
     "protocol": _protocol, "fits": _fits,
 }  # fmt: skip
 
