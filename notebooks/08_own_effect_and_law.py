@@ -33,7 +33,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, damper, evaluate, load_scene, simulate
-from granular.scene import Scales, initial_motion
+from granular.scene import Scales
 from reduced_models import Estimates, Law, compare, fit
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
@@ -162,7 +162,7 @@ scene = load_scene("bed").replace(
         "effects.drag": None,
     }
 )
-places, velocities = initial_motion(scene)
+places, velocities = scene.initial_motion()
 
 
 def gradient_error(force: np.ndarray, energy: object, step: float = 3e-7) -> float:

@@ -35,7 +35,8 @@ from granular.run.variables import (
     frame_variables,
     scalar_variables,
 )
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from granular.shared.errors import StoreError
 
 TIME_CHUNK = 4096

@@ -101,7 +101,7 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
             return PistonRecord.from_file(path)
         from granular.run.store import is_run
         from granular.run.trajectory import load_trajectory
-        from granular.scene.scene import load_scene
+        from granular.scene.loading import load_scene
 
         if is_run(path):
             return load_trajectory(path)
@@ -119,7 +119,7 @@ def check_run_options(options: RunOptions) -> None:
     if (options.method, options.dt) == (METHOD, STEP):
         return
     from granular.methods import method_named
-    from granular.run.simulation import checked_step
+    from granular.run.time_step import checked_step
 
     method_named(options.method)
     checked_step(options.dt)

@@ -113,7 +113,7 @@ def test_every_method_of_pairs_takes_part() -> None:
 
 def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="cannot be made"):
         programme.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
 
 
