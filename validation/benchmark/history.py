@@ -54,7 +54,7 @@ def _kernels() -> dict[str, Kernel]:
         return Kernel(lambda: engine.make(STEPS), STEPS)
 
     grains = Grains(arrangement(GRAINS))
-    friction = {"effects.drag": None, "effects.friction": {}}
+    friction: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return {
         REFERENCE: Kernel(plain(grains).call),
         "direct sum": Kernel(direct(grains).call),
