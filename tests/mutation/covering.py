@@ -49,7 +49,9 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(False, (_FORCES, "tests/granular/pairs/test_verlet_list.py")),
         Stage(True, ("tests/physics/test_pair_sum.py", "tests/granular/pairs")),
     ),
-    "reduced_models": (Stage(True, ("tests/reduced_models/fitting", "tests/reduced_models/laws")),),
+    "reduced_models": (
+        Stage(True, ("tests/reduced_models/fitting", "tests/reduced_models/laws/test_laws.py")),
+    ),
 }
 
 WHOLE = Stage(True, ("tests",))
