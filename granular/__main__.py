@@ -181,7 +181,11 @@ def _show(options: Any) -> None:
     from granular.run.summary import scene_figures, scene_text
 
     scene = _scene(options)
-    emit({"scene": scene.plain(), "figures": scene_figures(scene)}, scene_text(scene), options.json)
+    emit(
+        {"scene": scene.to_plain(), "figures": scene_figures(scene)},
+        scene_text(scene),
+        options.json,
+    )
 
 
 def _run(options: Any) -> None:

@@ -60,7 +60,7 @@ def compressed(ratio: float) -> Trajectory:
     scene = bidisperse(ASPECT, ratio, speed=SPEED, relaxation=RELAXATION)
     kinds = ("descend", "move")  # the expansion is left out
     stages = [
-        {**one.plain(), "kind": kind} for one, kind in zip(scene.protocol, kinds, strict=False)
+        {**one.to_plain(), "kind": kind} for one, kind in zip(scene.protocol, kinds, strict=False)
     ]
     return simulate(scene.replace(protocol=stages), "auto*1.5", progress=False)
 

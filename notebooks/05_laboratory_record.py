@@ -31,7 +31,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from granular import GranularError
-from reduced_models import PistonRecord, envelope, fit, load_model
+from reduced_models import PistonRecord, fit, load_model
+from reduced_models.records.envelope import envelope
 
 QUICK = True  # False: a record four times as long, and intervals by bootstrap too
 

@@ -34,7 +34,7 @@ import numpy as np
 
 from granular import GranularError, damper, evaluate, load_scene, simulate
 from granular.scene import Scales
-from reduced_models import Estimates, Law, compare, fit
+from reduced_models import FirstGuesses, Law, compare, fit
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
 
@@ -77,12 +77,12 @@ for text in mistakes:
 
 
 # %%
-def start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
     """Proposals for the parameters."""
-    frequency, rest = estimates.frequencies(random, count), estimates.levels(random, count)
+    frequency, rest = guesses.frequencies(random, count), guesses.levels(random, count)
     power = random.uniform(2.0, 3.0, count)
     return {
-        "lam": estimates.decays(random, count),
+        "lam": guesses.decays(random, count),
         "weight": frequency**2 * rest / power,
         "rest": rest,
         "power": power,

@@ -166,7 +166,7 @@ def _cheapest(options: Any) -> None:
     changes = changes_from(options.changes)
     scene = load_scene(options.scene).replace(**changes)
     choice = cheapest(scene, options.quantity, options.tolerance, until=options.t_end)
-    emit(choice.to_dict(), str(choice), options.json)
+    emit(choice.to_plain(), str(choice), options.json)
 
 
 if __name__ == "__main__":

@@ -21,15 +21,15 @@ def part_text(name: str, results: Sequence[Plain]) -> str:
 
 
 def _convergence(results: Sequence[Plain]) -> str:
-    return convergence_table([ConvergenceResult.from_dict(one) for one in results]).text()
+    return convergence_table([ConvergenceResult.from_plain(one) for one in results]).text()
 
 
 def _source(results: Sequence[Plain]) -> str:
-    return "\n".join(SourceExperiment.from_dict(one).table().text() for one in results)
+    return "\n".join(SourceExperiment.from_plain(one).table().text() for one in results)
 
 
 def _energy(results: Sequence[Plain]) -> str:
-    return energy_table([EnergyStudy.from_dict(one) for one in results]).text()
+    return energy_table([EnergyStudy.from_plain(one) for one in results]).text()
 
 
 def _work_precision(results: Sequence[Plain]) -> str:
@@ -39,7 +39,7 @@ def _work_precision(results: Sequence[Plain]) -> str:
 
 
 def _stability(results: Sequence[Plain]) -> str:
-    return stability_table([Outcome.from_dict(one) for one in results]).text()
+    return stability_table([Outcome.from_plain(one) for one in results]).text()
 
 
 _TEXTS = {

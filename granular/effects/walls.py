@@ -41,8 +41,8 @@ class Wall(Section):
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
 
     @classmethod
-    def build(cls, plain: Any, diameter: float | None = None) -> Wall:
-        return super().build({"law": plain} if isinstance(plain, str) else plain, diameter)
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
+        return super().from_plain({"law": plain} if isinstance(plain, str) else plain, diameter)
 
     @property
     def has_gap(self) -> bool:
@@ -58,17 +58,17 @@ class Wall(Section):
                 f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end"
             )
 
-    def kernel(self, width: float, unit: float) -> Law:
+    def kernel(self, width: float, unit: float) -> WallLaw:
         """The law in natural units, for a cell of that width [m] and the length unit D [m]."""
         if self.law == "experimental":
-            return Law(experimental=True)
+            return WallLaw(experimental=True)
         if self.law == "infinite":
-            return Law(infinite=True)
+            return WallLaw(infinite=True)
         ends = [0.0, width if self.length is None else self.length]
         if self.gap_start is not None and self.gap_end is not None:
             ends = [0.0, self.gap_start, self.gap_end, ends[1]]
         natural = np.array(ends) / unit
-        return Law(slab=Slab(natural[::2].copy(), natural[1::2].copy(), not self.has_gap))
+        return WallLaw(slab=Slab(natural[::2].copy(), natural[1::2].copy(), not self.has_gap))
 
 
 class Walls(Section):
@@ -147,7 +147,7 @@ class Slab(NamedTuple):
     closed: bool
 
 
-class Law(NamedTuple):
+class WallLaw(NamedTuple):
     """The law of one wall as the kernels take it: exactly one field is not None."""
 
     experimental: bool | None = None
@@ -158,10 +158,10 @@ class Law(NamedTuple):
 class WallLaws(NamedTuple):
     """The law of each side; None is open."""
 
-    left: Law | None
-    right: Law | None
-    bottom: Law | None
-    top: Law | None
+    left: WallLaw | None
+    right: WallLaw | None
+    bottom: WallLaw | None
+    top: WallLaw | None
 
 
 OPEN = WallLaws(None, None, None, None)
@@ -243,7 +243,7 @@ def _shove(
 
 @compiled(inline=True)
 def _press_side(
-    law: Law | None,
+    law: WallLaw | None,
     which: int,
     count: int,
     charge: Array | None,
@@ -342,7 +342,7 @@ def _measure(
 
 @compiled
 def _measure_side(
-    law: Law | None,
+    law: WallLaw | None,
     count: int,
     charge: Array | None,
     side: Side,
@@ -385,7 +385,7 @@ def measure_walls(
 
 @compiled
 def piston_stiffness(
-    law: Law | None, count: int, charge: Array | None, x: Array, y: Array, height: float,
+    law: WallLaw | None, count: int, charge: Array | None, x: Array, y: Array, height: float,
     slopes: Array, push: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """Stiffness of all grains against the piston [F*/D], and the largest of one grain per mass."""
@@ -415,7 +415,7 @@ def _turning(
 
 
 @compiled
-def _turning_side(law: Law | None, speed: float) -> float:
+def _turning_side(law: WallLaw | None, speed: float) -> float:
     if law is None:
         return 0.0
     return _turning(law.experimental, law.infinite, law.slab, speed)

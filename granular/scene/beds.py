@@ -178,7 +178,7 @@ def bidisperse(
         **{
             "name": f"bidisperse-{aspect:g}-{ratio:g}",
             "grains.count": BIDISPERSE_COUNT,
-            "grains.species": [one.plain() for one in species],
+            "grains.species": [one.to_plain() for one in species],
             "grains.mixing": mixing,
             "cell.width": BIDISPERSE_WIDTH,
             "piston.height": HEADROOM * start,

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -170,21 +170,21 @@ class Scene(Section):
         SceneError
             For an unknown key or an unfit value.
         """
-        plain = self.plain()
+        plain = self.to_plain()
         for key, value in changes.items():
             _put(plain, key.split("."), value)
         return Scene.from_plain(plain)
 
     @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> Scene:
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
         """A scene from plain data; the unit D means the diameter of the first species."""
-        return cls.build(plain, _first_diameter(plain))
+        return super().from_plain(plain, diameter or _first_diameter(plain))
 
     def to_toml(self) -> str:
         """The scene as a TOML file's text; `load_scene` reads an equal scene from it."""
         import tomli_w
 
-        return tomli_w.dumps(self.plain())
+        return tomli_w.dumps(self.to_plain())
 
     def save(self, path: str | Path) -> None:
         """Write the scene to a TOML file.
@@ -198,7 +198,7 @@ class Scene(Section):
 
     def digest(self) -> str:
         """A digest of the scene's content: equal scenes have equal digests."""
-        text = json.dumps(self.plain(), sort_keys=True)
+        text = json.dumps(self.to_plain(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

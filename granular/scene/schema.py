@@ -60,7 +60,7 @@ class Kind:
     def parse(self, value: Any, diameter: float | None) -> Any:
         raise NotImplementedError
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         return value
 
 
@@ -116,7 +116,7 @@ class Whole(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Choice(Kind):
+class OneOf(Kind):
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
@@ -150,7 +150,7 @@ class Points(Kind):
                 raise FieldError("must be a pair [x, y]", str(index))
         return tuple((one.parse(x, diameter), one.parse(y, diameter)) for x, y in rows)
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         return [list(row) for row in value]
 
 
@@ -171,7 +171,7 @@ class Numbers(Kind):
                 raise error.within(str(index)) from None
         return tuple(found)
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         return list(value)
 
 
@@ -183,10 +183,12 @@ class One(Kind):
 
     def parse(self, value: Any, diameter: float | None) -> Any:
         assert self.section is not None
-        return value if isinstance(value, self.section) else self.section.build(value, diameter)
+        return (
+            value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
+        )
 
-    def plain(self, value: Any) -> Any:
-        return value.plain()
+    def to_plain(self, value: Any) -> Any:
+        return value.to_plain()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -227,13 +229,13 @@ class Many(Kind):
         if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
             raise FieldError(unknown(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
         rest = {key: value for key, value in item.items() if key != "kind"}
-        return self.kinds[item["kind"]].build(rest, diameter)
+        return self.kinds[item["kind"]].from_plain(rest, diameter)
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         if self.kinds is None:
-            return [item.plain() for item in value]
+            return [item.to_plain() for item in value]
         names = {cls: name for name, cls in self.kinds.items()}
-        return [{"kind": names[type(item)], **item.plain()} for item in value]
+        return [{"kind": names[type(item)], **item.to_plain()} for item in value]
 
 
 def declare(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
@@ -267,7 +269,7 @@ def whole(
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return declare(Choice(optional, names=names), default)
+    return declare(OneOf(optional, names=names), default)
 
 
 def text(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
@@ -333,7 +335,7 @@ class Section:
         return tuple(field.name for field in dataclasses.fields(cls))
 
     @classmethod
-    def build(cls, plain: Any, diameter: float | None = None) -> Self:
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
         """A section from plain data.
 
         Raises
@@ -358,8 +360,8 @@ class Section:
         self._read(diameter)
         return self
 
-    def plain(self) -> dict[str, Any]:
-        """The section as plain data, ready for TOML; `build` makes an equal section of it."""
+    def to_plain(self) -> dict[str, Any]:
+        """The section as plain data, ready for TOML; `from_plain` makes an equal section of it."""
         out: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
@@ -367,5 +369,5 @@ class Section:
                 if field.default is not None:
                     out[field.name] = "none"
             else:
-                out[field.name] = field.metadata["kind"].plain(value)
+                out[field.name] = field.metadata["kind"].to_plain(value)
         return out

@@ -9,6 +9,7 @@ __all__ = [
     "GranularError",
     "InputError",
     "Interrupted",
+    "MissingError",
     "NotAtRestError",
     "NotFiniteError",
     "OutsideError",
@@ -37,6 +38,10 @@ class RecordError(InputError):
 
 class StoreError(InputError):
     """A run directory cannot be read, written or resumed."""
+
+
+class MissingError(InputError, ImportError):
+    """A distribution that is needed is not installed."""
 
 
 class RunError(GranularError, RuntimeError):

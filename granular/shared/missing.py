@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from granular.shared.errors import InputError
+if TYPE_CHECKING:
+    from granular.shared.errors import MissingError
 
 NEEDED_BY = {
     **dict.fromkeys(("diffrax", "equinox", "jax", "jaxlib", "mpmath", "sympy"), "fits"),
@@ -16,15 +17,13 @@ NEEDED_BY = {
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
 
 
-class MissingError(InputError, ImportError):
-    """A distribution is not installed."""
-
-
 def missing(error: ModuleNotFoundError) -> MissingError | None:
     """The same in words that say what to do; None where the module is none of the toolkit's."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None
+    from granular.shared.errors import MissingError
+
     return MissingError(
         f"{module} is not installed; it belongs to the group {NEEDED_BY[module]!r} of what the "
         "toolkit needs: pip install granular-damper brings all of it"

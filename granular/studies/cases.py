@@ -116,7 +116,7 @@ def _case(
     method_named(settings["method"])
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
     content = {
-        "scene": changed.plain(),
+        "scene": changed.to_plain(),
         "settings": settings,
         "measure": measure_name(measure),
     }

@@ -10,9 +10,9 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.discovery.polishing import parametrised
-from reduced_models.discovery.result import Candidate, Discovery, pareto_front
+from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.terms import complexity
-from reduced_models.models.model import HeightMap
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.first_guesses import noise_level
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def height_equations(
     fitted = [_fitted(sympy.expand_mul(one), time, z, noise) for one in found]
     excess = max(1.0, min(error for _, error in fitted)) ** 2
     candidates = [
-        Candidate(
+        CandidateEquation(
             one,
             complexity(one),
             error,

@@ -17,7 +17,7 @@ CHECK_SEEDS = 2
 _RESOLVED = 1.0  # step times highest frequency up to which a method shows its order; half the limit
 
 
-class Check(NamedTuple):
+class RunCheck(NamedTuple):
     """A further run of a scene.
 
     Attributes
@@ -44,12 +44,12 @@ class StepCheck(NamedTuple):
 
     Attributes
     ----------
-    check : Check
+    check : RunCheck
     factor : float
         Error of the step that was used, over what the other one changes.
     """
 
-    check: Check
+    check: RunCheck
     factor: float
 
 
@@ -68,22 +68,22 @@ def step_check(run: Trajectory) -> StepCheck:
     dt, method = settings["dt"], settings["method"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
     if coarser <= _RESOLVED and is_allowed(run.scene, doubled(dt), method):
-        return StepCheck(Check("twice the time step", {"dt": doubled(dt)}), 1.0)
+        return StepCheck(RunCheck("twice the time step", {"dt": doubled(dt)}), 1.0)
     power = 2.0 ** method_named(method).order
-    return StepCheck(Check("half the time step", {"dt": halved(dt)}), power / (power - 1.0))
+    return StepCheck(RunCheck("half the time step", {"dt": halved(dt)}), power / (power - 1.0))
 
 
-def seed_checks(run: Trajectory) -> list[Check]:
+def seed_checks(run: Trajectory) -> list[RunCheck]:
     """The scene of a run from other random starts, all else alike."""
     first = run.scene.arrangement.seed + 1
     return [
-        Check(f"random start {seed}", {"arrangement.seed": seed})
+        RunCheck(f"random start {seed}", {"arrangement.seed": seed})
         for seed in range(first, first + CHECK_SEEDS)
     ]
 
 
 def checked_records(
-    run: Trajectory, checks: Sequence[Check], executor: Executor | None, progress: bool
+    run: Trajectory, checks: Sequence[RunCheck], executor: Executor | None, progress: bool
 ) -> list[PistonRecord | Failure]:
     """The records of further runs, or why there is none, in the order of the checks.
 
@@ -109,7 +109,7 @@ def checked_records(
     ]
 
 
-def _record_of(check: Check, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
+def _record_of(check: RunCheck, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
     if outcome["error"] is not None:
         return Failure(check.what, " ".join(outcome["error"].split()))
     try:

@@ -19,8 +19,9 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.html import number
 from reduced_models.fitting.fitting import HOLDOUT, STARTS, check_options, fit, law_of
 from reduced_models.fitting.start_values import starts_near
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.models.model import HeightMap, ReducedModel
+from reduced_models.models.model import ReducedModel
 from reduced_models.models.roll_out import RollOut, roll_out
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from granular.shared.html import Page, number
 from granular.shared.plotting import COLOURS, GREY, STYLES, draw_bed, figure
 from granular.shared.version import versions
 from reduced_models.identification.comparison import Comparison
-from reduced_models.identification.identification import Identification
+from reduced_models.identification.data import IdentificationData
 from reduced_models.laws.printing import mathml, rounded
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
@@ -32,7 +32,7 @@ _ENERGIES = {
 }
 
 
-def identification_page(found: Identification) -> Page:
+def identification_page(found: IdentificationData) -> Page:
     """The report as a page."""
     name = "a record" if found.run is None else f"scene {found.run.scene.name!r}"
     page = Page(f"The equation of {name}", found.verdict)
@@ -75,7 +75,7 @@ def _table(page: Page, table: Comparison) -> None:
     page.figure(table.plot(), "Held-out errors of the laws.")
 
 
-def _equations(page: Page, found: Identification) -> None:
+def _equations(page: Page, found: IdentificationData) -> None:
     for model in found.models:
         _equation(page, model, " (best)" if model is found.best else "")
 
@@ -148,7 +148,7 @@ def _diameter(run: Trajectory) -> float:
     return Scales.of(run.scene.grains).length
 
 
-def _figures(page: Page, found: Identification) -> None:
+def _figures(page: Page, found: IdentificationData) -> None:
     if not found.figures:
         return
     page.section("The small swing about rest")
@@ -183,7 +183,7 @@ def _thin(*columns: np.ndarray) -> list[np.ndarray]:
     return [column[::every] for column in columns]
 
 
-def _record(page: Page, found: Identification) -> None:
+def _record(page: Page, found: IdentificationData) -> None:
     page.section("The record and the fits")
     record = found.record
     time = record.time - record.time[0]
@@ -306,7 +306,7 @@ def _settings(page: Page, run: Trajectory) -> None:
     page.preformatted(run.scene.to_toml())
 
 
-def _times(page: Page, found: Identification) -> None:
+def _times(page: Page, found: IdentificationData) -> None:
     page.section("What it took")
     rows = [(name, f"{seconds:.2f}") for name, seconds in found.seconds.items()]
     page.table(("part", "seconds"), rows)

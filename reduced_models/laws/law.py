@@ -17,11 +17,11 @@ from granular.shared.errors import InputError
 if TYPE_CHECKING:
     import sympy
 
-    from reduced_models.records.first_guesses import Estimates
+    from reduced_models.records.first_guesses import FirstGuesses
 
-Starts = Callable[["Estimates", np.random.Generator, int], dict[str, np.ndarray]]
+Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 SwingStarts = Callable[
-    [np.ndarray, np.ndarray, "Estimates", np.random.Generator, int], dict[str, np.ndarray] | None
+    [np.ndarray, np.ndarray, "FirstGuesses", np.random.Generator, int], dict[str, np.ndarray] | None
 ]
 
 _ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,'=; ]+")
@@ -41,7 +41,7 @@ class Law:
         hidden states, which start at zero, each with an equation of its own behind a semicolon:
         ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``.
     start : callable or None
-        ``start(estimates, random, count)`` gives random start values, an array of ``count`` for
+        ``start(guesses, random, count)`` gives random start values, an array of ``count`` for
         each parameter. None where the accelerations in the record are to tell them.
     positive : tuple of str
         Parameters that are above zero; they are searched for on a logarithmic scale.
@@ -133,7 +133,7 @@ class SwingForm:
     law : Law
         In u.
     start : callable
-        ``start(time, swing, estimates, random, count)`` gives random start values of that law; None
+        ``start(time, swing, guesses, random, count)`` gives random start values of that law; None
         where the record does not tell.
     mapped : callable
         From its parameters, arrays (s,), to those of the mapped law with ``shift`` and ``scale`` of

@@ -138,7 +138,7 @@ def between(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Motion:
+class Solution:
     """A solution at given times.
 
     Attributes
@@ -153,6 +153,9 @@ class Motion:
     z: np.ndarray
     velocity: np.ndarray
     ending: Literal["complete", "blow-up", "steps"]
+
+
+Motion = Solution  # its former name
 
 
 @functools.cache
@@ -197,7 +200,7 @@ def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., Any]:
     return jax.jit(solve)
 
 
-def motion(
+def solution(
     law: Law,
     times: np.ndarray,
     z0: float,
@@ -205,7 +208,7 @@ def motion(
     parameters: Sequence[float],
     size: float,
     inputs: Sequence[np.ndarray] = (),
-) -> Motion:
+) -> Solution:
     """The motion of a law at increasing times.
 
     ``size`` is the amplitude of z, which the absolute tolerance refers to. ``inputs`` are those of
@@ -214,7 +217,7 @@ def motion(
     """
     values = tuple(map(float, parameters))
     if law.inputs:
-        return _driven_motion(law, times, (z0, v0), values, size, list(inputs))
+        return _driven_solution(law, times, (z0, v0), values, size, list(inputs))
     count = len(times)
     padded = np.full(-(-count // 1024) * 1024, times[-1])
     padded[:count] = times
@@ -224,7 +227,7 @@ def motion(
         if complete or blown_up:
             break
     ending: Any = "complete" if complete else ("blow-up" if blown_up else "steps")
-    return Motion(np.asarray(z)[:count], np.asarray(v)[:count], ending)
+    return Solution(np.asarray(z)[:count], np.asarray(v)[:count], ending)
 
 
 _DRIVEN_TOLERANCE = 1e-7
@@ -242,14 +245,14 @@ def _gridded(equation: str, inputs: tuple[str, ...], hidden: int) -> Callable[..
     return jax.jit(solve)
 
 
-def _driven_motion(
+def _driven_solution(
     law: Law,
     times: np.ndarray,
     start: tuple[float, float],
     values: tuple[float, ...],
     size: float,
     inputs: list[np.ndarray],
-) -> Motion:
+) -> Solution:
     duration = float(times[-1] - times[0])
     solve = _gridded(law.equation, law.inputs, len(law.hidden))
     before = np.full((2, len(times)), np.inf)
@@ -263,16 +266,16 @@ def _driven_motion(
             found = np.full((2, len(times)), np.nan)
             if np.isfinite(before).all():
                 found[:, times < reached] = before[:, times < reached]
-            return Motion(found[0], found[1], "blow-up")
+            return Solution(found[0], found[1], "blow-up")
         place = np.minimum(((times - times[0]) / step).astype(np.int64), steps - 1)
         share = (times - times[0]) / step - place
         found = np.stack(
             [between(z, v, a, step, place, share), _slope(z, v, a, step, place, share)]
         )
         if np.abs(found[0] - before[0]).max() <= _DRIVEN_TOLERANCE * size:
-            return Motion(found[0], found[1], "complete")
+            return Solution(found[0], found[1], "complete")
         before = found
-    return Motion(before[0], before[1], "steps")
+    return Solution(before[0], before[1], "steps")
 
 
 def _slope(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from reduced_models.laws.printing import latex, rounded
-
-if TYPE_CHECKING:
-    from reduced_models.models.model import ReducedModel
+from reduced_models.models.fitted_law import FittedLaw
 
 _TEMPLATE = '''"""The law {name}, fitted: {equation}
 
@@ -50,7 +46,7 @@ def simulate(times, state=INITIAL, {inputs_default}steps=8):
 '''
 
 
-def numpy_source(model: ReducedModel) -> str:
+def numpy_source(model: FittedLaw) -> str:
     """Python source of a stand-alone module with the model's rates and a solver.
 
     Inputs of the law, where it has any, are functions of time there.
@@ -91,7 +87,7 @@ def numpy_source(model: ReducedModel) -> str:
     )
 
 
-def equations_text(model: ReducedModel) -> str:
+def equations_text(model: FittedLaw) -> str:
     """Equation, parameters with units and intervals, domain and provenance; then LaTeX."""
     lines = [str(model)]
     for name, (low, high) in model.domain.items():

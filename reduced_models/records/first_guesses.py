@@ -19,7 +19,7 @@ _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimates:
+class FirstGuesses:
     """What a glance at a record tells.
 
     Attributes
@@ -42,7 +42,7 @@ class Estimates:
     velocity: float
     crossings: int
 
-    def seen_as(self, shift: float, scale: float) -> Estimates:
+    def seen_as(self, shift: float, scale: float) -> FirstGuesses:
         """The same guesses for z = (height - shift)/scale."""
         return dataclasses.replace(
             self,
@@ -87,6 +87,9 @@ class Estimates:
         return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
 
 
+Estimates = FirstGuesses  # its former name, which laws of one's own import
+
+
 def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
     """Times at which a swing passes zero, counted once it has gone beyond the threshold."""
     beyond = np.flatnonzero(np.abs(swing) > threshold)
@@ -99,7 +102,7 @@ def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarr
     return np.asarray(time[before] + share * (time[after] - time[before]))
 
 
-def estimates(record: PistonRecord) -> Estimates:
+def first_guesses(record: PistonRecord) -> FirstGuesses:
     """First guesses from a record.
 
     Raises
@@ -130,7 +133,7 @@ def estimates(record: PistonRecord) -> Estimates:
     frequency = math.pi / half
     start, speed = _initial_motion(time, height, half)
     decay = _decay(time, swing, half)
-    return Estimates(rest, amplitude, frequency, decay, start, speed, len(passages))
+    return FirstGuesses(rest, amplitude, frequency, decay, start, speed, len(passages))
 
 
 def noise_level(height: np.ndarray, time: np.ndarray) -> float:

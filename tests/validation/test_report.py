@@ -79,7 +79,7 @@ def study(method: str, symplectic: bool, drift: float) -> Plain:
     times, errors = (0.0, 0.5, 1.0), (0.0, 0.5 * drift, drift)
     one = EnergyStudy("swing", method, symplectic, 0.1, 10, None, times, errors, trend,
                       (2.0, 1.0, 2.0), (0.0, -1.0, 0.0))  # fmt: skip
-    plain: Plain = json.loads(json.dumps(one.to_dict()))
+    plain: Plain = json.loads(json.dumps(one.to_plain()))
     return plain
 
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from granular.shared.errors import InputError
 from granular.shared.version import versions
 from validation.benchmark.timing import least_seconds
-from validation.table import Table, table
+from validation.table import TextTable, table
 
 GRAINS, MANY = 368, 1472
 
@@ -47,13 +47,20 @@ class Kernel(NamedTuple):
 
 def _kernels() -> dict[str, Kernel]:
     from validation.benchmark.engine import EngineSteps, bed_of
-    from validation.benchmark.sums import BATCH, Grains, arrangement, by_cut_off, direct, plain
+    from validation.benchmark.sums import (
+        BATCH,
+        PaddedGrains,
+        arrangement,
+        by_cut_off,
+        direct,
+        plain,
+    )
 
     def step(count: int, changes: dict[str, Any]) -> Kernel:
         engine = EngineSteps(bed_of(count, changes))
         return Kernel(lambda: engine.make(STEPS), STEPS)
 
-    grains = Grains(arrangement(GRAINS))
+    grains = PaddedGrains(arrangement(GRAINS))
     friction: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return {
         REFERENCE: Kernel(plain(grains).call),
@@ -147,7 +154,7 @@ def add(path: Path, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
     return entries
 
 
-def history_table(entries: Sequence[Mapping[str, Any]]) -> Table:
+def history_table(entries: Sequence[Mapping[str, Any]]) -> TextTable:
     """The last entries, a row each, and the newest over the median of those shown before it."""
     shown = entries[-_SHOWN:]
     names = list(dict.fromkeys(name for one in shown for name in one["ratios"]))

@@ -13,7 +13,7 @@ from granular.shared.plotting import figure
 from validation.benchmark.compression import PUBLISHED
 from validation.benchmark.sums import exponent
 from validation.parts import FAILED, Plain
-from validation.table import Table, table
+from validation.table import TextTable, table
 
 LINEAR_FROM = 1000
 """Grains from which the growth of the time is fitted."""
@@ -168,7 +168,7 @@ def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
     return found
 
 
-def _table(sheet: Sheet, rows: Sequence[Row]) -> Table:
+def _table(sheet: Sheet, rows: Sequence[Row]) -> TextTable:
     return table(
         [header for header, _ in sheet.columns],
         [[cell(row) for _, cell in sheet.columns] for row in rows],

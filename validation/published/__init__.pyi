@@ -1,6 +1,6 @@
 from .catalogue import entries as entries
 from .entry import Entry as Entry
-from .entry import Finding as Finding
+from .finding import Finding as Finding
 from .programme import published as published
 from .protocols import duration as duration
 from .results import committed as committed

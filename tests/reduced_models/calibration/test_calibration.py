@@ -24,7 +24,7 @@ from reduced_models import Calibration, calibrate
 from reduced_models.__main__ import main
 from reduced_models.calibration.features import Features, features
 from reduced_models.calibration.gauss_newton import RADIUS
-from reduced_models.calibration.simulations import Bench, Point
+from reduced_models.calibration.simulations import SceneSimulator, SimulatedPoint
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 NAMES = ("height", "period", "damping_ratio", "force")
@@ -50,10 +50,10 @@ class MadeUp:
         self.used = slice(None if force else 3)
         self.calls = 0
 
-        def points(bench: Bench, places: Sequence[np.ndarray]) -> list[Point]:
-            return self.points(bench, places)
+        def points(simulator: SceneSimulator, places: Sequence[np.ndarray]) -> list[SimulatedPoint]:
+            return self.points(simulator, places)
 
-        monkeypatch.setattr(Bench, "points", points)
+        monkeypatch.setattr(SceneSimulator, "points", points)
         monkeypatch.setattr(
             "reduced_models.calibration.calibration.features", lambda *_, **__: self.wanted
         )
@@ -67,19 +67,21 @@ class MadeUp:
         self.wanted = Features(NAMES[self.used], values_seen, NOISE[self.used], ())
         self.shift = int(random.integers(1, 10**6))
 
-    def points(self, bench: Bench, places: Sequence[np.ndarray]) -> list[Point]:
+    def points(
+        self, simulator: SceneSimulator, places: Sequence[np.ndarray]
+    ) -> list[SimulatedPoint]:
         self.calls += len(places)
-        return [self.point(bench, place) for place in places]
+        return [self.point(simulator, place) for place in places]
 
-    def point(self, bench: Bench, place: np.ndarray) -> Point:
-        plain = bench.scene.replace(**bench.changes(place))
+    def point(self, simulator: SceneSimulator, place: np.ndarray) -> SimulatedPoint:
+        plain = simulator.scene.replace(**simulator.changes(place))
         rows = []
-        for seed in bench.seeds:
+        for seed in simulator.seeds:
             bed = np.random.default_rng(seed + self.shift).normal(size=4)
             drag = plain.effects.drag.coefficient
             rows.append(made_features(plain.piston.mass, drag, plain.grains.remanence, bed))
         records = (RECORD.from_zero(),) * len(rows)
-        return Point(place, records, np.array(rows)[:, self.used])
+        return SimulatedPoint(place, records, np.array(rows)[:, self.used])
 
 
 @pytest.fixture
@@ -167,10 +169,12 @@ def test_simulations_that_fail_on_the_way_shorten_the_step(
     made_up.lab(3, mass=3.75)
     sound = made_up.point
 
-    def fails_far(bench: Bench, place: np.ndarray) -> Point:
+    def fails_far(simulator: SceneSimulator, place: np.ndarray) -> SimulatedPoint:
         if not 3.6 < math.exp(place[0]) < 8.5:
-            return Point(place, (), np.empty((0, 0)), "the simulation with it failed: boom")
-        return sound(bench, place)
+            return SimulatedPoint(
+                place, (), np.empty((0, 0)), "the simulation with it failed: boom"
+            )
+        return sound(simulator, place)
 
     monkeypatch.setattr(made_up, "point", fails_far)
     assert quiet().values[MASS] == pytest.approx(3.75, rel=0.03)

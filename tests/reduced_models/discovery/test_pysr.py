@@ -113,7 +113,7 @@ def test_julia_operators_are_the_elliptic_functions(name: str) -> None:
     """Their text, carried over to Python, against the functions in JAX."""
     import math
 
-    from reduced_models import elliptic
+    from reduced_models.laws import elliptic
 
     def fold(a: float, b: float) -> float:
         for _ in range(9):

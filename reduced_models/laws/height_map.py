@@ -1,0 +1,35 @@
+"""The affine map between the height of a piston and the z of a law."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class HeightMap:
+    """The affine map of the height: height = shift + scale z.
+
+    Attributes
+    ----------
+    shift, scale : float
+        [m]
+    fitted : bool
+        Whether the map was fitted to the data, or given.
+    """
+
+    shift: float = 0.0
+    scale: float = 1.0
+    fitted: bool = False
+
+    def __str__(self) -> str:
+        sign = "-" if self.shift >= 0.0 else "+"
+        return f"z = (height {sign} {abs(self.shift):.5g} m)/({self.scale:.5g} m)"
+
+    def to_law(self, height: Any) -> Any:
+        """Z of a height."""
+        return (height - self.shift) / self.scale
+
+    def to_height(self, z: Any) -> Any:
+        """Height of a z."""
+        return self.shift + self.scale * z
