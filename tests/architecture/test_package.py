@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -48,6 +49,23 @@ def test_changelog_begins_with_what_is_to_come_or_this_version() -> None:
     versions = re.findall(r"^## \[(.+?)\]", text, re.MULTILINE)
     assert versions[0] == "Unreleased"
     assert versions[1:2] in ([], [__version__])
+
+
+def test_workflows_run_what_is_there_on_every_version_that_is_promised() -> None:
+    text = "".join(one.read_text() for one in sorted((ROOT / ".github/workflows").glob("*.yml")))
+    scripts = set(re.findall(r"- run: (\.ci/\w+)", text))
+    assert {".ci/run", ".ci/lowest", ".ci/wheel", ".ci/coverage"} <= scripts
+    assert all(os.access(ROOT / one, os.X_OK) for one in scripts)
+    (matrix,) = re.findall(r"python: \[(.+)\]", text)
+    promised = re.findall(r"Python :: (3\.\d+)", " ".join(PROJECT["project"]["classifiers"]))
+    assert re.findall(r"3\.\d+", matrix) == promised
+
+
+def test_installation_page_names_what_each_half_needs() -> None:
+    page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
+    for name in ("simulation", "fits"):
+        (line,) = re.findall(rf"^pip install (.+?) +# {name}$", page, re.MULTILINE)
+        assert set(line.split()) == {re.split("[><=]", one)[0] for one in group(name)}
 
 
 def half(without: str, code: str) -> None:
