@@ -37,7 +37,7 @@ conservative run keeps its energy because its step is shortened a few times at m
 
 
 def multiple(factor: float) -> str:
-    """A multiple of the automatic step, as it is given."""
+    """A multiple of the automatic step, as users write it."""
     if factor == 1.0:
         return "auto"
     return f"auto*{factor:g}" if factor > 1.0 else f"auto/{1.0 / factor:g}"

@@ -17,7 +17,6 @@ import numba
 import numpy as np
 
 from granular.engine.ledger import doubtful
-from granular.engine.run import Run
 from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.methods import method_named
@@ -25,11 +24,13 @@ from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.run.allowed import check_method
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
+from granular.run.run import Run
 from granular.run.store import Store, is_run, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
+from granular.shared.messages import quoted
 from granular.shared.version import versions
 
 if TYPE_CHECKING:
@@ -217,8 +218,9 @@ def _check_cadence(step: Step, scene: Scene) -> None:
 
 
 def _check_end(scene: Scene, t_end: float | None) -> None:
-    if t_end is not None and not (isinstance(t_end, int | float) and 0.0 < t_end < math.inf):
-        raise InputError(f"t_end = {t_end!r}; give a time above 0 s")
+    number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
+    if t_end is not None and not (number and 0.0 < t_end < math.inf):
+        raise InputError(f"t_end = {quoted(t_end)}; give a time above 0 s")
     if not scene.protocol:
         raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
     height = 1.0 if scene.piston is None else scene.piston.height
@@ -236,7 +238,7 @@ def _thread_count(scene: Scene, threads: int | None) -> int:
         parted = scene.pair_method == "direct" and scene.grains.count > PARTED_FROM
         return min(available, PARTS) if parted else 1
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
-        raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
+        raise InputError(f"threads = {quoted(threads)}; give a whole number from 1 to {available}")
     return threads
 
 

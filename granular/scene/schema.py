@@ -10,11 +10,19 @@ import dataclasses
 import difflib
 import math
 import operator
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self, dataclass_transform
 
+import numpy as np
+
 from granular.scene.units import si_value
 from granular.shared.errors import SceneError
+from granular.shared.messages import quoted, visible
+
+_LONGEST = 200  # signs of a name
+_MOST_SHOWN = 30  # known words in a message
+_DIGITS = re.compile(r"[+-]?[0-9]{1,30}")
 
 
 class FieldError(SceneError):
@@ -22,7 +30,7 @@ class FieldError(SceneError):
 
     def __init__(self, reason: str, *path: str) -> None:
         self.reason, self.path = reason, path
-        super().__init__(f"{'.'.join(path)}: {reason}" if path else reason)
+        super().__init__(f"{'.'.join(map(visible, path))}: {reason}" if path else reason)
 
     def within(self, *outer: str) -> FieldError:
         return FieldError(self.reason, *outer, *self.path)
@@ -30,18 +38,23 @@ class FieldError(SceneError):
 
 def unknown(word: str, known: Sequence[str], what: str) -> str:
     """Message for an unknown word, with the nearest known one."""
-    near = difflib.get_close_matches(word, known, 1, cutoff=0.5)
-    advice = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
-    return f"unknown {what} {word!r}; {advice}"
+    near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
+    shown = ", ".join(map(visible, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
+    advice = f"did you mean {quoted(near[0])}?" if near else f"known are {shown}"
+    return f"unknown {what} {quoted(word)}; {advice}"
 
 
 def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    """A number, also NumPy's or as text; neither a truth value nor more than a float can hold."""
+    if not isinstance(value, bool | np.bool_):
         try:
-            return float(value)  # type: ignore[arg-type]  # numpy scalars arrive here
+            if not isinstance(value, str) or (value.isascii() and "_" not in value):
+                return float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError):
-            raise FieldError(f"{value!r} is not a number") from None
-    return float(value)
+            pass
+        except OverflowError:
+            raise FieldError(f"{quoted(value)} is beyond all physics; check the unit") from None
+    raise FieldError(f"{quoted(value)} is not a number")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,8 +86,6 @@ class Quantity(Kind):
     most: float | None = None
 
     def parse(self, value: Any, diameter: float | None) -> float:
-        if isinstance(value, bool):
-            raise FieldError(f"{value!r} is not a number")
         if isinstance(value, str):
             try:
                 number = si_value(value, self.unit, diameter)
@@ -105,14 +116,26 @@ class Whole(Kind):
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        number = _number(value)
-        if isinstance(value, bool) or not math.isfinite(number) or number % 1.0:
-            raise FieldError(f"{value!r} must be a whole number")
+        number = _whole(value)
+        if number is None:
+            raise FieldError(f"{quoted(value)} must be a whole number")
         if number < self.least:
-            raise FieldError(f"{int(number)} must be at least {self.least}")
+            raise FieldError(f"{quoted(number)} must be at least {self.least}")
         if number > self.most:
-            raise FieldError(f"{number:g} must be at most {self.most:g}")
-        return int(number)
+            raise FieldError(f"{quoted(number)} must be at most {self.most:g}")
+        return number
+
+
+def _whole(value: object) -> int | None:
+    """A whole number, to its last digit; None where it is none."""
+    if isinstance(value, str) and _DIGITS.fullmatch(value):
+        return int(value)
+    if isinstance(value, bool | np.bool_):
+        return None
+    if isinstance(value, int | np.integer):
+        return int(value)
+    number = _number(value)
+    return int(number) if math.isfinite(number) and not number % 1.0 else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,7 +152,11 @@ class OneOf(Kind):
 class Text(Kind):
     def parse(self, value: Any, diameter: float | None) -> str:
         if not isinstance(value, str) or not value.strip():
-            raise FieldError(f"{value!r} must be a text that is not empty")
+            raise FieldError(f"{quoted(value)} must be a text that is not empty")
+        if len(value) > _LONGEST or not value.isprintable():
+            raise FieldError(
+                f"{quoted(value)} must be one line of at most {_LONGEST} signs that can be printed"
+            )
         return value
 
 
@@ -213,7 +240,7 @@ class Many(Kind):
         names = [getattr(item, "name", "") for item in built]
         for name in names:
             if names.count(name) > 1:
-                raise FieldError(f"the name {name!r} is given twice; names must differ")
+                raise FieldError(f"the name {quoted(name)} is given twice; names must differ")
         return tuple(built)
 
     def _item(self, item: Any, diameter: float | None) -> Section:
@@ -223,7 +250,7 @@ class Many(Kind):
         if isinstance(item, tuple(self.kinds.values())):
             return item  # type: ignore[return-value]
         if not isinstance(item, Mapping):
-            raise FieldError(f"{item!r} must be a table")
+            raise FieldError(f"{quoted(item)} must be a table")
         if "kind" not in item:
             raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
         if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
@@ -347,7 +374,7 @@ class Section:
             plain = {}
         if not isinstance(plain, Mapping):
             raise FieldError(
-                f"{plain!r} must be a table with the keys {', '.join(cls.key_names())}"
+                f"{quoted(plain)} must be a table with the keys {', '.join(cls.key_names())}"
             )
         for key in plain:
             if key not in cls.key_names():

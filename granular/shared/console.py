@@ -7,16 +7,18 @@ and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 aft
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import sys
-import tomllib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from granular.shared.errors import GranularError, InputError, Interrupted
 from granular.shared.files import finite
+from granular.shared.messages import one_line, printable, quoted
 from granular.shared.missing import missing
+from granular.shared.toml import parse_toml
 from granular.shared.version import __version__
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
@@ -40,6 +42,9 @@ class Parser(argparse.ArgumentParser):
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
     """Run a command; its exit code."""
     warnings.showwarning = _show_warning
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
         command(sys.argv[1:] if arguments is None else arguments)
     except InputError as error:
@@ -64,12 +69,12 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"error: {one_line(message)}", file=sys.stderr)
     return code
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+    print(f"warning: {one_line(message)}", file=sys.stderr)
 
 
 def command_parser(
@@ -117,7 +122,7 @@ def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
 
     JSON has neither infinities nor NaN: they are printed as null.
     """
-    print(json.dumps(finite(result), allow_nan=False) if as_json else text)
+    print(json.dumps(finite(result), allow_nan=False) if as_json else printable(text))
 
 
 def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:
@@ -162,10 +167,12 @@ def changes_from(items: Sequence[str]) -> dict[str, Any]:
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key.strip():
-            raise InputError(f"--set {item!r} is not KEY=VALUE; write for instance piston.mass=6.5")
+            raise InputError(
+                f"--set {quoted(item)} is not KEY=VALUE; write for instance piston.mass=6.5"
+            )
         try:
-            changes[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except (ValueError, RecursionError):
+            changes[key.strip()] = parse_toml(f"value = {value}")["value"]
+        except ValueError:
             changes[key.strip()] = value.strip()
     return changes
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from granular.shared.messages import one_line
+
 __all__ = [
     "EnergyError",
     "GranularError",
@@ -22,6 +24,9 @@ __all__ = [
 
 class GranularError(Exception):
     """Base of every error that the toolkit raises on purpose."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(one_line(message))
 
 
 class InputError(GranularError, ValueError):

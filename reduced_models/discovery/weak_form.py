@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.shared.algebra import function_of
 from reduced_models.discovery.terms import Term
 
 if TYPE_CHECKING:
@@ -210,11 +211,9 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
 
 def evaluated(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     """Values (n,) of an expression along a motion."""
-    import sympy
-
     from reduced_models.discovery.terms import symbols
 
-    function = sympy.lambdify(symbols(), expression, "numpy", cse=True)
+    function = function_of(symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):
         found = function(motion.smooth, motion.velocity, drive)

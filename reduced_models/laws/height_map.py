@@ -27,9 +27,9 @@ class HeightMap:
         return f"z = (height {sign} {abs(self.shift):.5g} m)/({self.scale:.5g} m)"
 
     def to_law(self, height: Any) -> Any:
-        """Z of a height."""
+        """The coordinate z of the law at a height [m]."""
         return (height - self.shift) / self.scale
 
     def to_height(self, z: Any) -> Any:
-        """Height of a z."""
+        """The height [m] at a coordinate z of the law."""
         return self.shift + self.scale * z

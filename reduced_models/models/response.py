@@ -180,13 +180,7 @@ def forced_law(law: Law, name: str = "drive") -> Law:
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
         raise InputError(f"the law {law.name!r} has a {name!r} already; give another name")
-    parsed = law.parsed
-    motion = {str(parsed.symbol_v): "z'"}
-    texts = [f"z'' = {parsed.acceleration} + {name}"]
-    texts += [f"{state}' = {rate}" for state, rate in parsed.hidden.items()]
-    text = "; ".join(texts)
-    for symbol, prime in motion.items():
-        text = text.replace(symbol, prime)
+    text = law.equation.replace("z''", f"(z'' - {name})")
     return Law(
         name=f"{law.name}, driven",
         equation=text,

@@ -35,7 +35,7 @@ ROOT = Path(__file__).parents[2]
 
 PARTS = (".ci", ".github", "docs", "granular", "notebooks", "reduced_models", "tests", "validation")
 
-KERNELS = (b"@compiled", b"@intrinsic", b"llvmlite")
+KERNELS = (b"@compiled", b"@entry", b"@intrinsic", b"llvmlite")
 """Marks of files whose change makes every compiled function of the package stale."""
 
 PATIENCE = 3.0

@@ -188,6 +188,8 @@ def benchmark(
     from validation.benchmark.page import growth
 
     where = None if out is None else Path(out)
+    if where is not None:
+        make_directory(where)
     results = {
         name: measured(part_named(name), where, full=full, progress=progress) for name in parts
     }
@@ -203,6 +205,5 @@ def benchmark(
 def _save(found: dict[str, Any], where: Path) -> None:
     from validation.benchmark.page import page
 
-    make_directory(where)
     page(found).save(where / "benchmark.html")
     write_json(where / "benchmark.json", found)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from granular.compiled import entry
 from granular.pairs.direct import (
     PARTED_FROM,
     direct_sum,
@@ -29,6 +30,8 @@ from validation.benchmark.peers import (
     verlet_list_room,
 )
 from validation.benchmark.timing import least_seconds
+
+_direct_sum = entry(direct_sum)
 
 DENSITY = 0.307
 """Grains on a square diameter: packing fraction 0.241, as in the source's compressed bed."""
@@ -97,7 +100,7 @@ def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) 
     thread = True if threaded and buffers is not None else None
     return grains.timed(
         sums,
-        lambda: direct_sum(
+        lambda: _direct_sum(
             x, grains.y, sums[0], sums[1], None, None, None, third, weight, buffers, thread
         ),
     )
@@ -174,7 +177,7 @@ def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> TimedSum:
 def by_cut_off(positions: np.ndarray) -> TimedSum:
     """`BATCH` sums of moving grains a call."""
     size = PaddedGrains(positions).x.size
-    return _in_motion(positions, _cut_off_steps, stripes_room(size, charged=False, loaded=False))
+    return _in_motion(positions, _cut_off_steps, stripes_room(size, moments=False, loaded=False))
 
 
 def by_plain_list(positions: np.ndarray) -> TimedSum:

@@ -115,6 +115,7 @@ def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
         programme.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
+    assert measured == []
 
 
 def test_command_line_chooses_parts() -> None:
