@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.metadata
 import json
 import math
-import platform
 import signal
 import threading
 import time
@@ -33,6 +31,7 @@ from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
 from granular.shared.messages import quoted
+from granular.shared.version import versions
 
 if TYPE_CHECKING:
     import xarray
@@ -241,15 +240,6 @@ def _thread_count(scene: Scene, threads: int | None) -> int:
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {quoted(threads)}; give a whole number from 1 to {available}")
     return threads
-
-
-def versions() -> dict[str, str]:
-    """Versions of the toolkit and what it computes with."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for name in ("granular-damper", "numpy", "numba"):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
 
 
 def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
