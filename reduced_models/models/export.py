@@ -10,7 +10,6 @@ import numpy as np
 
 from granular.shared.grammar import MOST_SIGNS
 from granular.shared.messages import visible
-from reduced_models.laws.printing import latex, rounded
 from reduced_models.models.fitted_law import FittedLaw
 
 _TEMPLATE = '''"""The law {name}, fitted: {equation}
@@ -127,8 +126,7 @@ def equations_text(model: FittedLaw) -> str:
         unit = {"height": "m", "velocity": "m/s"}.get(name, "")
         lines.append(f"  seen: {name} from {low:.5g} to {high:.5g} {unit}".rstrip())
     lines += [f"  {name}: {words}" for name, words in model.provenance.items()]
-    values = rounded(model.parameters)
-    lines += ["", "LaTeX:", model.latex, latex(model.law.sympy_equation(values))]
+    lines += ["", "LaTeX:", model.latex, model.fitted_latex]
     for name, rate in model.law.parsed.hidden.items():
         lines.append(f"hidden state: {name}' = {rate}".replace("z_first", "z'"))
     return "\n".join(lines) + "\n"

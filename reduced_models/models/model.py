@@ -185,16 +185,18 @@ class ReducedModel(FittedLaw):
         )
 
     def __str__(self) -> str:
-        lines = [f"{self.law.name}: {self.law.equation}"]
+        lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
         if self.law.mapped:
-            lines.append(f"  {self.map}" + ("" if self.map.fitted else " (given)"))
+            lines.append(f"  {self.map.text(digits)}" + ("" if self.map.fitted else " (given)"))
         values = dict(self.parameters)
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}
         for name, value in values.items():
             low, high = self.intervals[name]
             unit = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
-            lines.append(f"  {name} = {value:.5g} {unit}  [{low:.5g}, {high:.5g}]")
+            lines.append(
+                f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]"
+            )
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             lines.append(
