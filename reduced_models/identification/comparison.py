@@ -176,12 +176,11 @@ class Comparison:
             greatest = max(
                 [self.at_rest, *(row.error for row in sound if math.isfinite(row.error))]
             )
-            names = [
-                plain_label(row.name if len(row.name) < 30 else f"{row.name[:29]}…")
-                for row in sound
-            ]
+            names = [row.name if len(row.name) < 30 else f"{row.name[:29]}…" for row in sound]
             values = [min(100.0 * row.error, 1e3 * greatest) for row in sound]
-            axes.barh(names, values, color=COLOURS[0])
+            # By place, since names that are cut may be alike.
+            axes.barh(range(len(sound)), values, color=COLOURS[0])
+            axes.set_yticks(range(len(sound)), [plain_label(name) for name in names])
             for level, words, style in (
                 (self.at_rest, "a piston at rest", "--"),
                 (self.noise, "noise", ":"),
