@@ -17,8 +17,9 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import InputError, SceneError
+from granular.studies.cases import make_cases, measure_name
 from granular.studies.file import load_study
-from granular.studies.measures import last_values
+from granular.studies.measures import last_values, piston_columns
 
 ROOT = Path(__file__).parents[3]
 
@@ -118,6 +119,20 @@ def test_cases_have_steps_methods_and_ends_of_their_own(tmp_path: Path, here: Ex
     assert sweep(falling(), cases=[{"arrangement.seed": 2}], **short, **arguments).reused == 1
 
 
+def test_a_study_file_gives_cases_steps_of_their_own(tmp_path: Path) -> None:
+    falling().save(tmp_path / "fall.toml")
+    (tmp_path / "study.toml").write_text(
+        'scene = "fall.toml"\ndt = 1e-4\n[grid]\ndt = ["auto", "auto/2"]\n'
+        '[[cases]]\n"arrangement.seed" = 2\n[[cases]]\nmethod = "pefrl"\nt_end = 0.005\n'
+    )
+    study = load_study(tmp_path / "study.toml")
+    settings = {"dt": study["dt"], "t_end": None, "method": "stormer-verlet"}
+    made = make_cases(study["scene"], study["grid"], study["cases"], settings, last_values)
+    assert [case.settings["dt"] for case in made] == ["auto", "auto/2", 1e-4, 1e-4]
+    assert made[3].settings == {"dt": 1e-4, "t_end": 0.005, "method": "pefrl"}
+    assert [case.scene.arrangement.seed for case in made] == [1, 1, 2, 1]
+
+
 def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> None:
     arguments: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": tmp_path, "executor": here}
     first = sweep(falling(), **arguments, progress=False)
@@ -133,8 +148,6 @@ def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> N
 
 def test_studies_kept_before_go_on() -> None:
     """Their cases are known by keys that no move of code may change."""
-    from granular.studies.cases import make_cases, measure_name
-    from granular.studies.measures import piston_columns
     from reduced_models.designs.figures import damper_figures
 
     settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}

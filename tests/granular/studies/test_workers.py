@@ -78,6 +78,18 @@ def test_cases_that_kill_their_workers_take_no_other_with_them(killers: tuple[in
         assert executor.runs.count(seed) == (ATTEMPTS if seed in killers else 1)
 
 
+def test_an_executor_that_stays_broken_ends_the_study() -> None:
+    class Broken(Mortal):
+        def submit(self, function: Callable[..., Any], case: Case, *more: Any) -> Future[Any]:
+            if len(self.runs) == 20:
+                raise BrokenExecutor("for good")
+            return super().submit(function, case, *more)
+
+    errors = list(swept(Broken({})).values())
+    assert errors[:20] == [None] * 20
+    assert set(errors[20:]) == {f"the worker died, {ATTEMPTS} times"}
+
+
 def test_an_executor_that_is_given_is_left_to_its_owner() -> None:
     with ThreadPoolExecutor(1) as pool:
         with workshop(pool) as inside:
