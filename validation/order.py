@@ -217,6 +217,9 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     return TextTable(HEADER, tuple(one.summary() for one in results))
 
 
+summary = convergence_table  # its former name
+
+
 def toolkit(method: str) -> Solver:
     """The toolkit's own integration by the method of that name.
 
