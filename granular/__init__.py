@@ -7,11 +7,13 @@
 
 import lazy_loader
 
+from granular.shared.missing import with_advice
 from granular.shared.moved import forward
 
 # Names, which stand in __init__.pyi, are imported when they are used: importing the package costs
 # next to nothing.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = with_advice(__getattr__)
 
 # What stood under these names before.
 forward(

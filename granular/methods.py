@@ -20,6 +20,8 @@ from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 
+__all__ = ["METHODS", "Method", "method_named"]
+
 COMPENSATED = "+compensated"
 """Behind the name of a composition method: positions and velocities as compensated sums."""
 

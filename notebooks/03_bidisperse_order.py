@@ -37,7 +37,7 @@ from granular.observables import (
 )
 from granular.observables.plots import plot_cells
 from granular.render import still
-from validation.published.values import published_value
+from validation.published import published_value
 
 QUICK = True  # False: the source's own protocol, 1 mm/s after 5 T; far longer
 

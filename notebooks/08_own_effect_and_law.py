@@ -34,9 +34,8 @@ import numpy as np
 
 from granular import GranularError, damper, evaluate, load_scene, simulate
 from granular.compiled import entry
-from granular.scene.scales import Scales
-from reduced_models import Law, compare, fit
-from reduced_models.records.first_guesses import FirstGuesses
+from granular.scene import Scales
+from reduced_models import FirstGuesses, Law, compare, fit
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
 
@@ -283,8 +282,7 @@ SOURCE = '''
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.scene.scales import Scales
-from granular.scene.schema import Section, quantity
+from granular.scene import Scales, Section, quantity
 
 
 class Spring(Section):

@@ -19,4 +19,5 @@ from .models.model import ReducedModel as ReducedModel
 from .models.model import load_model as load_model
 from .models.response import forced_law as forced_law
 from .models.roll_out import roll_out as roll_out
+from .records.first_guesses import FirstGuesses as FirstGuesses
 from .records.record import PistonRecord as PistonRecord

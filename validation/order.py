@@ -212,7 +212,7 @@ HEADER = (
 )  # fmt: skip
 
 
-def summary(results: Sequence[ConvergenceResult]) -> TextTable:
+def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     """One row a result."""
     return TextTable(HEADER, tuple(one.summary() for one in results))
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
-from validation.order import ConvergenceResult
-from validation.order import summary as convergence_table
+from validation.order import ConvergenceResult, convergence_table
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain
 from validation.sections import choices, stability_table, studies

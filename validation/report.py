@@ -61,11 +61,11 @@ def report(
         If the directory cannot be written.
     """
     where = Path(directory)
+    make_directory(where)
     results: dict[str, Sequence[Plain]] = {
         name: measured(part_named(name), where, full=full, progress=progress) for name in parts
     }
     found = summary(results) | {"full": full, "machine": machine(), "parts": results}
-    make_directory(where)
     page(results, full=full).save(where / "report.html")
     write_json(where / "report.json", found)
     return found

@@ -13,8 +13,7 @@ from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost import LEVELS, WorkPrecision
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
-from validation.order import CLEAR, HIGH_ORDER, ConvergenceResult
-from validation.order import summary as convergence_table
+from validation.order import CLEAR, HIGH_ORDER, ConvergenceResult, convergence_table
 from validation.outcomes import ACCURATE, STOPPED, Outcome
 from validation.outside import ORDERS
 from validation.parts import FAILED, Plain

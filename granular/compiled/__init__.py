@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from granular.compiled.cache import KernelCache
 from granular.compiled.source import PACKAGE
 
+__all__ = ["Array", "compiled", "entry"]
+
 Array = NDArray[np.float64]
 
 F = TypeVar("F", bound=Callable[..., Any])

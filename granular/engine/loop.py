@@ -18,7 +18,6 @@ from granular.effects.walls import TOP
 from granular.engine import columns
 from granular.engine.far import find_far_field, kick_by_far_field
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
-from granular.engine.motion import Motion
 from granular.engine.piston import piston_energy
 from granular.engine.state import HEIGHT, SPEED, Measurement, State
 from granular.engine.step import Plan, make_step
@@ -26,6 +25,7 @@ from granular.engine.step_size import Pace, tick_start, tick_steps
 from granular.engine.stiffness import stiffest_mode
 from granular.engine.system import Constants
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, next_step
+from granular.protocol.motion import Motion
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, DEPARTED = range(6)
 """Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step

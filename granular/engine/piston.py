@@ -15,7 +15,6 @@ from granular.effects.shaking import (
 )
 from granular.effects.walls import TOP
 from granular.engine.compensation import compensated_sum
-from granular.engine.motion import TABLE, Motion, outer_force, path
 from granular.engine.state import (
     HEIGHT,
     HEIGHT_ROUNDING,
@@ -26,6 +25,7 @@ from granular.engine.state import (
     State,
 )
 from granular.engine.system import Constants, Resistance
+from granular.protocol.motion import TABLE, Motion, outer_force, path
 
 
 @compiled

@@ -6,7 +6,6 @@ from granular.compiled import Array, compiled
 from granular.effects.shaking import acceleration
 from granular.effects.walls import TOP
 from granular.engine.forces import compute_forces, measure_forces
-from granular.engine.motion import Motion, outer_force, path
 from granular.engine.piston import add_shaking_work, piston_energy
 from granular.engine.state import (
     DRAG,
@@ -24,6 +23,7 @@ from granular.engine.state import (
 )
 from granular.engine.system import Constants, Resistance
 from granular.pairs.vector import lane_sum
+from granular.protocol.motion import Motion, outer_force, path
 
 
 @compiled

@@ -10,11 +10,11 @@ from granular.compiled import Array, compiled
 from granular.engine.compensation import compensated_sum
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.kick import kick_grains
-from granular.engine.motion import Motion
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
 from granular.engine.state import Measurement, State, X, Y
 from granular.engine.system import Constants
+from granular.protocol.motion import Motion
 
 
 class Plan(NamedTuple):

@@ -11,9 +11,9 @@ from granular.compiled import compiled, entry
 from granular.effects.contact import ContactLaw, impact_stiffness
 from granular.effects.dipole import head_on_stiffness, pair_energy
 from granular.effects.walls import piston_stiffness, turning_stiffness
-from granular.engine.motion import Motion
 from granular.engine.state import HEIGHT, Measurement, State
 from granular.engine.system import Constants
+from granular.protocol.motion import Motion
 
 
 @entry

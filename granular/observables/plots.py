@@ -23,6 +23,20 @@ if TYPE_CHECKING:
 
     from granular.run.trajectory import Trajectory
 
+__all__ = [
+    "plot_area_profile",
+    "plot_biexponential",
+    "plot_cells",
+    "plot_correlation_function",
+    "plot_dislocations",
+    "plot_force_distribution",
+    "plot_hysteresis",
+    "plot_order_correlation",
+    "plot_response",
+    "plot_series",
+    "plot_shares",
+]
+
 _FEWER = "#a0a4a8"
 _MORE = "#d1495b"
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from granular.engine.state import HEIGHT
 
 if TYPE_CHECKING:
-    from granular.engine.run import Run
+    from granular.run.run import Run
 
 
 class ProgressBar:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.metadata
 import json
 import math
-import platform
 import signal
 import threading
 import time
@@ -19,7 +17,6 @@ import numba
 import numpy as np
 
 from granular.engine.ledger import doubtful
-from granular.engine.run import Run
 from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.methods import method_named
@@ -27,12 +24,14 @@ from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.run.allowed import check_method
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
+from granular.run.run import Run
 from granular.run.store import Store, is_run, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
 from granular.shared.messages import quoted
+from granular.shared.version import versions
 
 if TYPE_CHECKING:
     import xarray
@@ -241,15 +240,6 @@ def _thread_count(scene: Scene, threads: int | None) -> int:
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {quoted(threads)}; give a whole number from 1 to {available}")
     return threads
-
-
-def versions() -> dict[str, str]:
-    """Versions of the toolkit and what it computes with."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for name in ("granular-damper", "numpy", "numba"):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
 
 
 def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:

@@ -83,7 +83,10 @@ class Scene(Section):
         self.initial_motion()
 
     def initial_motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2)."""
+        """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2).
+
+        They follow from arrangement, grains, cell and piston, and were checked with the scene.
+        """
         return initial_motion(
             self.arrangement, self.grains, self.cell, self.piston,
             overlapping=self.effects.contact is not None,

@@ -135,7 +135,8 @@ def function_of(
         symbol: sympy.Symbol(f"{'a' if symbol.name < 'x' else 'y'}{place:04d}", real=symbol.is_real)
         for place, symbol in enumerate(order)
     }
-    single = isinstance(expressions, sympy.Basic)
-    renamed = [each.xreplace(safe) for each in ([expressions] if single else expressions)]
     names = [safe[symbol] for symbol in arguments]
-    return sympy.lambdify(names, renamed[0] if single else renamed, modules, cse=True)
+    if isinstance(expressions, sympy.Basic):
+        return sympy.lambdify(names, expressions.xreplace(safe), modules, cse=True)
+    renamed = [each.xreplace(safe) for each in expressions]
+    return sympy.lambdify(names, renamed, modules, cse=True)

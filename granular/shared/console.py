@@ -17,13 +17,23 @@ from typing import Any, NoReturn
 from granular.shared.errors import GranularError, InputError, Interrupted
 from granular.shared.files import finite
 from granular.shared.messages import one_line, printable, quoted
+from granular.shared.missing import missing
 from granular.shared.toml import parse_toml
+from granular.shared.version import __version__
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line.
+
+    Attributes
+    ----------
+    commands : dict of str to str
+        What each command does, by its name.
+    """
+
+    commands: dict[str, str]
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; see {self.prog} --help")
@@ -45,6 +55,11 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         path = getattr(stop.trajectory, "path", None)
         kept = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
         return _complain(f"interrupted: {kept}", INTERRUPTED)
+    except ModuleNotFoundError as error:
+        advice = missing(error)
+        if advice is None:
+            raise
+        return _complain(str(advice), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
@@ -68,7 +83,7 @@ def command_parser(
     """A parser of commands, and what adds a command by its name and what it does.
 
     ``examples`` holds texts by command that stand at the end of its help; those of the whole under
-    the empty name.
+    the empty name. ``%(prog)s`` in them is what the user types.
     """
     top = Parser(
         prog=prog,
@@ -76,9 +91,12 @@ def command_parser(
         epilog=examples[""],
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_version(top)
+    top.commands = {}
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add(name: str, what: str) -> Parser:
+        top.commands[name] = what
         one: Parser = commands.add_parser(
             name,
             help=what,
@@ -89,6 +107,14 @@ def command_parser(
         return one
 
     return top, add
+
+
+def add_version(parser: argparse.ArgumentParser) -> None:
+    """The toolkit's version, on request."""
+    parser.add_argument(
+        "--version", action="version", version=f"granular-damper {__version__}",
+        help="print the version and exit",
+    )  # fmt: skip
 
 
 def emit(result: dict[str, Any], text: str, as_json: bool) -> None:

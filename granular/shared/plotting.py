@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.scene.scene import Scene
 from granular.shared.messages import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from granular.scene.scene import Scene
 
 COLOURS = ("#20639b", "#d1495b", "#3a7d44", "#b8860b", "#6a4c93", "#2a9d8f", "#8d5524", "#555555")
 """Line colours, told apart also with colour-blind eyes when the line styles differ too."""

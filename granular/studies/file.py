@@ -13,6 +13,7 @@ dt = "auto*2"                  # as in simulate; t_end and method likewise
 
 [[cases]]                      # and one by one
 "piston.mass" = "4 kg"
+dt = "auto"                    # dt, t_end and method may be a case's own
 """
 
 from __future__ import annotations

@@ -140,15 +140,32 @@ def calibrate(
                 "progress": progress,
             },
         )
-        ended = gauss_newton_search(simulator, wanted)
-        shift, more = _step_shift(simulator, ended.centre) if checks else (None, 0)
-    result = _result(simulator, record, wanted, ended, shift, confidence)
-    result = dataclasses.replace(result, simulations=result.simulations + more)
+        result = calibrated(simulator, record, wanted, confidence, checks)
     for note in result.notes:
         warnings.warn(note, stacklevel=2)
     if target is not None:
         result.save(target)
     return result
+
+
+def calibrated(
+    simulator: SceneSimulator,
+    record: PistonRecord,
+    wanted: Features,
+    confidence: float,
+    checks: bool,
+) -> Calibration:
+    """The numbers for which a scene's simulations have the wanted features of a record.
+
+    Raises
+    ------
+    InputError
+        If a simulation at the start fails.
+    """
+    ended = gauss_newton_search(simulator, wanted)
+    shift, more = _step_shift(simulator, ended.centre) if checks else (None, 0)
+    result = _result(simulator, record, wanted, ended, shift, confidence)
+    return dataclasses.replace(result, simulations=result.simulations + more)
 
 
 def _check_scene(scene: Scene) -> None:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.simulation import versions
 from granular.shared.html import Page, number
 from granular.shared.plotting import COLOURS, GREY, figure
+from granular.shared.version import versions
 from reduced_models.designs.candidate import (
     DIAMETER,
     HIGHEST,

@@ -6,12 +6,8 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.run.allowed import is_allowed
 from granular.run.record import PistonRecord
-from granular.run.time_step import doubled, halved
 from granular.shared.errors import RecordError
-from granular.studies.measures import piston_columns
-from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -65,6 +61,8 @@ def step_check(run: Trajectory) -> StepCheck:
     Half the step changes 1 - 2^-p of the error.
     """
     from granular.methods import method_named
+    from granular.run.allowed import is_allowed
+    from granular.run.time_step import doubled, halved
 
     settings = run.settings()
     dt, method = settings["dt"], settings["method"]
@@ -91,6 +89,9 @@ def checked_records(
 
     They are run side by side, where `granular.sweep` runs cases or by an executor that is given.
     """
+    from granular.studies.measures import piston_columns
+    from granular.studies.sweep import sweep
+
     settings = run.settings()
     study = sweep(
         run.scene,

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from reduced_models.fitting.fitting import STARTS, check_options, fit
 from reduced_models.identification.checks import (
@@ -40,6 +39,7 @@ from reduced_models.records.sources import (
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
+    from granular.scene.scene import Scene
 
 LAWS = ("linear", "van-der-pol-like")
 

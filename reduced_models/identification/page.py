@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.engine.ledger import doubtful
-from granular.run.simulation import versions
-from granular.run.trajectory import StageResult, Trajectory
-from granular.scene.scales import Scales
 from granular.shared.html import Page, number
 from granular.shared.plotting import COLOURS, GREY, STYLES, draw_bed, figure, line_look, plain_label
+from granular.shared.version import versions
 from reduced_models.identification.comparison import Comparison
 from reduced_models.identification.data import IdentificationData
 from reduced_models.laws.printing import mathml
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import StageResult, Trajectory
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
 _ENERGIES = {
@@ -147,11 +148,17 @@ def interval_text(low: float, high: float, value: float) -> str:
     return f"{low:.6g} to {high:.6g}"
 
 
+def _diameter(run: Trajectory) -> float:
+    from granular.scene.scales import Scales
+
+    return Scales.of(run.scene.grains).length
+
+
 def _figures(page: Page, found: IdentificationData) -> None:
     if not found.figures:
         return
     page.section("The small swing about rest")
-    length = None if found.run is None else Scales.of(found.run.scene.grains).length
+    length = None if found.run is None else _diameter(found.run)
     rows = []
     for name, figure_ in found.figures.items():
         unit, scale = {"height": ("mm", 1e3), "period": ("ms", 1e3)}.get(name, ("", 1.0))
@@ -259,6 +266,8 @@ def _overlap_note(page: Page, run: Trajectory) -> None:
 
 
 def _ledger(page: Page, run: Trajectory) -> None:
+    from granular.engine.ledger import doubtful
+
     page.section("Energy ledger")
     data = run.dataset
     time = data["time"].values

@@ -109,7 +109,9 @@ def test_import_is_light(package: str) -> None:
 
 
 PACKAGES = (
-    "granular", "granular.observables", "reduced_models", "validation", "validation.published",
+    "granular", "granular.observables", "granular.scene", "reduced_models",
+    "reduced_models.calibration", "reduced_models.designs", "reduced_models.fitting",
+    "reduced_models.identification", "reduced_models.laws", "validation", "validation.published",
 )  # fmt: skip
 
 

@@ -112,6 +112,10 @@ SHEETS: dict[str, Sheet] = {
          ("bytes a grain", _bytes_a_grain)),
     ),
     "start": Sheet("Start on the command line", (_plain("start"), _number("seconds", ".2f", "s"))),
+    "package": Sheet(
+        "The wheel, and imports in processes of their own",
+        (_plain("what"), _number("bytes", ".0f", "kB", 1e-3), _number("seconds", ".0f", "ms", 1e3)),
+    ),
     "protocol": Sheet(
         "The published protocol, 368 grains: relaxation 5 T, compression, expansion, relaxation",
         (_plain("seed"), _number("speed", ".4g", "speed [m/s]"),

@@ -19,7 +19,8 @@ from granular.pairs.direct import (
 )
 from granular.pairs.stripes import Stripes, cut_sum, stripes_room
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
-from validation.benchmark import c_kernel, lammps, openmm
+from validation.benchmark import c_kernel
+from validation.benchmark.others import engine
 from validation.benchmark.peers import (
     PlainVerletList,
     jax_forces,
@@ -197,11 +198,6 @@ def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return force, magnitude
 
 
-def in_openmm(grains: PaddedGrains, platform: str) -> TimedSum:
-    """A step, which is little more than the sum."""
-    return TimedSum(*openmm.steps(grains.positions, platform))
-
-
 def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     """All pairs, summed by each: time [s], and largest error over a grain's sum of |f|."""
     grains = PaddedGrains(arrangement(count))
@@ -210,8 +206,9 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
         entries["C kernel with intrinsics"] = in_c(grains)
     if count <= _JAX_MOST and importlib.util.find_spec("jax") is not None:
         entries["plain JAX"] = in_jax(grains)
-    if openmm.missing() is None:
-        entries |= {f"OpenMM, {one}": in_openmm(grains, one) for one in openmm.PLATFORMS}
+    if openmm := engine("openmm"):  # a step, which is little more than the sum
+        for one in openmm.PLATFORMS:
+            entries[f"OpenMM, {one}"] = TimedSum(*openmm.steps(grains.positions, one))
     entries["plain numba loop, with friction load"] = plain(grains, load=True)
     entries["direct sum, with friction load"] = direct(grains, load=True)
     if count >= PARTED_FROM and numba.config.NUMBA_NUM_THREADS > 1:
@@ -219,7 +216,7 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     calls = {name: one.call for name, one in entries.items()}
     seconds = least_seconds(calls, rounds=rounds, seconds=0.002)
     forces = {name: one.force() for name, one in entries.items()}
-    if lammps.missing() is None:
+    if lammps := engine("lammps"):
         for style in (lammps.TABLE, lammps.EXACT):
             steps = max(5, round(_LAMMPS_PAIRS / count**2))
             seconds[style], forces[style] = lammps.steps(grains.positions, style, count=steps)
@@ -247,7 +244,7 @@ def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     calls = {name: one.call for name, one in entries.items()}
     found = least_seconds(calls, rounds=rounds, seconds=0.0)
     seconds = {name: time / BATCH for name, time in found.items()}
-    if lammps.missing() is None:
+    if lammps := engine("lammps"):
         seconds[lammps.TABLE] = lammps.steps(
             positions, lammps.TABLE, count=BATCH, cut=SOURCE_RADIUS, velocities=_ways(count) / 0.02,
             dt=0.02,

@@ -195,7 +195,7 @@ def _wanted(figure: str, series: Series) -> bool:
 
 
 def _made(command: str) -> dict[str, str]:
-    from granular.run.simulation import versions
+    from granular.shared.version import versions
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
     return {"command": command, "date": now} | versions()

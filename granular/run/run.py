@@ -34,7 +34,6 @@ from granular.engine.loop import (
     advance,
     measure,
 )
-from granular.engine.motion import Motion, drive_frequency, greatest_speed, path
 from granular.engine.state import (
     HEIGHT,
     SPEED,
@@ -52,6 +51,7 @@ from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_densit
 from granular.methods import Method
 from granular.pairs.far_field import FarField
 from granular.protocol import Stage
+from granular.protocol.motion import Motion, drive_frequency, greatest_speed, path
 from granular.protocol.stage import Timed
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
