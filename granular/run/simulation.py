@@ -26,6 +26,8 @@ from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.methods import COMPENSATED, Method, method_named
 from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.run.checkpoint import read_checkpoint
+from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.store import Store, is_run, read_settings
@@ -331,10 +333,8 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
         first = run.snapshot() | {"rows": 0, "frames": 0} | _readable(0, 0)
         outcome = {"figures": run.figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
-        store = Store.create(path, run.scene, run.system, settings, first)
-        store.hold()
-        return store
-    former = read_settings(path)[1]
+        return Store.create(path, run.scene, run.system, settings, first)
+    former = read_settings(path, manifest_of(read_checkpoint(path)))[1]
     for name in ("scene_digest", "dt", "method"):
         if former[name] != settings[name]:
             what = "scene" if name == "scene_digest" else name

@@ -368,8 +368,13 @@ class Scene(Section):
 
     def digest(self) -> str:
         """A digest of the scene's content: equal scenes have equal digests."""
-        text = json.dumps(self.plain(), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return plain_digest(self.plain())
+
+
+def plain_digest(plain: Mapping[str, Any]) -> str:
+    """The digest of a scene from its plain data."""
+    text = json.dumps(plain, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _first_diameter(plain: Mapping[str, Any]) -> float | None:
