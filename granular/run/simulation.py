@@ -10,10 +10,8 @@ import math
 import platform
 import re
 import signal
-import threading
 import time
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +32,7 @@ from granular.run.store import Store, is_run, read_settings
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
+from granular.shared.stops import Stop, deferred_stop
 
 if TYPE_CHECKING:
     import xarray
@@ -97,7 +96,8 @@ def simulate(
         If the run cannot be trusted any more; its ``trajectory`` attribute holds what was
         computed before.
     Interrupted
-        On Ctrl-C; its ``trajectory`` attribute holds what was computed.
+        On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds what
+        was computed.
     """
     plan = method_named(method)
     step = checked_step(dt, scene)
@@ -111,12 +111,13 @@ def simulate(
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
-    store = None if out is None else _open_store(Path(out), run, settings, resume)
-    try:
-        return _Job(run, store, settings).carry_out(progress)
-    finally:
-        if store is not None:
-            store.release()
+    with deferred_stop() as stop:
+        store = None if out is None else _open_store(Path(out), run, settings, resume)
+        try:
+            return _Job(run, store, settings).carry_out(progress, stop)
+        finally:
+            if store is not None:
+                store.release()
 
 
 class _Job:
@@ -127,12 +128,12 @@ class _Job:
         self.begun = self.last_commit = time.perf_counter()
         self.kept = self._snapshot()
 
-    def carry_out(self, progress: bool) -> Trajectory:
+    def carry_out(self, progress: bool, stop: Stop) -> Trajectory:
         run = self.run
         self._commit(complete=False)
-        with _deferred_interrupt() as interrupted, ProgressBar(progress) as bar:
+        with ProgressBar(progress) as bar:
             try:
-                while not run.at_end and not interrupted.is_set():
+                while not run.at_end and not stop.asked:
                     run.advance()
                     bar.show(run)
                     if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
@@ -146,7 +147,7 @@ class _Job:
                 raise
         trajectory = self._result(complete, until)
         if not complete:
-            raise Interrupted(trajectory)
+            raise Interrupted(trajectory, stop.number == signal.SIGTERM)
         _warn_of_doubts(trajectory)
         return trajectory
 
@@ -356,20 +357,6 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
         store.release()
         raise
     return store
-
-
-@contextlib.contextmanager
-def _deferred_interrupt() -> Iterator[threading.Event]:
-    """Let Ctrl-C set an event instead of breaking off in the middle of the bookkeeping."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-    former = signal.signal(signal.SIGINT, lambda *_: event.set())
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, former)
 
 
 def _warn_of_doubts(trajectory: Trajectory) -> None:

@@ -1,7 +1,8 @@
 """What the three packages' command lines share.
 
 Every command exits with 0, or prints one line on standard error that names the value, the limit
-and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C.
+and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C, 143 after
+SIGTERM, which ends a command in the same way.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from granular.shared.errors import GranularError, InputError, Interrupted
+from granular.shared.errors import GranularError, InputError, Interrupted, Terminated
 from granular.shared.files import finite
+from granular.shared.stops import taking_sigterm
 
-BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
 
 class Parser(argparse.ArgumentParser):
@@ -31,7 +33,8 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     """Run a command; its exit code."""
     warnings.showwarning = _show_warning
     try:
-        command(sys.argv[1:] if arguments is None else arguments)
+        with taking_sigterm():
+            command(sys.argv[1:] if arguments is None else arguments)
     except InputError as error:
         return _complain(str(error), BAD_INPUT)
     except GranularError as error:
@@ -39,7 +42,9 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     except Interrupted as stop:
         path = getattr(stop.trajectory, "path", None)
         kept = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
-        return _complain(f"interrupted: {kept}", INTERRUPTED)
+        return _complain(f"{stop}: {kept}", TERMINATED if stop.terminated else INTERRUPTED)
+    except Terminated:
+        return _complain("terminated", TERMINATED)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
