@@ -7,9 +7,9 @@ from .run.trajectory import load_trajectory as load_trajectory
 from .scene.beds import bidisperse as bidisperse
 from .scene.beds import damper as damper
 from .scene.beds import mono_bed as mono_bed
+from .scene.loading import load_scene as load_scene
+from .scene.loading import scene_names as scene_names
 from .scene.scene import Scene as Scene
-from .scene.scene import load_scene as load_scene
-from .scene.scene import scene_names as scene_names
 from .shared.errors import GranularError as GranularError
 from .studies.sweep import Study as Study
 from .studies.sweep import sweep as sweep

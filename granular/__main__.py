@@ -19,6 +19,7 @@ from granular.shared.console import (
     time_step,
 )
 from granular.shared.errors import InputError
+from granular.shared.files import write_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -157,13 +158,13 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _scene(options: Any) -> Scene:
-    from granular.scene.scene import load_scene
+    from granular.scene.loading import load_scene
 
     return load_scene(options.scene).replace(**changes_from(options.changes))
 
 
 def _scenes(options: Any) -> None:
-    from granular.scene.scene import SCENES, scene_names
+    from granular.scene.loading import SCENES, scene_names
 
     first = {}
     for name in scene_names():
@@ -309,7 +310,7 @@ def _sweep(options: Any) -> None:
             **study,
         )
     path = Path(options.out) / "table.csv"
-    found.table.to_csv(path, index=False)
+    write_text(path, found.table.to_csv(index=False))
     figures = {
         "cases": len(found.cases),
         "reused": found.reused,

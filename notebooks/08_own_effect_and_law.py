@@ -33,7 +33,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, damper, evaluate, load_scene, simulate
-from granular.scene.arrangement import initial_motion
 from granular.scene.scales import Scales
 from reduced_models import Law, compare, fit
 from reduced_models.records.first_guesses import Estimates
@@ -164,7 +163,7 @@ scene = load_scene("bed").replace(
         "effects.drag": None,
     }
 )
-places, velocities = initial_motion(scene)
+places, velocities = scene.initial_motion()
 
 
 def gradient_error(force: np.ndarray, energy: object, step: float = 3e-7) -> float:

@@ -8,17 +8,15 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.console import changes_from, emit, time_step
-from granular.shared.errors import InputError, StoreError
+from granular.shared.errors import InputError
+from granular.shared.files import write_text
 from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, shown
-
-if TYPE_CHECKING:
-    from reduced_models.models.model import ReducedModel
 
 _MOST_SAMPLES = 10**7
 
@@ -93,7 +91,8 @@ def fit_sources(options: Any) -> None:
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:
-        text += f"\nmodel: {_saved(models[0], options.out)}"
+        models[0].save(options.out)
+        text += f"\nmodel: {options.out}"
     emit({"models": [model.to_plain() for model in models]}, text, options.json)
 
 
@@ -104,7 +103,8 @@ def discover_source(options: Any) -> None:
     found = discover(_records(options.sources, options), method=options.method)
     text = f"{found}\n\n{found.model}"
     if options.out is not None:
-        text += f"\nmodel: {_saved(found.model, options.out)}"
+        found.model.save(options.out)
+        text += f"\nmodel: {options.out}"
     emit({"method": options.method, "model": found.model.to_plain()}, text, options.json)
 
 
@@ -126,14 +126,15 @@ def compare_sources(options: Any) -> None:
 
         comparison_page(table).save(target / "report.html")
         table.best.save(target / "model.json")
-        (target / "equations.txt").write_text(table.best.text, encoding="utf-8")
+        write_text(target / "equations.txt", table.best.text)
         text += f"\nreport: {target}/report.html"
     emit(table.to_plain(), text, options.json)
 
 
 def calibrate_scene(options: Any) -> None:
     """Fit numbers of a scene to a record."""
-    from granular.scene.scene import Scene, load_scene
+    from granular.scene.loading import load_scene
+    from granular.scene.scene import Scene
     from reduced_models.calibration.calibration import calibrate
     from reduced_models.records.sources import opened
 
@@ -201,13 +202,13 @@ def map_dampers(options: Any) -> None:
                 f"{shown(target)} holds a study of its own; add --simulate, or give another -o"
             )
         maps = damper_maps()
-        maps.study.to_csv(target / "study.csv", index=False)
+        write_text(target / "study.csv", maps.study.to_csv(index=False))
     else:
         with _saying_what_is_kept(options.out):
             study = run_study(
                 target, points=options.points, workers=options.workers, progress=not options.quiet
             )
-        study.to_csv(target / "study.csv", index=False)
+        write_text(target / "study.csv", study.to_csv(index=False))
         maps = DamperMaps(study)
     maps_page(maps).save(target / "report.html")
     errors = {name: surface.error for name, surface in maps.surfaces.items()}
@@ -262,10 +263,7 @@ def simulate_model(options: Any) -> None:
     last = {"height": float(motion.height[-1]), "velocity": float(motion.velocity[-1])}
     text = f"after {end:g} s: height {last['height']:.6g} m, velocity {last['velocity']:.6g} m/s"
     if options.out is not None:
-        try:
-            motion.to_csv(options.out)
-        except OSError as error:
-            raise _unwritable(options.out, error) from None
+        motion.to_csv(options.out)
         text += f"\nmotion: {options.out}"
     emit({"samples": len(motion), "end": last, "note": note}, text, options.json)
 
@@ -273,15 +271,3 @@ def simulate_model(options: Any) -> None:
 def _records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
     return [record_of(source, None, run)[0] for source in sources]
-
-
-def _saved(model: ReducedModel, path: str) -> str:
-    try:
-        model.save(path)
-    except OSError as error:
-        raise _unwritable(path, error) from None
-    return path
-
-
-def _unwritable(path: str, error: OSError) -> StoreError:
-    return StoreError(f"{shown(Path(path))} cannot be written: {error.strerror}; give another file")

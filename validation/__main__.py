@@ -120,7 +120,7 @@ def _benchmark(options: Any) -> None:
 
 
 def _cheapest(options: Any) -> None:
-    from granular.scene.scene import load_scene
+    from granular.scene.loading import load_scene
     from validation.choice import cheapest
 
     changes = changes_from(options.changes)

@@ -6,8 +6,7 @@ import dataclasses
 import shlex
 from typing import Any
 
-from granular.methods import METHODS
-from granular.run.simulation import checked_step
+from granular.run.allowed import is_allowed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost import Setting, WorkPrecision, work_precision
@@ -68,34 +67,16 @@ class Choice:
 
 def candidates(scene: Scene) -> tuple[Setting, ...]:
     """The settings that `cheapest` tries: methods, steps, and both schemes of dry friction."""
-    effects = scene.effects
-    dry = effects.friction is not None or effects.contact is not None
-    piston = scene.piston
-    dry = dry or (piston is not None and piston.mass is not None and piston.friction > 0.0)
-    names = [name for name in CANDIDATES if not dry or _takes_friction(name)]
     schemes: list[dict[str, Any]] = [{}]
-    if effects.friction is not None:
+    if scene.effects.friction is not None:
         schemes = [{"effects.friction.scheme": one} for one in ("velocity", "regularised")]
     return tuple(
         Setting(name, dt, scheme)
         for scheme in schemes
-        for name in names
+        for name in CANDIDATES
         for dt in STEPS
-        if _allowed(scene.replace(**scheme), dt)
+        if is_allowed(scene.replace(**scheme), dt, name)
     )
-
-
-def _allowed(scene: Scene, dt: str) -> bool:
-    """Whether the automatic step of the scene may be so much longer."""
-    try:
-        checked_step(dt, scene)
-    except InputError:
-        return False
-    return True
-
-
-def _takes_friction(name: str) -> bool:
-    return METHODS[name].takes_dry_friction and not METHODS[name].variable
 
 
 def cheapest(

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.run.allowed import is_allowed
 from granular.run.trajectory import Trajectory
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
@@ -412,8 +413,10 @@ def _references(
 
 def finest(scene: Scene) -> Setting:
     """A setting far more accurate than any that is worth while: order six where it can run."""
-    dry = scene.effects.friction is not None or scene.effects.contact is not None
-    return Setting("stormer-verlet", "auto/16") if dry else Setting("blanes-moan-6", "auto/2")
+    best = Setting("blanes-moan-6", "auto/2")
+    if is_allowed(scene, best.dt, best.method):
+        return best
+    return Setting("stormer-verlet", "auto/16")
 
 
 def _run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:

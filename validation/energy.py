@@ -15,8 +15,9 @@ import numpy as np
 
 from granular.methods import METHODS, method_named
 from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
 from granular.scene.scales import Scales
-from granular.scene.scene import Scene, load_scene
+from granular.scene.scene import Scene
 from granular.shared.errors import RunError
 from validation.table import Table, table
 from validation.trend import BLOCKS, Trend, energy_trend

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
 from granular.scene.scales import Scales
-from granular.scene.scene import Scene, load_scene
+from granular.scene.scene import Scene
 from validation.exact import Problem
 from validation.exact.problem import BOTTOM_ONLY, lone_scene
 from validation.hard_measures import (

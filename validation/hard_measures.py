@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
 from granular.scene.scales import Scales
-from granular.scene.scene import Scene, load_scene
+from granular.scene.scene import Scene
 from validation.exact import Problem
 
 LEDGER = "residual of the energy ledger over the energy turned over"

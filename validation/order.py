@@ -283,12 +283,12 @@ def fits(problem: Problem, method: str) -> bool:
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
     """
     from granular.methods import method_named
+    from granular.run.allowed import is_allowed
 
-    one = method_named(method)
     effects = problem.scene.effects
-    if effects.friction is not None:
-        return one.takes_dry_friction and not one.variable
-    return not one.variable or effects.dipole is not None or effects.walls is not None
+    distances = effects.dipole is not None or effects.walls is not None
+    variable = method_named(method).variable
+    return is_allowed(problem.scene, "auto", method) and (distances or not variable)
 
 
 def convergence(

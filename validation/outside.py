@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.protocol import Hold
-from granular.scene.arrangement import initial_motion
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -73,7 +72,7 @@ def start(scene: Scene) -> Start:
             "weight, drag and a piston that is held; an outside reference needs it without"
         )
     scales = Scales.of(scene.grains)
-    places, velocities = initial_motion(scene)
+    places, velocities = scene.initial_motion()
     state = [places / scales.length, velocities / scales.velocity]
     return Start(np.concatenate([one.ravel() for one in state]), scales)
 

@@ -7,7 +7,6 @@ report that was interrupted goes on where it stopped, and nothing stale is shown
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.shared.errors import GranularError, InputError
+from granular.shared.errors import GranularError
+from granular.shared.shelf import Shelf, digest
 
 Plain = dict[str, Any]
 
@@ -51,6 +51,8 @@ class Part(NamedTuple):
     pieces: Callable[[bool], Sequence[Piece]]
 
 
+KEY_LENGTH = 24
+
 FAILED = "failed"
 """Key of a piece that ended in a typed error: a failure is a result."""
 
@@ -75,16 +77,16 @@ def measured(
         If the directory cannot be written.
     """
     results = []
+    shelf = None if directory is None else Shelf(directory / "pieces")
     for piece in _shown(part, part.pieces(full), progress):
-        path = None if directory is None else _path(directory, part, piece)
-        result = None if path is None else _kept(path)
+        result: Plain | None = None if shelf is None else shelf.read(_key(part, piece))
         if result is None:
             try:
                 result = piece.measure()
             except GranularError as stop:
                 result = {FAILED: f"{type(stop).__name__}: {stop}", "label": piece.label}
-            if path is not None:
-                _keep(path, result)
+            if shelf is not None:
+                shelf.keep(_key(part, piece), result)
         results.append(result)
     return results
 
@@ -102,29 +104,9 @@ def _shown(part: Part, pieces: Sequence[Piece], progress: bool) -> Iterator[Piec
             bar.update()
 
 
-def _path(directory: Path, part: Part, piece: Piece) -> Path:
+def _key(part: Part, piece: Piece) -> str:
     content = {"key": piece.key, "part": part.name, "sources": sources(), "on": machine()}
-    text = json.dumps(content, sort_keys=True, default=str)
-    digest = hashlib.sha256(text.encode()).hexdigest()[:24]
-    return directory / "pieces" / f"{part.name}-{digest}.json"
-
-
-def _kept(path: Path) -> Plain | None:
-    try:
-        found: Plain = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError):
-        return None
-    return found
-
-
-def _keep(path: Path, result: Plain) -> None:
-    part = path.with_suffix(".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(json.dumps(result), encoding="utf-8")
-        part.replace(path)  # in one step: a cut write must not be taken for a result
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}; give another -o") from None
+    return f"{part.name}-{digest(content, KEY_LENGTH)}"
 
 
 _SHOWING = ("sections.py", "printing.py", "report.py", "table.py", "html.py", "plotting.py")
@@ -140,13 +122,13 @@ def sources() -> str:
     import granular
     import validation
 
-    digest = hashlib.sha256()
+    found = hashlib.sha256()
     for package in (granular, validation):
         assert package.__file__ is not None
         for path in sorted(Path(package.__file__).parent.rglob("*.py")):
             if path.name not in _SHOWING and path.parent.name not in _OWN:
-                digest.update(path.read_bytes())
-    return digest.hexdigest()
+                found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 def machine() -> dict[str, str]:

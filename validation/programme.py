@@ -8,7 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import COMPENSATED, METHODS, method_named
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from validation.order import HIGH_ORDER
 from validation.parts import Part, Piece, Plain
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import datetime
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.shared.errors import InputError
+from granular.shared.files import make_directory, write_json
 from granular.shared.html import Page
 from validation.energy import EnergyStudy
 from validation.order import ConvergenceResult
@@ -66,12 +65,9 @@ def report(
         name: measured(part_named(name), where, full=full, progress=progress) for name in parts
     }
     found = summary(results) | {"full": full, "machine": machine(), "parts": results}
-    try:
-        where.mkdir(parents=True, exist_ok=True)
-        page(results, full=full).save(where / "report.html")
-        (where / "report.json").write_text(json.dumps(found), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{where} cannot be written: {error.strerror}; give another -o") from None
+    make_directory(where)
+    page(results, full=full).save(where / "report.html")
+    write_json(where / "report.json", found)
     return found
 
 

@@ -13,16 +13,14 @@ half of a step takes them in the opposite order, so that the step stays symmetri
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.scene.parts import Grains
 from granular.scene.scales import Scales
 from granular.scene.schema import Section, quantity
-
-if TYPE_CHECKING:
-    from granular.scene.scene import Grains
 
 
 class Contact(Section):

@@ -22,17 +22,15 @@ threshold, and chatters unless the step is very small.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.direct import padded_values
+from granular.scene.parts import Cell, Grains
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError, Section, choice, quantity
-
-if TYPE_CHECKING:
-    from granular.scene.scene import Cell, Grains
 
 SCHEMES = ("velocity", "regularised")
 

@@ -44,7 +44,6 @@ from granular.pairs.far_field import FarField
 from granular.protocol import Stage
 from granular.protocol.stage import Timed
 from granular.run.recorder import Recorder
-from granular.scene.arrangement import initial_motion
 from granular.scene.scene import Scene
 from granular.shared.errors import RunError, StoreError
 
@@ -85,7 +84,7 @@ class Run:
         self.plan = _plan(method, step, system.constants.acting.far)
         self.recorder = Recorder(scene.grains.count)
         self.progress = Progress()
-        positions, velocities = initial_motion(scene)
+        positions, velocities = scene.initial_motion()
         height = scene.piston.height if scene.piston is not None else 0.0
         scales = system.scales
         self.state: State = new_state(

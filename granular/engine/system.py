@@ -16,8 +16,9 @@ from granular.pairs.direct import padded_values
 from granular.pairs.far_field import FarField
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import Listing
+from granular.scene.parts import Piston
 from granular.scene.scales import Scales
-from granular.scene.scene import Piston, Scene
+from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 
 

@@ -25,9 +25,9 @@ from granular.export.lammps_step import collision_frequency, stiffest_frequency
 from granular.export.lammps_tables import NEAREST_PAIR, NEAREST_WALL, pair_table, wall_table
 from granular.run.store import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
-from granular.scene.arrangement import initial_motion
+from granular.scene.loading import load_scene
 from granular.scene.scales import Scales
-from granular.scene.scene import Scene, load_scene
+from granular.scene.scene import Scene
 from granular.shared.files import check_target, make_directory, replacing
 
 
@@ -105,7 +105,7 @@ def _opened(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory 
 def _scene_start(scene: Scene) -> _Start:
     height = None if scene.piston is None else scene.piston.height
     everyone = np.arange(scene.grains.count)
-    return _Start(0.0, height, everyone, *initial_motion(scene), tuple(_legs(scene, 0, height)))
+    return _Start(0.0, height, everyone, *scene.initial_motion(), tuple(_legs(scene, 0, height)))
 
 
 def _run_start(run: Trajectory) -> _Start:
@@ -149,7 +149,7 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
 
 def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     """The time step [s] that is given, or that the bed's stiffest modes allow."""
-    from granular.run.simulation import checked_step
+    from granular.run.time_step import checked_step
 
     asked = checked_step(dt, deck.scene)
     if asked.seconds is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from granular.scene.schema import unknown
 from granular.scene.units import unit_size
 from granular.shared.errors import RecordError, SceneError
+from granular.shared.files import replacing
 from granular.shared.tables import PARQUET, Table, read_csv, read_parquet, write_parquet
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
@@ -170,12 +171,21 @@ class PistonRecord:
             raise RecordError(f"{path}: {error}") from None
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the record to a CSV file that `from_csv` reads back to the same bits."""
+        """Write the record to a CSV file that `from_csv` reads back to the same bits.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written; what was there before still stands.
+        """
         columns = {
             f"{name} [{UNITS[name]}]" if name in UNITS else name: values
             for name, values in self.columns.items()
         }
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
+        with (
+            replacing(Path(path), overwrite=True) as part,
+            part.open("w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.writer(file)
             writer.writerow(columns)
             writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
@@ -187,6 +197,8 @@ class PistonRecord:
         ------
         RecordError
             If pyarrow is not there.
+        InputError
+            If it cannot be written; what was there before still stands.
         """
         write_parquet(Path(path), self.columns, UNITS)
 
@@ -195,6 +207,22 @@ class PistonRecord:
         """All columns by their names."""
         own = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
         return own | dict(self.extra)
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, Sequence[float] | np.ndarray]) -> PistonRecord:
+        """The record of such columns; those that are none of its own are further ones.
+
+        Raises
+        ------
+        RecordError
+            If ``time`` or ``height`` is missing, or the values make no record.
+        """
+        for name in ("time", "height"):
+            if name not in columns:
+                raise RecordError(f"there is no column {name!r}; a record needs time and height")
+        own = {name: columns[name] for name in UNITS if name in columns}
+        extra = {name: values for name, values in columns.items() if name not in UNITS}
+        return cls(**own, extra=extra)  # type: ignore[arg-type]
 
     def between(self, start: float, stop: float) -> PistonRecord:
         """The samples with start <= time <= stop [s]."""

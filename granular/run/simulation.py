@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import importlib.metadata
 import json
 import math
 import platform
-import re
 import signal
 import time
 import warnings
@@ -22,13 +20,15 @@ from granular.engine.ledger import doubtful
 from granular.engine.run import Run
 from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
-from granular.methods import COMPENSATED, Method, method_named
+from granular.methods import method_named
 from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.run.allowed import check_method
 from granular.run.checkpoint import read_checkpoint
 from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.store import Store, is_run, read_settings
+from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
@@ -36,8 +36,6 @@ from granular.shared.stops import Stop, deferred_stop
 
 if TYPE_CHECKING:
     import xarray
-
-_AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
 MOST_STEPS = 1e12
 """Most steps from record to record: more would take weeks."""
@@ -101,7 +99,7 @@ def simulate(
     """
     plan = method_named(method)
     step = checked_step(dt, scene)
-    _check_method(plan, step, scene)
+    check_method(plan, step, scene)
     _check_cadence(step, scene)
     _check_end(scene, t_end)
     count = _thread_count(scene, threads)
@@ -201,68 +199,6 @@ def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset
             for one, values in recorder.in_si(scene, system.scales)
         }
     )
-
-
-def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
-    """A time step in seconds, or a multiple of the automatic one, of a scene.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
-    step = Step() if scene is None else Step(grains=scene.grains.count, dry=_rubs(scene))
-    if isinstance(dt, str):
-        match = _AUTOMATIC.fullmatch(dt)
-        if match is None:
-            raise InputError(f"dt = {dt!r}; give seconds, 'auto', or a multiple such as 'auto/2'")
-        factor = float(match[2] or 1.0)
-        factor = 1.0 / factor if match[1] == "/" and factor else factor
-        if not 0.0 < factor <= step.longest:
-            raise InputError(
-                f"dt = {dt!r}; the automatic step may be multiplied by more than 0 and at most "
-                f"{step.longest:g}"
-            )
-        return dataclasses.replace(step, factor=factor)
-    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
-        raise InputError(f"dt = {dt!r}; give a time step above 0 s, or 'auto'")
-    return dataclasses.replace(step, seconds=float(dt))
-
-
-def _rubs(scene: Scene) -> bool:
-    """Whether dry friction between grains and plates allows longer steps."""
-    friction, contact = scene.effects.friction, scene.effects.contact
-    return friction is not None and friction.scheme == "velocity" and contact is None
-
-
-def _check_method(method: Method, step: Step, scene: Scene) -> None:
-    effects, piston = scene.effects, scene.piston
-    dry = [name for name in ("friction", "contact") if getattr(effects, name) is not None]
-    if piston is not None and piston.mass is not None and piston.friction:
-        dry.append("piston.friction")
-    if dry and method.compensated:
-        raise InputError(
-            f"method = {method.name!r} cannot run a scene with {dry[0]}, whose velocities are no "
-            f"plain sums; take {method.name.removesuffix(COMPENSATED)!r}"
-        )
-    if dry and not method.takes_dry_friction:
-        raise InputError(
-            f"method = {method.name!r} cannot run a scene with {dry[0]}, which cannot go backward "
-            "in time, nor be part of its steps; take 'stormer-verlet'"
-        )
-    if not method.variable:
-        return
-    if not step.automatic:
-        raise InputError(
-            f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto', or a "
-            "multiple such as 'auto/2'"
-        )
-    slab = effects.walls is not None and effects.walls.has_slab
-    if slab:
-        raise InputError(
-            f"method = {method.name!r} cannot run a scene with a slab, past whose ends grains may "
-            "come behind it; take 'stormer-verlet'"
-        )
 
 
 def _check_cadence(step: Step, scene: Scene) -> None:

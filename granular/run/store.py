@@ -41,7 +41,8 @@ from granular.run.directory import (
 )
 from granular.run.manifest import MANIFEST, manifest_of, new_manifest, unchanged_bytes
 from granular.run.recorder import Recorder
-from granular.scene.scene import Scene, load_scene, plain_digest
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene, plain_digest
 from granular.shared.errors import StoreError
 
 

@@ -1,9 +1,9 @@
-from .scene import Cell as Cell
+from .loading import load_scene as load_scene
+from .loading import scene_names as scene_names
+from .parts import Cell as Cell
+from .parts import Grains as Grains
+from .parts import Output as Output
+from .parts import Piston as Piston
+from .parts import Species as Species
 from .scene import Effects as Effects
-from .scene import Grains as Grains
-from .scene import Output as Output
-from .scene import Piston as Piston
 from .scene import Scene as Scene
-from .scene import Species as Species
-from .scene import load_scene as load_scene
-from .scene import scene_names as scene_names

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.scene.parts import Cell, Grains, Piston
 from granular.scene.schema import FieldError, Section, points, quantity, whole
 from granular.shared.errors import SceneError
-
-if TYPE_CHECKING:
-    from granular.scene.scene import Scene
 
 
 class Arrangement(Section):
@@ -58,38 +55,51 @@ def grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
     return columns, -(-count // columns)
 
 
-def initial_motion(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def initial_motion(
+    plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Positions [m] and velocities [m/s] at the start, each (n, 2).
+
+    Parameters
+    ----------
+    plan : Arrangement
+    grains : Grains
+    cell : Cell
+    piston : Piston or None
+    overlapping : bool
+        Whether grains may overlap each other, as they do where contact acts.
 
     Raises
     ------
     SceneError
         If grains overlap each other or a wall, or stand outside the cell.
     """
-    plan, count = scene.arrangement, scene.grains.count
+    count = grains.count
     if plan.positions is not None:
         positions = np.array(plan.positions, dtype=float).reshape(count, 2)
         velocities = np.zeros_like(positions)
         if plan.velocities is not None:
             velocities[:] = np.array(plan.velocities, dtype=float).reshape(count, 2)
     else:
-        positions, velocities = _grid(scene)
-    check_positions(scene, positions)
+        positions, velocities = _grid(plan, grains, cell, piston)
+    check_positions(positions, grains, cell, piston, overlapping=overlapping)
     return positions, velocities
 
 
-def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    plan, count, width = scene.arrangement, scene.grains.count, scene.cell.width
+def _grid(
+    plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None
+) -> tuple[np.ndarray, np.ndarray]:
+    count, width = grains.count, cell.width
     height = plan.height
     if height is None:
-        if scene.piston is None:
+        if piston is None:
             raise SceneError("arrangement.height: must be given where there is no piston")
-        height = scene.piston.height
+        height = piston.height
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
     columns, rows = grid_shape(count, width, height)
     mesh = np.array([width / (columns + 1), height / (rows + 1)])
-    widest = max(one.diameter for one in scene.grains.species)
+    widest = max(one.diameter for one in grains.species)
     if mesh.min() * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
             f"{count} grains leave {mesh.min():.4g} m from one to the next, and with a jitter of "
@@ -105,21 +115,23 @@ def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return positions, velocities
 
 
-def check_positions(scene: Scene, positions: np.ndarray) -> None:
-    """Raise `SceneError` unless all grains stand clear of each other, the walls and the piston.
+def check_positions(
+    positions: np.ndarray, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
+) -> None:
+    """Raise `SceneError` unless all grains stand clear of the walls, the piston and each other.
 
-    Where contact acts, grains may overlap each other.
+    ``overlapping`` grains need not be clear of each other.
     """
     from scipy.spatial import cKDTree
 
-    radius = scene.grains.diameters() / 2.0
+    radius = grains.diameters() / 2.0
     x, y = positions[:, 0], positions[:, 1]
-    top = math.inf if scene.piston is None else scene.piston.height
+    top = math.inf if piston is None else piston.height
     _clear_of(x - radius, "the left wall", "move it to the right")
-    _clear_of(scene.cell.width - x - radius, "the right wall", "widen the cell or move it left")
+    _clear_of(cell.width - x - radius, "the right wall", "widen the cell or move it left")
     _clear_of(y - radius, "the bottom", "move it up")
     _clear_of(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
-    if len(positions) > 1 and scene.effects.contact is None:
+    if len(positions) > 1 and not overlapping:
         pairs = cKDTree(positions).query_pairs(2.0 * float(radius.max()), output_type="ndarray")
         gap = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
         overlap = radius[pairs].sum(axis=1) - gap

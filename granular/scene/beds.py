@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from granular.scene.scene import Scene, Species, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.parts import Species
+from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 
 REFERENCE_COUNT = 368

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from granular.scene.scene import Grains
+from granular.scene.parts import Grains
 
 MAGNETIC_CONSTANT = 4e-7 * math.pi
 """Permeability of free space [H/m], the value of [D, Table 4.3]."""

@@ -17,6 +17,8 @@ from granular.shared.errors import InputError
 def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
     """A place to write a file to, which takes its real name when all went well.
 
+    A link stays and what it leads to is replaced; a device or a pipe is written to as it is.
+
     Raises
     ------
     InputError
@@ -24,17 +26,21 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         if its directory does not exist or cannot be written to.
     """
     check_target(path, overwrite)
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    place = Path(os.path.realpath(path))
     # Two processes that write the same file at once must not write into each other's part.
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    part = place.with_name(f".{place.stem}.{os.getpid()}.part{place.suffix}")
     try:
         part.touch()
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+        raise _unwritable(path, error) from None
     try:
         yield part
-        os.replace(part, path)
+        os.replace(part, place)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
+        raise _unwritable(path, error) from None
     finally:
         part.unlink(missing_ok=True)
 
@@ -79,7 +85,13 @@ def check_target(path: Path, overwrite: bool) -> None:
         if not path.parent.is_dir():
             raise InputError(f"there is no directory {path.parent}; make it first")
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+        raise _unwritable(path, error) from None
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(
+        f"{path} cannot be written: {error.strerror or error}; make room, or give another place"
+    )
 
 
 def make_directory(path: Path) -> None:
@@ -93,4 +105,4 @@ def make_directory(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path} cannot be made: {error.strerror}") from None
+        raise InputError(f"{path} cannot be made: {error.strerror}; give another place") from None

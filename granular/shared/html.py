@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from granular.shared.files import write_text
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -98,8 +100,14 @@ class Page:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the page to a file."""
-        Path(path).write_text(self.render(), encoding="utf-8")
+        """Write the page to a file.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written; what was there before still stands.
+        """
+        write_text(Path(path), self.render())
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.shared.errors import RecordError
+from granular.shared.files import replacing
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -176,6 +177,8 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
     ------
     RecordError
         If pyarrow is not there.
+    InputError
+        If it cannot be written; what was there before still stands.
     """
     parquet = _parquet()
     import pyarrow
@@ -186,7 +189,9 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
         for name in columns
     ]  # fmt: skip
     arrays = [pyarrow.array(values) for values in columns.values()]
-    parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), path)
+    table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
+    with replacing(path, overwrite=True) as part:
+        parquet.write_table(table, part)
 
 
 def _parquet() -> ModuleType:

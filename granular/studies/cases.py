@@ -5,15 +5,20 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import itertools
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
+from granular.methods import method_named
+from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.shelf import digest
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
+M = TypeVar("M", bound=Measure)
+
+KEY_LENGTH = 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +28,7 @@ class Case:
     Attributes
     ----------
     changes : dict
-        Dotted keys and values, what tells it from the others.
+        Dotted keys and settings with their values, what tells it from the others.
     scene : Scene
     settings : dict
         Keywords of `simulate`.
@@ -37,8 +42,23 @@ class Case:
     key: str
 
 
+def known_as(name: str) -> Callable[[M], M]:
+    """Let a measure that was moved keep its `measure_name`, and so the cases computed before.
+
+    Take it away with any change of what the measure finds.
+    """
+
+    def named(measure: M) -> M:
+        measure.known_as = name  # type: ignore[attr-defined]
+        return measure
+
+    return named
+
+
 def measure_name(measure: Measure) -> str:
-    """Where a measure is defined, and a digest of its code where it has any."""
+    """Where a measure is defined, and a digest of its code where it has any; see `known_as`."""
+    if hasattr(measure, "known_as"):
+        return str(measure.known_as)
     name = f"{measure.__module__}:{getattr(measure, '__qualname__', repr(measure))}"
     code = getattr(measure, "__code__", None)
     if code is None:
@@ -56,10 +76,12 @@ def make_cases(
 ) -> list[Case]:
     """All combinations of the grid's values, followed by the cases given one by one.
 
+    A case's changes are those of the scene, by dotted keys, and of the settings, by their names.
+
     Raises
     ------
     InputError
-        If there is no case, or two are the same.
+        If there is no case, two are the same, or a time step or method does not exist.
     SceneError
         If a change does not fit the scene.
     """
@@ -88,11 +110,14 @@ def _listed(name: str, values: Iterable[Any]) -> list[Any]:
 def _case(
     scene: Scene, changes: dict[str, Any], settings: dict[str, Any], measure: Measure
 ) -> Case:
-    changed = scene.replace(**changes)
+    own = {name: value for name, value in changes.items() if name in settings}
+    settings = settings | own
+    checked_step(settings["dt"])
+    method_named(settings["method"])
+    changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
     content = {
         "scene": changed.plain(),
         "settings": settings,
         "measure": measure_name(measure),
     }
-    text = json.dumps(content, sort_keys=True, default=str)
-    return Case(changes, changed, settings, hashlib.sha256(text.encode()).hexdigest()[:20])
+    return Case(changes, changed, settings, digest(content, KEY_LENGTH))

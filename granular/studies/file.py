@@ -21,7 +21,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from granular.scene.scene import load_scene, scene_names
+from granular.scene.loading import load_scene, scene_names
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 from granular.studies.measures import measure_named

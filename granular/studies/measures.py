@@ -8,7 +8,7 @@ from typing import Any
 
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.studies.cases import Measure
+from granular.studies.cases import Measure, known_as
 
 
 def last_values(run: Trajectory) -> Mapping[str, Any]:
@@ -24,6 +24,12 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
         if run.scene.piston is not None:
             figures[f"{stage.name}.height"] = stage.height
     return figures
+
+
+@known_as("reduced_models.simulated:piston_columns#85abaa33")
+def piston_columns(run: Trajectory) -> Mapping[str, Any]:
+    """The piston's record of a run as lists; `PistonRecord.from_columns` makes it one again."""
+    return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
 def measure_named(name: str) -> Measure:

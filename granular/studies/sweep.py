@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.files import make_directory
 from granular.studies.cases import Case, Measure, make_cases
 from granular.studies.measures import last_values
-from granular.studies.work import Outcome, compute, keep_outcome, read_outcome
+from granular.studies.work import Outcome, compute, outcomes_in
+from granular.studies.workers import workshop
 
 if TYPE_CHECKING:
     import pandas
@@ -74,6 +76,7 @@ def sweep(
     executor: Executor | None = None,
     workers: int | None = None,
     progress: bool = True,
+    title: str = "cases",
 ) -> Study:
     """Run a scene under many changes.
 
@@ -81,14 +84,15 @@ def sweep(
     ----------
     scene : Scene
     grid : mapping of str to values
-        Dotted keys and the values that each takes; all combinations are run.
+        Dotted keys and the values that each takes; all combinations are run. ``dt``, ``t_end`` and
+        ``method`` are keys as well, for cases with their own.
     cases : sequence of mapping
         Further changes, one by one.
     measure : function of Trajectory
         What is written down of a run: names and numbers. It must be a function that other
         processes can have.
     dt, t_end, method
-        As in `simulate`; each run has one thread.
+        As in `simulate`, for cases that have none of their own; each run has one thread.
     out : str or Path, optional
         Directory that keeps each outcome as soon as it is there. Called again, the sweep goes on:
         a case with the same scene, settings and measure is not computed twice.
@@ -96,12 +100,14 @@ def sweep(
         Keep the whole runs in ``out`` too; a case that was cut off then goes on from its last
         checkpoint.
     executor : concurrent.futures.Executor, optional
-        Where the cases run: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... Without:
-        processes on this machine.
+        Where the cases run: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... It is left
+        open. Without: processes on this machine.
     workers : int, optional
         How many processes; as many as there are processors if not given.
     progress : bool
         Show a progress bar on standard error.
+    title : str
+        Of the progress bar.
 
     Returns
     -------
@@ -111,8 +117,8 @@ def sweep(
     Raises
     ------
     InputError
-        If the study has no case, two are alike, a change does not fit, or ``keep_runs`` is asked
-        for without ``out``.
+        If the study has no case, two are alike, a change, a time step or a method does not fit, or
+        ``keep_runs`` is asked for without ``out``.
     KeyboardInterrupt
         On Ctrl-C; ``out`` keeps what was done.
     """
@@ -124,25 +130,26 @@ def sweep(
     done = _done_before(every, directory)
     reused = len(done)
     waiting = [case for case in every if case.key not in done]
-    with _Bar(len(every), reused, progress) as bar:
-        for case, outcome in _outcomes(waiting, measure, directory, keep_runs, executor, workers):
+    with (
+        workshop(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
+        _Bar(title, len(every), reused, progress) as bar,
+    ):
+        for case, outcome in _outcomes(waiting, measure, directory, keep_runs, pool):
             done[case.key] = outcome
             bar.advance(outcome["error"] is not None)
     return Study(tuple(every), tuple(done[case.key] for case in every), reused)
 
 
 def _directory(path: Path) -> Path:
-    try:
-        (path / "cases").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path} cannot be made: {error.strerror}; give another out") from None
+    make_directory(path / "cases")
     return path.absolute()
 
 
 def _done_before(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
     if directory is None:
         return {}
-    found = {case.key: read_outcome(directory, case.key) for case in cases}
+    shelf = outcomes_in(directory)
+    found = {case.key: shelf.read(case.key) for case in cases}
     return {key: outcome for key, outcome in found.items() if outcome is not None}
 
 
@@ -151,35 +158,49 @@ def _outcomes(
     measure: Measure,
     directory: Path | None,
     keep_runs: bool,
-    executor: Executor | None,
-    workers: int | None,
+    pool: Executor,
 ) -> Iterator[tuple[Case, Outcome]]:
-    """Each case with its outcome, as they come; a pool whose worker died is made anew."""
-    waiting, lost = list(cases), dict.fromkeys((case.key for case in cases), 0)
+    """Each case with its outcome, as they come; those whose worker was lost are tried again.
+
+    A worker that dies takes the cases beside it with it. So where that happens again, the next
+    cases, of which one was running then, are tried alone: who dies alone has nobody else to blame.
+    """
+    waiting = {case.key: case for case in cases}
+    deaths, alone = 0, 0
     while waiting:
-        pool = _local_pool(min(len(waiting), workers or os.cpu_count() or 1), executor)
-        try:
-            futures = {
-                pool.submit(compute, case, measure, directory, keep_runs): case for case in waiting
-            }
-            broken = False
-            for future in concurrent.futures.as_completed(futures):
-                case = futures[future]
-                outcome = _outcome_of(future)
-                if outcome is None:
-                    broken = True
-                    continue
-                waiting.remove(case)
+        batch = list(waiting.values())[: 1 if alone else None]
+        for case, outcome in _computed(batch, measure, directory, keep_runs, pool):
+            del waiting[case.key]
+            yield case, outcome
+        alone = max(0, alone - 1)
+        if all(case.key not in waiting for case in batch):
+            continue
+        deaths += 1
+        if deaths >= ATTEMPTS and len(batch) == 1:
+            del waiting[batch[0].key]
+            yield batch[0], {"figures": {}, "error": f"the worker died, {ATTEMPTS} times"}
+            deaths, alone = 0, 0
+        elif deaths >= ATTEMPTS - 1:
+            alone = 2 * (os.cpu_count() or 1)
+
+
+def _computed(
+    cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
+) -> Iterator[tuple[Case, Outcome]]:
+    """The cases whose workers lived, as they come; what still waits is taken back in the end."""
+    futures: dict[Future[Outcome], Case] = {}
+    try:
+        for case in cases:
+            futures[pool.submit(compute, case, measure, directory, keep_runs)] = case
+        for future in concurrent.futures.as_completed(futures):
+            outcome = _outcome_of(future)
+            if outcome is not None:
                 if directory is not None:
-                    keep_outcome(directory, case.key, outcome)
-                yield case, outcome
-        except BaseException:
-            _stop(pool, executor)
-            raise
-        if executor is None:
-            pool.shutdown()
-        if broken:
-            yield from _given_up(waiting, lost)
+                    outcomes_in(directory).keep(futures[future].key, outcome)
+                yield futures[future], outcome
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 def _outcome_of(future: Future[Outcome]) -> Outcome | None:
@@ -194,40 +215,15 @@ def _outcome_of(future: Future[Outcome]) -> Outcome | None:
         return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
 
 
-def _given_up(waiting: list[Case], lost: dict[str, int]) -> Iterator[tuple[Case, Outcome]]:
-    for case in list(waiting):
-        lost[case.key] += 1
-        if lost[case.key] == ATTEMPTS:
-            waiting.remove(case)
-            yield case, {"figures": {}, "error": f"the worker died, {ATTEMPTS} times"}
-
-
-def _local_pool(workers: int, executor: Executor | None) -> Executor:
-    if executor is not None:
-        return executor
-    from loky import ProcessPoolExecutor
-
-    pool: Executor = ProcessPoolExecutor(max_workers=workers)
-    return pool
-
-
-def _stop(pool: Executor, executor: Executor | None) -> None:
-    """Let go of what still waits; our own workers are stopped at once."""
-    if executor is None:
-        pool.shutdown(wait=False, kill_workers=True)  # type: ignore[call-arg]
-    else:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
 class _Bar:
     """One line that shows how many cases are done and failed, and the time left."""
 
-    def __init__(self, total: int, reused: int, wanted: bool) -> None:
+    def __init__(self, title: str, total: int, reused: int, wanted: bool) -> None:
         self._failed, self._bar = 0, None
         if wanted:
             from tqdm import tqdm
 
-            self._bar = tqdm(total=total, initial=reused, desc="cases", unit="case", smoothing=0.1)
+            self._bar = tqdm(total=total, initial=reused, desc=title, unit="case", smoothing=0.1)
 
     def __enter__(self) -> _Bar:
         return self

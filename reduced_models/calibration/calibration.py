@@ -16,21 +16,23 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 
 import numpy as np
 
 from granular.methods import method_named
 from granular.run.record import PistonRecord
+from granular.run.time_step import halved
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.studies.workers import workshop
 from reduced_models.calibration.features import LAW, Features, features
 from reduced_models.calibration.gauss_newton import MOST_MOVES, Ended, descended
 from reduced_models.calibration.result import Calibrated, Calibration, Match
-from reduced_models.calibration.simulations import Bench, Parameter, Point, parameter, workers
+from reduced_models.calibration.simulations import Bench, Parameter, Point, parameter
 from reduced_models.fitting.fitting import check_options
 from reduced_models.fitting.uncertainty import open_directions
-from reduced_models.identification.checks import halved
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepared
 
@@ -53,6 +55,7 @@ def calibrate(
     method: str = METHOD,
     out: str | Path | None = None,
     checks: bool = True,
+    executor: Executor | None = None,
     progress: bool = True,
 ) -> Calibration:
     """Numbers of a scene for which its simulations move as a record does.
@@ -82,6 +85,8 @@ def calibrate(
         goes on from there.
     checks : bool
         Whether one more simulation, with half the time step, tells what the step does.
+    executor : concurrent.futures.Executor, optional
+        Where the simulations run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
         Show a progress bar of each round of simulations on standard error.
 
@@ -114,7 +119,7 @@ def calibrate(
     wanted = features(record, law, force=force)
     target = prepared(out)
     first = scene.arrangement.seed
-    with workers() as pool:
+    with workshop(executor) as pool:
         bench = Bench(
             scene=scene,
             parameters=varied,

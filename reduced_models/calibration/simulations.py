@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.scene.schema import Quantity, Section
 from granular.shared.errors import InputError
+from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep
 from reduced_models.calibration.features import features
 from reduced_models.laws.law import Law
@@ -75,30 +72,6 @@ def _part(section: Any, part: str) -> Any:
             return named.get(part, section[int(part)])
         return named.get(part)
     return getattr(section, part, None) if isinstance(section, Section) else None
-
-
-@contextlib.contextmanager
-def workers() -> Iterator[Executor]:
-    """Processes for all rounds of simulations: each loads the compiled code once."""
-    from loky import ProcessPoolExecutor
-
-    class Pool(ProcessPoolExecutor):  # type: ignore[misc]
-        def shutdown(
-            self, wait: bool = True, kill_workers: bool = False, *, cancel_futures: bool = False
-        ) -> None:
-            """As in the standard library, whose ``cancel_futures`` loky does not know."""
-            super().shutdown(wait=wait, kill_workers=kill_workers or cancel_futures)
-
-    pool = Pool(max_workers=os.cpu_count() or 1)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=False, kill_workers=True)
-
-
-def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """The piston's record of a run as lists, the measure of the study."""
-    return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
 class Point(NamedTuple):
@@ -182,7 +155,7 @@ class Bench:
             try:
                 if outcome["error"] is not None:
                     raise InputError(outcome["error"])
-                record = _record(outcome["figures"]).from_zero()
+                record = PistonRecord.from_columns(outcome["figures"]).from_zero()
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
                 found = features(record, self.law, force=self.force)
             except InputError as error:
@@ -194,9 +167,3 @@ class Bench:
             records.append(record)
             rows.append(np.log(found.values))
         return Point(place, tuple(records), np.array(rows))
-
-
-def _record(columns: Mapping[str, Sequence[float]]) -> PistonRecord:
-    arrays = {name: np.array(values) for name, values in columns.items()}
-    own = {name: arrays.pop(name, None) for name in ("time", "height", "velocity", "force")}
-    return PistonRecord(**own, extra=arrays)  # type: ignore[arg-type]

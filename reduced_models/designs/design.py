@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 
 from granular.scene.beds import damper
@@ -57,6 +58,7 @@ def design(
     seeds: Sequence[int] = SEEDS,
     maps: DamperMaps | None = None,
     out: str | Path | None = None,
+    executor: Executor | None = None,
     workers: int | None = None,
     progress: bool = True,
 ) -> Design:
@@ -84,8 +86,8 @@ def design(
     out : str or Path, optional
         Directory for simulations, scene.toml, design.json and report.html; called again, what was
         simulated is used again.
-    workers : int, optional
-        Processes; as many as there are processors if not given.
+    executor, workers
+        As in `granular.sweep`.
     progress : bool
 
     Returns
@@ -115,7 +117,7 @@ def design(
             if candidate is None or len(rounds) == MOST:
                 break
             try:
-                checks = _checked(candidate, seeds, out, workers, progress)
+                checks = _checked(candidate, seeds, out, executor, workers, progress)
             except GranularError as error:
                 raise DesignError(
                     str(error), Design(wish, tuple(rounds)) if rounds else None
@@ -161,6 +163,7 @@ def _checked(
     candidate: Candidate,
     seeds: Sequence[int],
     out: str | Path | None,
+    executor: Executor | None,
     workers: int | None,
     progress: bool,
 ) -> tuple[Check, ...]:
@@ -169,6 +172,7 @@ def _checked(
         cases=[candidate.scene(seed).plain() for seed in seeds],
         measure=check_figures,
         out=out,
+        executor=executor,
         workers=workers,
         progress=progress,
     )

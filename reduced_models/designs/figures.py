@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.trajectory import Trajectory
+from granular.studies.cases import known_as
 
 LAW = "polynomial-spring"
 """The law that predicts the damper's swings best among those without a fitted height map; its
@@ -18,6 +19,7 @@ SHOWN_EVERY = 5
 """Every fifth sample of the motion is kept for its picture."""
 
 
+@known_as("reduced_models.designs.figures:damper_figures#8b0ef787")
 def damper_figures(run: Trajectory) -> Mapping[str, Any]:
     """Figures of a damper that fell, came to rest, was lifted and released.
 

@@ -7,6 +7,7 @@ are added, so that the maps are not continued beyond what was simulated.
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from granular.scene.beds import damper
 from granular.shared.errors import InputError
+from granular.studies.sweep import sweep
 from reduced_models.designs.candidate import Candidate, candidate_at
 from reduced_models.designs.figures import damper_figures
 
@@ -45,6 +47,7 @@ def run_study(
     out: str | Path | None = None,
     *,
     points: int = POINTS,
+    executor: Executor | None = None,
     workers: int | None = None,
     progress: bool = True,
 ) -> pandas.DataFrame:
@@ -56,8 +59,8 @@ def run_study(
         Directory that keeps every case as soon as it is done; called again, the study goes on.
     points : int
         Of Sobol's sequence, a power of two.
-    workers : int, optional
-        Processes; as many as there are processors if not given.
+    executor, workers
+        As in `granular.sweep`.
     progress : bool
 
     Returns
@@ -73,8 +76,6 @@ def run_study(
     """
     import pandas
 
-    from granular.studies.sweep import sweep
-
     if points < 64 or points & (points - 1):
         raise InputError(f"points = {points}; give a power of two from 64 on, such as {POINTS}")
     dampers = design_points(points)
@@ -84,6 +85,7 @@ def run_study(
         measure=damper_figures,
         dt=STEP,
         out=out,
+        executor=executor,
         workers=workers,
         progress=progress,
     )

@@ -54,6 +54,8 @@ class Training(NamedTuple):
         Resampled records that give the intervals; 0 where something else does.
     profile : bool
         Whether the profile of the residuals gives the intervals.
+    seed : int
+        Of the resampled records.
     """
 
     samples: tuple[int, ...]
@@ -64,6 +66,7 @@ class Training(NamedTuple):
     bounds: Mapping[str, tuple[float, float]] = {}
     replicates: int = 0
     profile: bool = False
+    seed: int = 0
 
 
 def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...]:
@@ -75,7 +78,7 @@ def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...
     if training.replicates:
         from reduced_models.fitting.bootstrap import replicates
 
-        again = replicates(joint, theta, training.replicates, seed=0)
+        again = replicates(joint, theta, training.replicates, training.seed)
     profiled = None
     if training.profile:
         whole = Information(normal, residuals, joint.layout.size)
@@ -140,7 +143,7 @@ def provenance(record: PistonRecord, training: Training) -> dict[str, str]:
                        training.bounds.items())  # fmt: skip
     intervals = "profile" if training.profile else "linear"
     if training.replicates:
-        intervals = f"bootstrap, {training.replicates} records"
+        intervals = f"bootstrap, {training.replicates} records, seed {training.seed}"
     return {
         "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, "
         f"sha256 {digest[:16]}",

@@ -126,7 +126,7 @@ def fit(
     confidence : float
         Of the intervals.
     seed : int
-        Of the random starts.
+        Of all that is random: the starts, and the records that a bootstrap draws.
     own : sequence of str
         Parameters that each of several records has for itself; the others are shared. Every record
         has its own initial state.
@@ -184,6 +184,7 @@ def fit(
         bounds=case.bounds,
         replicates=REPLICATES if intervals == "bootstrap" else 0,
         profile=intervals == "profile",
+        seed=seed,
     )
     models = models_of(found, training)
     for note in dict.fromkeys(note for model in models for note in model.notes):

@@ -1,57 +1,39 @@
-"""Further runs of a scene that show what the time step and the random start do to a figure.
-
-Each run is a process of its own (``python -m reduced_models.identification.checks``), so that they
-go side by side whatever the calling program looks like, and one that fails takes nothing with it.
-"""
+"""Further runs of a scene that show what the time step and the random start do to a figure."""
 
 from __future__ import annotations
 
-import concurrent.futures
-import io
-import json
-import os
-import subprocess
-import sys
-import warnings
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
+from granular.run.allowed import is_allowed
 from granular.run.record import PistonRecord
-from granular.shared.errors import GranularError, InputError
+from granular.run.time_step import doubled, halved
+from granular.shared.errors import RecordError
+from granular.studies.measures import piston_columns
+from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
-    from granular.scene.scene import Scene
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
 _RESOLVED = 1.0  # step times highest frequency up to which a method shows its order; half the limit
-_FAILED = 1
 
 
-class Case(NamedTuple):
-    """A run to make.
+class Check(NamedTuple):
+    """A further run of a scene.
 
     Attributes
     ----------
     what : str
         In words, for messages.
-    scene : dict
-        As plain data.
-    dt : float or str
-    method : str
-    t_end : float or None
-        [s]
+    changes : mapping
+        To the run: its ``dt``, or keys of its scene.
     """
 
     what: str
-    scene: dict[str, Any]
-    dt: float | str
-    method: str
-    t_end: float | None
+    changes: Mapping[str, Any]
 
 
 class Failure(NamedTuple):
@@ -61,43 +43,17 @@ class Failure(NamedTuple):
     cause: str
 
 
-def halved(dt: float | str) -> float | str:
-    """Half a time step, given in seconds or as a multiple of the automatic one."""
-    return _scaled(dt, 0.5)
-
-
-def doubled(dt: float | str) -> float | str:
-    """Twice a time step, given in the same ways."""
-    return _scaled(dt, 2.0)
-
-
-def _scaled(dt: float | str, by: float) -> float | str:
-    from granular.run.simulation import checked_step
-
-    step = checked_step(dt)
-    if step.seconds is not None:
-        return by * step.seconds
-    factor = by * step.factor
-    if factor >= 1.0:
-        return f"auto*{_positional(factor)}"
-    return f"auto/{_positional(1.0 / factor)}"
-
-
-def _positional(value: float) -> str:
-    return np.format_float_positional(value, trim="-")
-
-
 class StepCheck(NamedTuple):
     """A run with another time step.
 
     Attributes
     ----------
-    case : Case
+    check : Check
     factor : float
         Error of the step that was used, over what the other one changes.
     """
 
-    case: Case
+    check: Check
     factor: float
 
 
@@ -111,41 +67,54 @@ def step_check(run: Trajectory) -> StepCheck:
     from granular.methods import method_named
 
     settings = run.settings()
+    dt, method = settings["dt"], settings["method"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= _RESOLVED and _allowed(run.scene, doubled(settings["dt"])):
-        return StepCheck(_step_case(run, "twice the time step", doubled(settings["dt"])), 1.0)
-    power = 2.0 ** method_named(settings["method"]).order
-    case = _step_case(run, "half the time step", halved(settings["dt"]))
-    return StepCheck(case, power / (power - 1.0))
+    if coarser <= _RESOLVED and is_allowed(run.scene, doubled(dt), method):
+        return StepCheck(Check("twice the time step", {"dt": doubled(dt)}), 1.0)
+    power = 2.0 ** method_named(method).order
+    return StepCheck(Check("half the time step", {"dt": halved(dt)}), power / (power - 1.0))
 
 
-def _allowed(scene: Scene, dt: float | str) -> bool:
-    from granular.run.simulation import checked_step
-
-    try:
-        checked_step(dt, scene)
-    except InputError:
-        return False
-    return True
-
-
-def _step_case(run: Trajectory, what: str, dt: float | str) -> Case:
-    return Case(what, run.scene.plain(), dt, run.settings()["method"], _forced_end(run))
-
-
-def seed_cases(run: Trajectory) -> list[Case]:
+def seed_checks(run: Trajectory) -> list[Check]:
     """The scene of a run from other random starts, all else alike."""
-    settings, first = run.settings(), run.scene.arrangement.seed + 1
+    first = run.scene.arrangement.seed + 1
     return [
-        Case(
-            f"random start {seed}",
-            run.scene.replace(**{"arrangement.seed": seed}).plain(),
-            settings["dt"],
-            settings["method"],
-            _forced_end(run),
-        )
+        Check(f"random start {seed}", {"arrangement.seed": seed})
         for seed in range(first, first + CHECK_SEEDS)
     ]
+
+
+def checked_records(
+    run: Trajectory, checks: Sequence[Check], executor: Executor | None, progress: bool
+) -> list[PistonRecord | Failure]:
+    """The records of further runs, or why there is none, in the order of the checks.
+
+    They are run side by side, where `granular.sweep` runs cases or by an executor that is given.
+    """
+    settings = run.settings()
+    study = sweep(
+        run.scene,
+        cases=[one.changes for one in checks],
+        measure=piston_columns,
+        dt=settings["dt"],
+        t_end=_forced_end(run),
+        method=settings["method"],
+        executor=executor,
+        progress=progress,
+        title="checks of step and seeds",
+    )
+    return [
+        _record_of(check, outcome) for check, outcome in zip(checks, study.outcomes, strict=True)
+    ]
+
+
+def _record_of(check: Check, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
+    if outcome["error"] is not None:
+        return Failure(check.what, " ".join(outcome["error"].split()))
+    try:
+        return PistonRecord.from_columns(outcome["figures"])
+    except RecordError as error:
+        return Failure(check.what, str(error))
 
 
 def _forced_end(run: Trajectory) -> float | None:
@@ -154,76 +123,3 @@ def _forced_end(run: Trajectory) -> float | None:
     if run.scene.protocol[-1].span(height) is not None:
         return None
     return float(run.dataset["time"].values[-1])
-
-
-def run_cases(cases: Sequence[Case], progress: bool) -> list[PistonRecord | Failure]:
-    """Records of some cases, or why there is none, in their order."""
-    from tqdm import tqdm
-
-    children: list[subprocess.Popen[bytes]] = []
-    workers = min(len(cases), os.cpu_count() or 1)
-    with concurrent.futures.ThreadPoolExecutor(workers) as pool:
-        jobs = [pool.submit(_outcome, case, children) for case in cases]
-        try:
-            for _ in tqdm(
-                concurrent.futures.as_completed(jobs),
-                total=len(jobs),
-                desc="checks of step and seeds",
-                disable=not progress,
-                file=sys.stderr,
-            ):
-                pass
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in children:
-                child.terminate()
-            raise
-    return [job.result() for job in jobs]
-
-
-def _outcome(case: Case, children: list[subprocess.Popen[bytes]]) -> PistonRecord | Failure:
-    """Run one case in a process of its own."""
-    home = str(Path(__file__).parents[2])
-    paths = os.pathsep.join(filter(None, (home, os.environ.get("PYTHONPATH"))))
-    child = subprocess.Popen(
-        [sys.executable, "-m", "reduced_models.identification.checks"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": paths},
-    )
-    children.append(child)
-    output, complaint = child.communicate(json.dumps(case).encode())
-    if child.returncode != 0:
-        words = complaint.decode(errors="replace").strip().splitlines()
-        return Failure(case.what, words[-1] if words else f"exit code {child.returncode}")
-    columns = np.load(io.BytesIO(output), allow_pickle=False)
-    return PistonRecord(columns[0], columns[1])
-
-
-def main() -> int:
-    """Run the case on standard input; its record goes to standard output."""
-    from granular.run.simulation import simulate
-    from granular.scene.scene import Scene
-
-    warnings.simplefilter("ignore")  # the main run has said what there is to say
-    case = Case(*json.load(sys.stdin))
-    try:
-        run = simulate(
-            Scene.from_plain(case.scene),
-            dt=case.dt,
-            t_end=case.t_end,
-            method=case.method,
-            threads=1,
-            progress=False,
-        )
-        record = run.piston()
-    except GranularError as error:
-        print(f"{type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
-        return _FAILED
-    np.save(sys.stdout.buffer, np.stack([record.time, record.height]))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,6 +7,7 @@ import math
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,8 +16,15 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
+from granular.shared.files import make_directory, write_text
 from reduced_models.fitting.fitting import STARTS, check_options, fit
-from reduced_models.identification.checks import Case, Failure, run_cases, seed_cases, step_check
+from reduced_models.identification.checks import (
+    Check,
+    Failure,
+    checked_records,
+    seed_checks,
+    step_check,
+)
 from reduced_models.identification.comparison import Comparison, compare, law_name
 from reduced_models.laws import LAWS as LAWS_OF_PACKAGE
 from reduced_models.laws import law_named
@@ -108,10 +116,10 @@ class Identification:
         from reduced_models.identification.page import identification_page
 
         out = Path(out)
-        (out / "models").mkdir(parents=True, exist_ok=True)
+        make_directory(out / "models")
         self.record.to_csv(out / "record.csv")
         self.best.save(out / "model.json")
-        (out / "equations.txt").write_text(self.best.text, encoding="utf-8")
+        write_text(out / "equations.txt", self.best.text)
         for place, model in enumerate(self.models):
             # The name of a law that was given as an equation is no file name.
             name = model.law.name if model.law.name in LAWS_OF_PACKAGE else f"own-{place + 1}"
@@ -166,6 +174,7 @@ def identify(
     threads: int | None = None,
     starts: int = STARTS,
     checks: bool = True,
+    executor: Executor | None = None,
     progress: bool = True,
 ) -> Identification:
     """Identify the law of a piston's motion.
@@ -192,6 +201,8 @@ def identify(
         Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter. What was identified is saved
         before; a check that fails becomes a note.
+    executor : concurrent.futures.Executor, optional
+        Where the checks run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
 
     Raises
@@ -225,7 +236,7 @@ def identify(
     if target is not None:
         found.save(target)
     if checks and run is not None and run.complete and found.figures:
-        found = _checked(found, run, progress)
+        found = _checked(found, run, executor, progress)
         clock.lap("checks of step and seeds")
         if target is not None:
             found.save(target)
@@ -293,14 +304,17 @@ def _figures(model: ReducedModel) -> dict[str, Figure]:
 # Checks ----------------------------------------------------------------------------------------
 
 
-def _checked(found: Identification, run: Trajectory, progress: bool) -> Identification:
+def _checked(
+    found: Identification, run: Trajectory, executor: Executor | None, progress: bool
+) -> Identification:
     """What was identified, with step errors and scatter, and notes of checks that failed."""
     model = next(model for model in found.models if model.law.name == found.figures_law)
     step = step_check(run)
-    cases = [step.case, *seed_cases(run)]
+    asked = [step.check, *seed_checks(run)]
+    records = checked_records(run, asked, executor, progress)
     results = [
-        _refitted(case, record, found.record, model)
-        for case, record in zip(cases, run_cases(cases, progress), strict=True)
+        _refitted(check, record, found.record, model)
+        for check, record in zip(asked, records, strict=True)
     ]
     notes = tuple(
         f"the check with {result.what} failed: {result.cause}"
@@ -323,7 +337,7 @@ def _checked(found: Identification, run: Trajectory, progress: bool) -> Identifi
 
 
 def _refitted(
-    case: Case, record: PistonRecord | Failure, original: PistonRecord, model: ReducedModel
+    check: Check, record: PistonRecord | Failure, original: PistonRecord, model: ReducedModel
 ) -> dict[str, float] | Failure:
     """The figures of a check's record, over the same duration and by the same law and map."""
     if isinstance(record, Failure):
@@ -342,9 +356,9 @@ def _refitted(
                 holdout=0.0,
             )
     except GranularError as error:
-        return Failure(case.what, str(error))
+        return Failure(check.what, str(error))
     if found.at_rest is None:
-        return Failure(case.what, "its fit has no level of rest")
+        return Failure(check.what, "its fit has no level of rest")
     values = dataclasses.asdict(found.at_rest)
     return {name: values[name] for name in model.at_rest.intervals} if model.at_rest else {}
 

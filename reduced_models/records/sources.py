@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.record import PistonRecord
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from granular.shared.errors import InputError, StoreError
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
 def check_run_options(options: RunOptions) -> None:
     """Raise `InputError` unless method and time step are such."""
     from granular.methods import method_named
-    from granular.run.simulation import checked_step
+    from granular.run.time_step import checked_step
 
     method_named(options.method)
     checked_step(options.dt)

@@ -31,6 +31,66 @@ def imported(path: Path) -> set[str]:
     return found
 
 
+def module_name(path: Path, root: Path) -> str:
+    name = ".".join(path.relative_to(root).with_suffix("").parts)
+    return name.removesuffix(".__init__")
+
+
+def named_modules(path: Path, root: Path) -> set[str]:
+    """What a file imports from, anywhere in it: every dotted name that may be a module."""
+    package = module_name(path.parent, root)
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")
+            above = above[: len(above) - node.level + 1] if node.level else []
+            start = ".".join([*above, *([node.module] if node.module else [])])
+            found |= {start, *(f"{start}.{name.name}" for name in node.names)}
+    return found
+
+
+def circles(package: str, root: Path = ROOT) -> set[str]:
+    """The modules of a package that stand in a circle of imports, or lead into one and out of it.
+
+    Those that import nothing, and those that nothing imports, are taken away until none is left.
+    """
+    paths = {module_name(path, root): path for path in (root / package).rglob("*.py")}
+    arrows = {
+        name: (named_modules(path, root) & paths.keys()) - {name} for name, path in paths.items()
+    }
+    while True:
+        reached = set().union(*arrows.values())
+        left = {name for name, ends in arrows.items() if ends and name in reached}
+        if left == arrows.keys():
+            return left
+        arrows = {name: arrows[name] & left for name in left}
+
+
+WITHOUT_CIRCLES = ("granular",)
+
+
+@pytest.mark.parametrize("package", WITHOUT_CIRCLES)
+def test_no_circle(package: str) -> None:
+    """Also inside functions, and for type checkers alone."""
+    assert circles(package) == set()
+
+
+def test_a_circle_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "house" / "room").mkdir(parents=True)
+    for name, text in {
+        "__init__": "from house.room import table",
+        "low": "import math",
+        "high": "from house import low",
+        "room/__init__": "",
+        "room/table": "def turned():\n    from ..room.chair import leg",
+        "room/chair": "if False:  # as for type checkers\n    import house.room.table",
+    }.items():  # fmt: skip
+        (tmp_path / "house" / f"{name}.py").write_text(text, encoding="utf-8")
+    assert circles("house", tmp_path) == {"house.room.table", "house.room.chair"}
+
+
 @pytest.mark.parametrize("package", FORBIDDEN)
 def test_arrows(package: str) -> None:
     files = sorted((ROOT / package).rglob("*.py"))

@@ -12,9 +12,8 @@ ROOT = Path(__file__).parents[2]
 CODE = """
 import numpy as np
 from granular import load_scene, evaluate
-from granular.scene.arrangement import initial_motion
 scene = load_scene("bed").replace(**{"effects.dipole": None, "effects.gravity": None})
-print(evaluate(scene, initial_motion(scene)[0]).piston_force)
+print(evaluate(scene, scene.initial_motion()[0]).piston_force)
 """
 
 

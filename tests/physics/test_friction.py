@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, evaluate, load_scene, simulate
-from granular.scene.arrangement import initial_motion
 from granular.shared.errors import SceneError
 
 MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
@@ -47,7 +46,7 @@ def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) 
 
 
 def test_second_order_torque_is_a_third_more(bed: Scene) -> None:
-    positions = initial_motion(bed)[0]
+    positions = bed.initial_motion()[0]
     loads = [
         evaluate(bed.replace(**{"effects.friction.torque": order}), positions).normal_load
         for order in ("first", "second")
@@ -66,7 +65,7 @@ def test_mixture_load_from_the_formula(share: float, small: float) -> None:
     scene = load_scene("bed").replace(
         **{"grains.species": species, "grains.count": 20, "effects.friction": {}}
     )
-    positions = initial_motion(scene)[0]
+    positions = scene.initial_motion()[0]
     d, e, gap = scene.grains.diameters(), 0.003, 0.0031
     lean = np.arctan(e / d)
     tilt = np.arcsin(gap / np.hypot(d, e)) - lean
@@ -87,7 +86,7 @@ def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
     ]
     mono = bed.replace(**{"effects.friction": {}})
     two = mono.replace(**{"grains.species": alike})
-    positions = initial_motion(bed)[0]
+    positions = bed.initial_motion()[0]
     one, other = evaluate(mono, positions), evaluate(two, positions)
     np.testing.assert_allclose(one.force, other.force, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(one.normal_load, other.normal_load, rtol=1e-12)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate
-from granular.scene.arrangement import initial_motion
 from granular.scene.scales import Scales
 from granular.shared.errors import InputError
 from validation.exact import bounce, exact_problem
@@ -18,7 +17,7 @@ def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"effects.drag": None})
     begin, count = start(scene), scene.grains.count
     motion = rate(scene)(0.0, begin.state)[2 * count :].reshape(-1, 2)
-    force = evaluate(scene, *initial_motion(scene)).force
+    force = evaluate(scene, *scene.initial_motion()).force
     assert motion * begin.scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
 
 

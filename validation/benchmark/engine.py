@@ -14,7 +14,8 @@ from granular.engine.step_size import Pace, Step
 from granular.engine.system import natural_system
 from granular.methods import method_named
 from granular.pairs.section import METHODS
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from validation.benchmark.hand import Bed
 
 STEP = 0.02

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granular.shared.errors import InputError
-from granular.shared.files import finite
+from granular.shared.files import make_directory, write_json
 from validation.benchmark import PARTS, c_kernel, lammps, openmm
 from validation.parts import Part, Piece, machine, measured
 
@@ -198,10 +196,6 @@ def benchmark(
 def _save(found: dict[str, Any], where: Path) -> None:
     from validation.benchmark.page import page
 
-    try:
-        where.mkdir(parents=True, exist_ok=True)
-        page(found).save(where / "benchmark.html")
-        text = json.dumps(finite(found))
-        (where / "benchmark.json").write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{where} cannot be written: {error.strerror}; give another -o") from None
+    make_directory(where)
+    page(found).save(where / "benchmark.html")
+    write_json(where / "benchmark.json", found)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from granular import simulate
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 
 FORCES = ("piston_force", "left_force", "right_force", "bottom_force")
 METHODS = ("mesh", "cut-off")

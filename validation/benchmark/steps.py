@@ -12,7 +12,6 @@ import numpy as np
 
 from granular import evaluate, simulate
 from granular.pairs.direct import PARTED_FROM
-from granular.scene.arrangement import initial_motion
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import EnergyError
@@ -99,7 +98,7 @@ def method_errors(count: int) -> list[dict[str, Any]]:
     """What each method of summing pairs leaves of forces and energy."""
     bare = _BARE | {"arrangement.speed": "0.1 D/s"}
     scenes = {name: bed_of(count, bare | {"pairs.method": name}) for name in PAIR_METHODS}
-    positions, _ = initial_motion(scenes["direct"])
+    positions, _ = scenes["direct"].initial_motion()
     exact, scale = evaluate(scenes["direct"], positions), _magnitude(scenes["direct"], positions)
     rows = []
     for name, scene in scenes.items():

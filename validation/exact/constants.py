@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from granular.scene.scene import Grains
+from granular.scene.parts import Grains
 
 DIGITS = 50
 """Working precision; the results keep more than thirty digits of it."""

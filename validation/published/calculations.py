@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from granular.scene.scene import Scene, load_scene
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.shared.shelf import Shelf
 from granular.studies.cases import measure_name
 
 Numbers = dict[str, float]
@@ -158,29 +159,26 @@ def calculated(directory: Path, *, full: bool) -> None:
     What the single grain gives depends on ``full``, and is kept apart. A calculation whose code
     has changed is made anew.
     """
-    place = directory / "calculations"
-    place.mkdir(parents=True, exist_ok=True)
+    shelf = _shelf(directory)
     for name, calculation in CALCULATIONS.items():
-        path = _path(directory, name, full)
-        if not path.is_file():
-            part = path.with_suffix(".part")
-            part.write_text(json.dumps(calculation(full)), encoding="utf-8")
-            part.replace(path)
+        if shelf.read(_key(name, full)) is None:
+            shelf.keep(_key(name, full), calculation(full))
 
 
 def kept(directory: Path) -> dict[str, Numbers]:
     """The calculations that a directory keeps, the full ones where both are there."""
-    found: dict[str, Numbers] = {}
-    for name in CALCULATIONS:
-        for full in (False, True):
-            path = _path(directory, name, full)
-            if path.is_file():
-                found[name] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    shelf = _shelf(directory)
+    found = {
+        name: [shelf.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS
+    }
+    return {name: full or quick for name, (full, quick) in found.items() if full or quick}
 
 
-def _path(directory: Path, name: str, full: bool) -> Path:
+def _shelf(directory: Path) -> Shelf:
+    return Shelf(directory / "calculations")
+
+
+def _key(name: str, full: bool) -> str:
     calculation: Any = CALCULATIONS[name]
-    digest = measure_name(calculation).partition("#")[2]
-    length = "full" if full else "quick"
-    return directory / "calculations" / f"{name}-{length}-{digest}.json"
+    code = measure_name(calculation).partition("#")[2]
+    return f"{name}-{'full' if full else 'quick'}-{code}"

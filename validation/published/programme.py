@@ -7,8 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
-from granular.shared.errors import InputError
-from granular.shared.files import finite
+from granular.shared.files import finite, make_directory, write_json, write_text
 from validation.published.calculations import calculated
 from validation.published.causes import comparisons
 from validation.published.judging import counts, judged
@@ -60,11 +59,8 @@ def published(
         with tempfile.TemporaryDirectory() as place:
             return _published(Path(place), length, workers, progress)
     where = Path(directory)
-    try:
-        where.mkdir(parents=True, exist_ok=True)
-        return _published(where, length, workers, progress)
-    except OSError as error:
-        raise InputError(f"{where} cannot be written: {error.strerror}; give another -o") from None
+    make_directory(where)
+    return _published(where, length, workers, progress)
 
 
 def _published(
@@ -98,7 +94,7 @@ def _write_results(results: Results, where: Path) -> None:
     text = json.dumps(finite(results.plain() | {"entries": rows}), separators=(",", ":"))
     # One line a series and an entry, so that changes of the file can be read.
     text = text.replace('},"', '},\n"').replace('},{"', '},\n{"')
-    _write(where / "results.json", text + "\n")
+    write_text(where / "results.json", text + "\n")
 
 
 def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[str, Any]:
@@ -107,15 +103,9 @@ def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[st
     found = summary(shown)
     if quick is not None:
         found["quick"] = summary(quick)
-    _write(where / "report.json", json.dumps(finite(found), allow_nan=False))
+    write_json(where / "report.json", found)
     page(shown, quick).save(where / "report.html")
     return found
-
-
-def _write(path: Path, text: str) -> None:
-    part = path.with_suffix(".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
 
 
 def summary(results: Results) -> dict[str, Any]:

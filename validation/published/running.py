@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 from granular import sweep
-from granular.scene.scene import Scene, load_scene
+from granular.run.time_step import checked_step
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
 from granular.studies.cases import make_cases
-from granular.studies.work import Outcome, read_outcome
+from granular.studies.work import Outcome, outcomes_in
 from validation.published.plan import Group
 from validation.published.series import Series
 
@@ -23,6 +25,7 @@ def run_groups(
     groups: Sequence[Group],
     directory: Path,
     *,
+    executor: Executor | None = None,
     workers: int | None = None,
     progress: bool = True,
     after: Callable[[], None] = lambda: None,
@@ -34,8 +37,8 @@ def run_groups(
     groups : sequence of Group
     directory : Path
         Keeps every outcome as soon as it is there.
-    workers : int, optional
-        How many processes; as many as there are processors if not given.
+    executor, workers
+        As in `granular.sweep`.
     progress : bool
         Show groups, cases and the time left on standard error.
     after : callable
@@ -45,14 +48,14 @@ def run_groups(
     for place, group in enumerate(groups):
         if progress:
             print(clock.words(place), file=sys.stderr, flush=True)
-        for some in _alike(group.series):
+        for measure in dict.fromkeys(one.measure for one in group.series):
             sweep(
                 load_scene("bed"),
-                cases=_distinct(some),
-                measure=some[0].measure,
-                dt=some[0].step,
+                cases=_distinct(one for one in group.series if one.measure is measure),
+                measure=measure,
                 method=METHOD,
                 out=directory,
+                executor=executor,
                 workers=workers,
                 progress=progress,
             )
@@ -61,30 +64,24 @@ def run_groups(
 
 def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
     """What is kept of the starts of a series; those not yet run are left out."""
-    found = (read_outcome(directory, key) for key in _keys(series))
+    shelf = outcomes_in(directory)
+    found = (shelf.read(key) for key in _keys(series))
     return [one for one in found if one is not None]
 
 
-def _alike(series: Iterable[Series]) -> Iterator[list[Series]]:
-    """Series that one sweep can run: with the same step and measure."""
-
-    def kind(one: Series) -> tuple[str, str]:
-        return str(one.step), one.measure.__name__
-
-    for _, some in itertools.groupby(sorted(series, key=kind), kind):
-        yield list(some)
-
-
 def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
-    """The scenes of all starts as changes, each once."""
-    scenes = [one.scene(seed) for one in series for seed in one.seeds]
-    return [one.plain() for one in {scene.digest(): scene for scene in scenes}.values()]
+    """The cases of all starts, each once."""
+    cases = {}
+    for one in series:
+        for seed in one.seeds:
+            scene = one.scene(seed)
+            cases[scene.digest(), one.step] = scene.plain() | {"dt": one.step}
+    return list(cases.values())
 
 
 def _keys(series: Series) -> list[str]:
-    changes = [series.scene(seed).plain() for seed in series.seeds]
     settings = {"dt": series.step, "t_end": None, "method": METHOD}
-    cases = make_cases(load_scene("bed"), {}, changes, settings, series.measure)
+    cases = make_cases(load_scene("bed"), {}, _distinct([series]), settings, series.measure)
     return [case.key for case in cases]
 
 
@@ -124,8 +121,8 @@ def _pair_steps(scene: Scene, step: float | str) -> float:
         span = stage.span(height)
         seconds += span if span is not None else 10.0
         height = stage.final_height() or height
-    factor = float(str(step).partition("*")[2] or 1.0)
-    length = step if isinstance(step, float) else factor * _AUTOMATIC_STEP
+    asked = checked_step(step)
+    length = asked.seconds or asked.factor * _AUTOMATIC_STEP
     return scene.grains.count**2 * seconds / length
 
 

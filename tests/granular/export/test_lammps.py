@@ -16,7 +16,6 @@ from granular import PistonRecord, Scene, evaluate, load_scene, simulate
 from granular.export import to_lammps
 from granular.export.lammps_stages import leg
 from granular.protocol import Move
-from granular.scene.arrangement import initial_motion
 from granular.scene.scales import Scales
 from granular.shared.errors import InputError
 
@@ -111,7 +110,7 @@ def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str)
     scene = static(request.getfixturevalue(name))
     to_lammps(scene, tmp_path)
     (frame,) = lammps(tmp_path)
-    positions, _ = initial_motion(scene)
+    positions, _ = scene.initial_motion()
     here = evaluate(scene, positions)
     np.testing.assert_array_equal(frame.position, positions)
     error = np.abs(frame.force - here.force).max(axis=1)
@@ -126,7 +125,7 @@ def test_cut_off_is_kept(bed: Scene, tmp_path: Path) -> None:
     scene = static(bed).replace(**{"pairs.method": "cut-off", "pairs.cut_off": "8 D"})
     to_lammps(scene, tmp_path)
     (frame,) = lammps(tmp_path)
-    positions, _ = initial_motion(scene)
+    positions, _ = scene.initial_motion()
     error = np.abs(frame.force - evaluate(scene, positions).force).max(axis=1)
     assert (error < TABLE * magnitudes(scene, positions)).all()
 

@@ -99,6 +99,19 @@ def test_resampled_intervals_agree_with_linear_ones(made: Any) -> None:
     assert "bootstrap" in resampled.provenance["fit"]
 
 
+def test_the_seed_reaches_the_resampled_records(made: Any) -> None:
+    """The best fit is the same from any starts; what is drawn around it is not."""
+    record = made("linear", level=0.02)
+    first, again, other = (
+        fit(record, "linear", intervals="bootstrap", starts=2, seed=seed) for seed in (1, 1, 2)
+    )
+    assert first.intervals == again.intervals
+    assert first.parameters == pytest.approx(other.parameters, rel=1e-6)
+    for name, pair in first.intervals.items():
+        assert all(a != b for a, b in zip(pair, other.intervals[name], strict=True))
+        assert pair == pytest.approx(other.intervals[name], rel=0.05)
+
+
 def test_bad_arguments(made: Any) -> None:
     record = made("linear")
     for options in ({"own": ["omege"]}, {"intervals": "profil"}):

@@ -9,17 +9,20 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.simulation import checked_step
+from granular.run.time_step import checked_step, halved
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
+from granular.studies.cases import Case
 from reduced_models import identify, load_model
-from reduced_models.identification.checks import Case, Failure, halved, step_check
+from reduced_models.identification.checks import step_check
 
 ROOT = Path(__file__).parents[3]
 
@@ -115,7 +118,7 @@ def test_the_step_is_doubled_where_that_resolves_the_motion(
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
     monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
     check = step_check(run)
-    assert check.case.dt == other
+    assert check.check.changes == {"dt": other}
     assert check.factor == pytest.approx(factor)
 
 
@@ -124,25 +127,39 @@ def faster(record: PistonRecord, by: float) -> PistonRecord:
     return PistonRecord(record.time / by, record.height)
 
 
+class MadeUp(Executor):
+    """Answers each case with an outcome that is made up beforehand, and keeps what was asked."""
+
+    def __init__(self, *outcomes: PistonRecord | str, before: Callable[[], None] = list) -> None:
+        self.outcomes, self.before = list(outcomes), before
+        self.asked: list[Case] = []
+
+    def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
+        self.before()
+        one = self.outcomes[len(self.asked)]
+        self.asked.append(case)
+        future: Future[Any] = Future()
+        if isinstance(one, str):
+            future.set_result({"figures": {}, "error": one})
+        else:
+            columns = {name: values.tolist() for name, values in one.columns.items()}
+            future.set_result({"figures": columns, "error": None})
+        return future
+
+
 @pytest.mark.parametrize("law", ["linear", "van-der-pol-like"])
 def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch, law: str
 ) -> None:
-    asked: list[Case] = []
     time = np.linspace(0.0, 1.0, 500)
     height = 0.02 + 1e-3 * np.exp(-2.0 * time) * np.cos(60.0 * time)
     swing = PistonRecord(time, height)
     monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
-
-    def runs(cases: list[Case], progress: bool) -> list[PistonRecord]:
-        asked.extend(cases)
-        return [faster(swing, by) for by in (1.03, 1.01, 0.99)]
-
-    monkeypatch.setattr("reduced_models.identification.identification.run_cases", runs)
-    found = identify(run.path, laws=[law], progress=False)
-    assert [case.dt for case in asked] == ["auto*4", "auto*2", "auto*2"]
-    assert {case.method for case in asked} == {"stormer-verlet"}
-    seeds = [case.scene["arrangement"]["seed"] for case in asked]
+    made_up = MadeUp(*(faster(swing, by) for by in (1.03, 1.01, 0.99)))
+    found = identify(run.path, laws=[law], executor=made_up, progress=False)
+    assert [case.settings["dt"] for case in made_up.asked] == ["auto*4", "auto*2", "auto*2"]
+    assert {case.settings["method"] for case in made_up.asked} == {"stormer-verlet"}
+    seeds = [case.scene.arrangement.seed for case in made_up.asked]
     assert seeds == [run.scene.arrangement.seed + more for more in (0, 1, 2)]
     period = found.figures["period"]
     assert found.figures_law == law
@@ -151,17 +168,14 @@ def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     assert period.seed_spread == pytest.approx(0.01 * period.value, rel=0.02)
 
 
-def test_a_failed_check_takes_nothing_with_it(
-    run: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def runs(cases: list[Case], progress: bool) -> list[PistonRecord | Failure]:
+def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -> None:
+    def saved() -> None:
         assert (tmp_path / "model.json").is_file()
         assert (tmp_path / "report.html").is_file()
-        return [Failure(cases[0].what, "EnergyError: step 3"), run.piston(), run.piston()]
 
-    monkeypatch.setattr("reduced_models.identification.identification.run_cases", runs)
+    made_up = MadeUp("EnergyError: step 3", run.piston(), run.piston(), before=saved)
     with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
-        found = identify(run.path, tmp_path, laws=["linear"], progress=False)
+        found = identify(run.path, tmp_path, laws=["linear"], executor=made_up, progress=False)
     period = found.figures["period"]
     assert period.step_error is None
     assert period.seed_spread < 1e-6 * period.value
@@ -172,24 +186,23 @@ def test_a_failed_check_takes_nothing_with_it(
 
 
 SCRIPT = """
-import json, sys
-from pathlib import Path
-from reduced_models.identification.checks import Case, run_cases
+import sys
+from granular import load_trajectory
+from reduced_models.identification.checks import Check, checked_records
 print("started")
-scene = json.loads(Path(sys.argv[1]).read_text())
-cases = [Case(f"step {dt}", scene, dt, "stormer-verlet", None) for dt in (4e-3, "auto")]
-for outcome in run_cases(cases, False):
+checks = [Check(f"step {dt}", {"dt": dt}) for dt in (4e-3, "auto")]
+for outcome in checked_records(load_trajectory(sys.argv[1]), checks, None, False):
     print(type(outcome).__name__, getattr(outcome, "cause", ""))
 """
 
 
 def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
     """No guard is needed, and a run that fails in its process comes back as words."""
-    (tmp_path / "scene.json").write_text(json.dumps(run.scene.plain()))
     (tmp_path / "script.py").write_text(SCRIPT)
     done = subprocess.run(
-        [sys.executable, tmp_path / "script.py", tmp_path / "scene.json"],
+        [sys.executable, tmp_path / "script.py", str(run.path)],
         capture_output=True, text=True, check=True, cwd=tmp_path, timeout=300,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     started, failed, kept = done.stdout.splitlines()
     assert started == "started"

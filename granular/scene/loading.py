@@ -1,0 +1,51 @@
+"""Scenes from files: the packaged ones by name, others by path."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from granular.scene.scene import Scene
+from granular.scene.schema import unknown
+from granular.shared.errors import SceneError
+
+SCENES = Path(__file__).parents[1] / "scenes"
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that no file can have
+        return False
+
+
+def scene_names() -> tuple[str, ...]:
+    """Names of the packaged scenes."""
+    return tuple(sorted(path.stem for path in SCENES.glob("*.toml")))
+
+
+def load_scene(source: str | Path) -> Scene:
+    """A packaged scene by its name, or a scene from a TOML file.
+
+    Raises
+    ------
+    SceneError
+        If there is no such scene, the file is not TOML, or the scene is not valid.
+    """
+    path = Path(source)
+    if str(source) in scene_names():
+        path = SCENES / f"{source}.toml"
+    elif not _is_file(path):
+        if path.suffix:
+            raise SceneError(f"there is no scene file {str(source)!r}; check the path")
+        raise SceneError(unknown(str(source), scene_names(), "scene"))
+    try:
+        plain = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SceneError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"{path}: not a TOML file: {error}") from None
+    try:
+        return Scene.from_plain(plain)
+    except SceneError as error:
+        raise SceneError(f"{path.name}: {error}") from None

@@ -1,0 +1,182 @@
+"""The parts of a scene that describe the apparatus and its records: grains, cell, piston, output.
+
+What acts on them are the effects (`granular.effects`), how they stand at the start the arrangement,
+and what is done to them the protocol.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+
+from granular.scene.schema import FieldError, Section, choice, many, quantity, text, whole
+
+
+class Species(Section):
+    """One kind of grain: a flat cylinder magnetised along its axis.
+
+    Attributes
+    ----------
+    name : str
+    diameter : float
+        [m]
+    share : float
+        Fraction of the grains; the shares of a bed add up to 1.
+    """
+
+    name: str = text(default="grain")
+    diameter: float = quantity("m", above=0.0)
+    share: float = quantity("1", default=1.0, least=0.0, most=1.0)
+
+
+class Grains(Section):
+    """The grains, all of one material and thickness. Defaults as in [D, Table 2.1].
+
+    Attributes
+    ----------
+    count : int
+    species : tuple of Species
+        The first one sets the natural units.
+    thickness : float
+        [m]
+    density : float
+        [kg/m^3]
+    remanence : float
+        Residual magnetisation Br [T].
+    mixing : str
+        How the species follow each other in the initial grid, row by row: ``"interspersed"``,
+        each evenly, in the numbers that their shares give; or ``"every-kth"``, the source's rule
+        for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
+        share R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It makes
+        other shares than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
+    """
+
+    count: int = whole(most=10**8)
+    species: tuple[Species, ...] = many(Species, least=1)
+    thickness: float = quantity("m", default=0.003, above=0.0)
+    density: float = quantity("kg/m^3", default=7368.0, above=0.0)
+    remanence: float = quantity("T", default=1.3, above=0.0)
+    mixing: str = choice("interspersed", "every-kth", default="interspersed")
+
+    def validate(self) -> None:
+        total = sum(one.share for one in self.species)
+        if abs(total - 1.0) > 1e-9:
+            raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
+        if self.mixing == "every-kth" and len(self.species) != 2:
+            raise FieldError(
+                f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'",
+                "mixing",
+            )
+
+    def counts(self) -> tuple[int, ...]:
+        """How many grains each species has."""
+        return tuple(np.bincount(self.assignment(), minlength=len(self.species)).tolist())
+
+    def shares(self) -> tuple[float, ...]:
+        """The share of each species that the mixing rule really makes."""
+        return tuple(number / max(self.count, 1) for number in self.counts())
+
+    def assignment(self) -> np.ndarray:
+        """Species index of each grain (n,)."""
+        if self.mixing == "every-kth":
+            return _every_kth(self.count, self.species[1].share)
+        counts = self._rounded_counts()
+        places = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
+        owner = np.repeat(np.arange(len(counts)), counts)
+        return owner[np.argsort(np.concatenate(places), kind="stable")]
+
+    def _rounded_counts(self) -> tuple[int, ...]:
+        """Shares of ``count``, by largest remainder."""
+        exact = [self.count * one.share for one in self.species]
+        counts = [int(number + 1e-9) for number in exact]
+        order = sorted(range(len(exact)), key=lambda k: counts[k] - exact[k])
+        for k in order[: self.count - sum(counts)]:
+            counts[k] += 1
+        return tuple(counts)
+
+    def diameters(self) -> np.ndarray:
+        """Diameter of each grain (n,) [m]."""
+        return np.array([one.diameter for one in self.species])[self.assignment()]
+
+
+def _every_kth(count: int, share: float) -> np.ndarray:
+    """Grain numbers count from 1; the quotients are exact, where floating point makes 19 of 20."""
+    rare = Fraction(repr(share)).limit_denominator(10**6)
+    common, found = 0, 1
+    if rare > Fraction(1, 2):
+        rare, common, found = 1 - rare, 1, 0
+    species = np.full(count, common)
+    if rare > 0:
+        every = int(1 / rare)
+        species[every - 1 :: every] = found
+    return species
+
+
+class Cell(Section):
+    """The Hele-Shaw cell.
+
+    Attributes
+    ----------
+    width : float
+        Distance of the side walls [m].
+    separation : float
+        Distance E of the glass plates [m].
+    """
+
+    width: float = quantity("m", above=0.0)
+    separation: float = quantity("m", default=0.0031, above=0.0)
+
+
+class Piston(Section):
+    """The piston, the cell's top wall.
+
+    Attributes
+    ----------
+    height : float
+        At the start [m].
+    mass : float or None
+        [kg]; needed where a stage lets it move freely.
+    drag : float
+        Viscous drag of the free piston [kg/s].
+    friction : float
+        Coulomb friction of the free piston [N].
+    """
+
+    height: float = quantity("m", above=0.0)
+    mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
+    drag: float = quantity("kg/s", default=0.0, least=0.0)
+    friction: float = quantity("N", default=0.0, least=0.0)
+
+
+class Output(Section):
+    """What a run records, and how often.
+
+    Attributes
+    ----------
+    scalars : float
+        From record to record of piston, wall forces and energies [s].
+    frames : float
+        From frame to frame of the grains' positions, velocities and forces [s].
+    record : str or None
+        The stage whose piston motion is the record to identify; all of the run if not given.
+    """
+
+    scalars: float = quantity("s", default=0.001, above=0.0)
+    frames: float = quantity("s", default=0.1, above=0.0)
+    record: str | None = text(default=None, optional=True)
+
+    @property
+    def frames_every(self) -> int:
+        """Records from frame to frame."""
+        return round(self.frames / self.scalars)
+
+    def validate(self) -> None:
+        ratio = self.frames / self.scalars
+        if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+            near = max(1, round(ratio)) * self.scalars
+            raise FieldError(
+                f"{self.frames:g} s is no whole multiple of scalars = {self.scalars:g} s; "
+                f"give {near:g} s",
+                "frames",
+            )

@@ -1,0 +1,81 @@
+"""A shelf of results: plain data, each in a file that is named by its key.
+
+A key tells all that determines its result, for instance as a `digest`. So what is kept is found
+again, never goes stale, and is the same whoever made it. Cases of studies, calculations and the
+pieces of reports are kept like this.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+from granular.shared.errors import StoreError
+from granular.shared.files import make_directory, write_text
+
+
+def digest(content: object, length: int) -> str:
+    """So many hexadecimal digits that are the same for equal plain data, and differ for others."""
+    text = json.dumps(content, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:length]
+
+
+@dataclasses.dataclass(frozen=True)
+class Shelf:
+    """A directory of results.
+
+    Attributes
+    ----------
+    directory : Path
+        Made with the first result.
+    """
+
+    directory: Path
+
+    def path(self, key: str) -> Path:
+        """The file of a result."""
+        return self.directory / f"{key}.json"
+
+    def read(self, key: str) -> Any:
+        """What is kept under a key; None where nothing is.
+
+        What is there but is no JSON, as a disk that failed may leave it, counts as nothing, so
+        that it is made anew.
+
+        Raises
+        ------
+        StoreError
+            If the file is there and cannot be read.
+
+        Warns
+        -----
+        UserWarning
+            For a file that is no JSON.
+        """
+        path = self.path(key)
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except OSError as error:
+            raise StoreError(
+                f"{path} cannot be read: {error.strerror}; remove it to make it anew"
+            ) from None
+        except ValueError:
+            warnings.warn(f"{path} is damaged; what it held is made anew", stacklevel=2)
+            return None
+
+    def keep(self, key: str, plain: object) -> None:
+        """Keep plain data under a key, all at once; its numbers keep every bit, NaN included.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        make_directory(self.directory)
+        write_text(self.path(key), json.dumps(plain))

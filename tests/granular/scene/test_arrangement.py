@@ -1,0 +1,55 @@
+"""The start of a run follows from the parts of a scene alone."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from granular import Scene
+from granular.scene.arrangement import Arrangement, initial_motion
+from granular.scene.parts import Cell, Grains, Piston, Species
+from granular.shared.errors import SceneError
+
+GRAINS = Grains(count=23, species=(Species(diameter=0.006),))
+CELL = Cell(width=0.09)
+PISTON = Piston(height=0.036)
+
+
+def test_parts_place_the_grains_as_their_scene_does(small_bed: Scene) -> None:
+    found = initial_motion(
+        small_bed.arrangement, small_bed.grains, small_bed.cell, small_bed.piston,
+        overlapping=False,
+    )  # fmt: skip
+    for values, of_scene in zip(found, small_bed.initial_motion(), strict=True):
+        assert np.array_equal(values, of_scene)
+
+
+def test_grains_stand_in_the_cell_and_move_at_the_speed_asked_for() -> None:
+    plan = Arrangement(seed=3, speed=0.2)
+    places, velocities = initial_motion(plan, GRAINS, CELL, PISTON, overlapping=False)
+    assert places.shape == velocities.shape == (23, 2)
+    assert (places > 0.003).all()
+    assert (places < [CELL.width - 0.003, PISTON.height - 0.003]).all()
+    assert np.linalg.norm(velocities, axis=1) == pytest.approx(0.2, rel=1e-12)
+    other = initial_motion(
+        dataclasses.replace(plan, seed=4), GRAINS, CELL, PISTON, overlapping=False
+    )
+    assert not np.isclose(places, other[0]).any(axis=1).all()
+
+
+def test_only_grains_in_contact_may_overlap() -> None:
+    two = dataclasses.replace(GRAINS, count=2)
+    near = Arrangement(positions=((0.02, 0.02), (0.025, 0.02)))
+    places, _ = initial_motion(near, two, CELL, PISTON, overlapping=True)
+    assert places.tolist() == [[0.02, 0.02], [0.025, 0.02]]
+    with pytest.raises(SceneError, match="grains 0 and 1 overlap"):
+        initial_motion(near, two, CELL, PISTON, overlapping=False)
+
+
+def test_a_grid_without_height_needs_a_piston() -> None:
+    with pytest.raises(SceneError, match="height: must be given where there is no piston"):
+        initial_motion(Arrangement(), GRAINS, CELL, None, overlapping=False)
+    plan = Arrangement(height=0.03)
+    assert len(initial_motion(plan, GRAINS, CELL, None, overlapping=False)[0]) == 23
