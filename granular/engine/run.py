@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants, take_out
-from granular.engine.failures import misplaced, restless, unbalanced
+from granular.engine.failures import countless, misplaced, restless, unbalanced
 from granular.engine.far import find_far_field, hold_far_field
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.ledger import Ledger, is_coarse
@@ -35,7 +35,15 @@ from granular.engine.loop import (
 from granular.engine.motion import Motion, drive_frequency, greatest_speed, path
 from granular.engine.state import WORK, Measurement, State, new_measurement, new_state
 from granular.engine.step import Plan
-from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
+from granular.engine.step_size import (
+    MOST_COUNT,
+    MOST_STEPS,
+    REVIEW,
+    Pace,
+    Step,
+    multiple,
+    whole_ticks,
+)
 from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_density
@@ -282,8 +290,22 @@ class Run:
             scales.time,
         )
         self._use(pace)
+        self._check_length()
         if self.plan.fraction is not None:
             open_density(speed, 0.5 * pace.length, self.plan.fraction, self.state, self.constants)
+
+    def _check_length(self) -> None:
+        """Refuse a stage of more steps than can be counted."""
+        end = min(self.total, self.t_end - self.progress.start)
+        steps = end / self.pace.h
+        if math.isfinite(end) and not steps <= MOST_COUNT:
+            seconds = end * self.system.scales.time
+            raise self._countless(
+                f"stage {self._stage.name!r}, {seconds:.3g} s,", steps, MOST_COUNT
+            )
+
+    def _countless(self, what: str, steps: float, limit: float) -> RunError:
+        return countless(what, steps, limit, self.steps, self.time * self.system.scales.time)
 
     def _resolved(self, frequency: float) -> float:
         """The frequency that an automatic step is to resolve, with the drive and the drag."""
@@ -292,7 +314,11 @@ class Run:
         slowest = max(frequency, self.step.fraction / record)
         swing = self.constants.acting.shaking
         drive = max(drive_frequency(self.motion), 0.0 if swing is None else swing.omega)
-        return max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
+        resolved = max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
+        steps = record * resolved / self.step.fraction
+        if self.step.automatic and not steps <= MOST_STEPS:
+            raise self._countless("the time from record to record", steps, MOST_STEPS)
+        return resolved
 
     def _use(self, pace: Pace) -> None:
         self.progress.pace = list(pace)
@@ -313,7 +339,7 @@ class Run:
             rest = REST_TOLERANCE
             if stage.tolerance is not None:
                 rest = stage.tolerance / scales.length
-            window = math.ceil(stage.window / scales.time / pace.length)
+            window = math.ceil(min(stage.window / scales.time / pace.length, MOST_COUNT))
         stiff = self.step.stiff if self.plan.fraction is None else math.inf
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston
@@ -375,7 +401,13 @@ class Run:
         if math.isinf(total):
             return 0.0
         left = total - float(self.state.clock[TIME])
-        return left if left > least * self.pace.h or left < -1e-6 * self.pace.length else 0.0
+        if left > self._least(least) or left < -1e-6 * self.pace.length:
+            return left
+        return 0.0
+
+    def _least(self, share: float = 1e-6) -> float:
+        """A time [tau] below which rounding leaves something to an end that was reached."""
+        return share * self.pace.h if self.progress.ticks else 0.0
 
     def _whole_ticks(self) -> int:
         ticks, pace = self.progress.ticks, self.pace
@@ -478,7 +510,7 @@ class Run:
         if self.finished or not self.progress.begun:
             return self.progress.start
         left = self.t_end - self.time
-        if left > 1e-6 * self.pace.h:
+        if left > self._least():
             self._short_tick(left)
             self._frame(self.t_end)
             return self.t_end

@@ -67,7 +67,8 @@ def writable_arrays(path: Path, scene: Scene) -> Iterator[tuple[Variable, Any]]:
     group = zarr.open_group(path / TRAJECTORY, mode="r+", use_consolidated=False)
     for one in run_variables(scene):
         # A chunk of nothing but the fill value is written too: one that is not there was lost.
-        yield one, group[one.name].with_config({"write_empty_chunks": True})
+        array: Any = group[one.name]
+        yield one, array.with_config({"write_empty_chunks": True})
 
 
 def append(array: Any, start: int, values: np.ndarray) -> None:

@@ -92,6 +92,10 @@ class NotAtRestError(RunError):
     """A stage that was to end at rest did not come to rest in time."""
 
 
+class StepCountError(RunError):
+    """A run takes more steps than can be made, or counted."""
+
+
 class Terminated(KeyboardInterrupt):
     """SIGTERM, where a command ends as after Ctrl-C."""
 
