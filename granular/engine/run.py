@@ -595,6 +595,20 @@ class Run:
             self.state, self.constants, scales, self.steps, self.time * scales.time, remedy
         )
 
+    def steps_ahead(self) -> float:
+        """Steps from here to the end of the run, at the present one.
+
+        A stage that ends at rest or at a force counts whole, and a later one from the height that
+        the piston has now.
+        """
+        scales, progress = self.system.scales, self.progress
+        if self.finished or not progress.begun:
+            return 0.0
+        later = [stage.span(progress.height) for stage in self.scene.protocol[progress.stage + 1 :]]
+        spans = [one / scales.time for one in later if one is not None]
+        end = progress.start + min(self.total, self.t_end) + math.fsum(spans)
+        return max(0.0, min(end, self.t_end) - self.time) / self.pace.h
+
     def expected_seconds(self) -> float | None:
         """Length of the present stage [s], as far as it is known."""
         stage = self._stage
