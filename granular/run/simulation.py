@@ -6,6 +6,7 @@ import contextlib
 import importlib.metadata
 import json
 import math
+import os
 import platform
 import signal
 import time
@@ -102,7 +103,7 @@ def simulate(
     _warn_of_cadence(step, scene)
     count = _thread_count(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
-    numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    _set_threads(count)
     settings = _settings(scene, dt, method)
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
@@ -220,6 +221,17 @@ def _thread_count(scene: Scene, threads: int | None) -> int:
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
     return threads
+
+
+def _set_threads(count: int) -> None:
+    try:
+        numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    except ValueError as error:
+        layer = os.environ.get("NUMBA_THREADING_LAYER")
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"NUMBA_THREADING_LAYER = {layer!r} cannot be used ({reason}); leave it out"
+        ) from None
 
 
 def versions() -> dict[str, str]:

@@ -40,7 +40,7 @@ def load_scene(source: str | Path) -> Scene:
             raise SceneError(f"there is no scene file {str(source)!r}; check the path")
         raise SceneError(unknown(str(source), scene_names(), "scene"))
     try:
-        plain = tomllib.loads(path.read_text(encoding="utf-8"))
+        plain = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise SceneError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:

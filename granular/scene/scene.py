@@ -222,7 +222,7 @@ def _put(plain: Any, path: list[str], value: Any) -> None:
     for depth, key in enumerate(path):
         last = depth == len(path) - 1
         if isinstance(plain, list):
-            names = [str(item.get("name")) for item in plain]
+            names = [str(item.get("name")) if isinstance(item, dict) else "" for item in plain]
             if key not in names and not (key.isdecimal() and int(key) < len(plain)):
                 raise FieldError(unknown(key, tuple(names), "item"), *path[:depth], key)
             place: Any = names.index(key) if key in names else int(key)

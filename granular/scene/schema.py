@@ -130,6 +130,10 @@ class Text(Kind):
     def parse(self, value: Any, diameter: float | None) -> str:
         if not isinstance(value, str) or not value.strip():
             raise FieldError(f"{value!r} must be a text that is not empty")
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise FieldError(f"{value!r} holds signs that are no text; write it in UTF-8") from None
         return value
 
 

@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated
 from granular.shared.files import finite
 from granular.shared.stops import taking_sigterm
+from granular.shared.surroundings import check_surroundings, print_any_sign
 
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
@@ -32,7 +33,9 @@ class Parser(argparse.ArgumentParser):
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
     """Run a command; its exit code."""
     warnings.showwarning = _show_warning
+    print_any_sign()
     try:
+        check_surroundings()
         with taking_sigterm():
             command(sys.argv[1:] if arguments is None else arguments)
     except InputError as error:
@@ -47,6 +50,8 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         return _complain("terminated", TERMINATED)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
+    except Warning as warning:  # where Python was told to take warnings for errors
+        return _complain(f"warning taken for an error: {warning}", FAILED)
     except BrokenPipeError:
         sys.stderr.close()  # the reader went away; nothing is left to say
         return 0
