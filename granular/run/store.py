@@ -74,7 +74,7 @@ class Store:
         part, held = empty_part(path)
         store = cls(part, scene, system)
         try:
-            scene.save(part / SCENE)
+            (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
             (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
             create_arrays(part, scene)
             store.manifest = new_manifest(part, (SCENE, SETTINGS, *metadata_files(scene)))
