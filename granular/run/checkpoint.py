@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.manifest import MANIFEST
+from granular.run.directory import CHECKPOINT, CHECKPOINT_PART, is_run
+from granular.run.manifest import MANIFEST, file_bytes
 from granular.shared.errors import StoreError
 
-CHECKPOINT = "checkpoint.npz"
-CHECKPOINT_PART = CHECKPOINT + ".part"
 _SEAL = 64  # signs of a SHA-256 in hexadecimal
 
 
@@ -41,12 +40,9 @@ def read_checkpoint(path: Path) -> dict[str, np.ndarray]:
         If there is none, it cannot be read, or it is not what the run wrote.
     """
     file = path / CHECKPOINT
-    try:
-        content = file.read_bytes()
-    except (FileNotFoundError, NotADirectoryError):
-        raise StoreError(f"{path} holds no run; give the directory that a run wrote") from None
-    except OSError as error:
-        raise StoreError(f"{file} cannot be read: {error.strerror}") from None
+    if not is_run(path):
+        raise StoreError(f"{path} holds no run; give the directory that a run wrote")
+    content = file_bytes(file)
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             kept = {name: archive[name] for name in archive.files}

@@ -14,12 +14,13 @@ try:
 except ImportError:  # where there is none, nothing keeps two processes apart
     fcntl = None  # type: ignore[assignment]
 
-from granular.run.checkpoint import CHECKPOINT, CHECKPOINT_PART
 from granular.shared.errors import StoreError
 
 SCENE = "scene.toml"
 SETTINGS = "run.json"
 TRAJECTORY = "trajectory.zarr"
+CHECKPOINT = "checkpoint.npz"
+CHECKPOINT_PART = CHECKPOINT + ".part"
 KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT_PART}
 """What a run directory holds."""
 
@@ -65,7 +66,10 @@ def empty_part(path: Path) -> tuple[Path, int | None]:
     """
     try:
         place = _real(path)
-        if place.exists() and (not place.is_dir() or any(place.iterdir())):
+        if place.is_symlink() or (place.exists() and not place.is_dir()):
+            what = "a link that leads to itself" if place.is_symlink() else "a file"
+            raise StoreError(f"{path} is {what}; give a new directory")
+        if place.exists() and any(place.iterdir()):
             raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
         place.parent.mkdir(parents=True, exist_ok=True)
         _remove_remains(place)
@@ -122,3 +126,11 @@ def _remove_remains(place: Path) -> None:
             if held is not None:
                 shutil.rmtree(part, ignore_errors=True)
                 unlock(held)
+
+
+def is_run(path: Path) -> bool:
+    """Whether a directory holds a run, whole or damaged."""
+    try:
+        return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
+    except OSError:
+        return False

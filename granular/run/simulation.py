@@ -25,10 +25,11 @@ from granular.methods import method_named
 from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.run.allowed import check_end, check_method, check_step
 from granular.run.checkpoint import read_checkpoint
+from granular.run.directory import is_run
 from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
-from granular.run.store import Store, is_run, read_settings
+from granular.run.store import Store, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene

@@ -29,11 +29,10 @@ from granular.run.arrays import (
     resize,
     writable_arrays,
 )
-from granular.run.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from granular.run.checkpoint import read_checkpoint, write_checkpoint
 from granular.run.directory import (
     SCENE,
     SETTINGS,
-    TRAJECTORY,
     empty_part,
     lock,
     take_place,
@@ -177,11 +176,3 @@ def read_settings(path: Path, manifest: Mapping[str, str]) -> tuple[Scene, dict[
             "or run the changed scene in a new directory"
         )
     return load_scene(path / SCENE), settings
-
-
-def is_run(path: Path) -> bool:
-    """Whether the directory holds a run, whole or damaged."""
-    try:
-        return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
-    except OSError:
-        return False

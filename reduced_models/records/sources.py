@@ -93,7 +93,7 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
     InputError
         If it cannot be read.
     """
-    from granular.run.store import is_run
+    from granular.run.directory import is_run
 
     path = Path(source)
     try:
