@@ -601,13 +601,16 @@ class Run:
         A stage that ends at rest or at a force counts whole, and a later one from the height that
         the piston has now.
         """
-        scales, progress = self.system.scales, self.progress
+        progress, last = self.progress, self.scene.protocol[-1]
         if self.finished or not progress.begun:
             return 0.0
-        later = [stage.span(progress.height) for stage in self.scene.protocol[progress.stage + 1 :]]
-        spans = [one / scales.time for one in later if one is not None]
-        end = progress.start + min(self.total, self.t_end) + math.fsum(spans)
-        return max(0.0, min(end, self.t_end) - self.time) / self.pace.h
+        later = self.scene.protocol[progress.stage + 1 :]
+        spans = [stage.span(progress.height) or 0.0 for stage in later]
+        end = progress.start + self.total + math.fsum(spans) / self.system.scales.time
+        end = min(end, self.t_end)
+        if isinstance(last, Timed) and last.until is None and math.isfinite(self.t_end):
+            end = self.t_end  # such a stage is lengthened up to it
+        return max(0.0, end - self.time) / self.pace.h
 
     def expected_seconds(self) -> float | None:
         """Length of the present stage [s], as far as it is known."""
