@@ -37,7 +37,7 @@ def draw_fall(run: Trajectory) -> None:
 def draw_compression() -> None:
     """Voronoi cells of a bed at full compression."""
     scene = mono_bed(368, speed=33e-3, relaxation=1.0)
-    stages = scene.plain()["protocol"][:2]
+    stages = scene.to_plain()["protocol"][:2]
     run = simulate(scene.replace(protocol=stages))
     save(still(run, -1, colour="sides"), IMAGES / "compressed.png", overwrite=True)
 

@@ -2,6 +2,8 @@ from .run.evaluation import Evaluation as Evaluation
 from .run.evaluation import evaluate as evaluate
 from .run.record import PistonRecord as PistonRecord
 from .run.simulation import simulate as simulate
+from .run.summary import run_text as run_text
+from .run.summary import scene_text as scene_text
 from .run.trajectory import Trajectory as Trajectory
 from .run.trajectory import load_trajectory as load_trajectory
 from .scene.beds import bidisperse as bidisperse
@@ -11,5 +13,7 @@ from .scene.loading import load_scene as load_scene
 from .scene.loading import scene_names as scene_names
 from .scene.scene import Scene as Scene
 from .shared.errors import GranularError as GranularError
+from .shared.errors import InputError as InputError
+from .shared.version import __version__ as __version__
 from .studies.sweep import Study as Study
 from .studies.sweep import sweep as sweep

@@ -26,31 +26,33 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 
+PROG = "python -m granular"
+
 EXAMPLES = {
     "": """\
 a first run, looked at:
-  python -m granular scenes
-  python -m granular show bed
-  python -m granular run bed --t-end 0.5 -o runs/bed
-  python -m granular render runs/bed -o bed.png --colour speed""",
-    "scenes": "example:\n  python -m granular scenes",
+  %(prog)s scenes
+  %(prog)s show bed
+  %(prog)s run bed --t-end 0.5 -o runs/bed
+  %(prog)s render runs/bed -o bed.png --colour speed""",
+    "scenes": "example:\n  %(prog)s",
     "show": """\
 example:
-  python -m granular show damper --set piston.mass=6.5""",
+  %(prog)s damper --set piston.mass=6.5""",
     "run": """\
 examples:
-  python -m granular run bed --t-end 0.5 -o runs/bed
-  python -m granular run damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
-  python -m granular run damper -o runs/damper --resume     (goes on after Ctrl-C)""",
+  %(prog)s bed --t-end 0.5 -o runs/bed
+  %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
+  %(prog)s damper -o runs/damper --resume     (goes on after Ctrl-C)""",
     "export": """\
 examples:
-  python -m granular export runs/bed --format gsd -o bed.gsd          (for OVITO)
-  python -m granular export runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
-  python -m granular export runs/bed --format source -o dat           (posPart.dat and the rest)
-  python -m granular export bed --format lammps -o deck               (also of a scene)""",
+  %(prog)s runs/bed --format gsd -o bed.gsd          (for OVITO)
+  %(prog)s runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
+  %(prog)s runs/bed --format source -o dat           (posPart.dat and the rest)
+  %(prog)s bed --format lammps -o deck               (also of a scene)""",
     "sweep": """\
 example:
-  python -m granular sweep study.toml -o studies/mass      (again: goes on where it was)
+  %(prog)s study.toml -o studies/mass      (again: goes on where it was)
 
 study.toml:
   scene = "damper"
@@ -62,9 +64,9 @@ study.toml:
   "piston.mass" = "9 kg" """,
     "render": """\
 examples:
-  python -m granular render runs/bed -o bed.png --colour force
-  python -m granular render runs/bed -o start.svg --frame 0
-  python -m granular render runs/bed -o bed.mp4 --colour sides --stage settle --fps 30
+  %(prog)s runs/bed -o bed.png --colour force
+  %(prog)s runs/bed -o start.svg --frame 0
+  %(prog)s runs/bed -o bed.mp4 --colour sides --stage settle --fps 30
 
 colours:
   species       which species a grain is of
@@ -76,10 +78,10 @@ colours:
 }
 
 
-def parser() -> Parser:
-    """The command line's grammar."""
+def parser(prog: str = PROG) -> Parser:
+    """The command line's grammar; ``prog`` is what the user types before a command."""
     top, add = command_parser(
-        "python -m granular", "Simulate beds of repelling magnets and the piston on them.", EXAMPLES
+        prog, "Simulate beds of repelling magnets and the piston on them.", EXAMPLES
     )
     add_output(add("scenes", "list the packaged scenes"))
     one = add("show", "tell what a scene holds, in SI and in natural units")
@@ -147,9 +149,9 @@ def _add_render(one: Parser) -> None:
     add_output(one)
 
 
-def main(arguments: Sequence[str]) -> None:
+def main(arguments: Sequence[str], prog: str = PROG) -> None:
     """Run one command."""
-    options = parser().parse_args(arguments)
+    options = parser(prog).parse_args(arguments)
     commands = {
         "scenes": _scenes, "show": _show, "run": _run, "export": _export, "render": _render,
         "sweep": _sweep,
@@ -179,7 +181,11 @@ def _show(options: Any) -> None:
     from granular.run.summary import scene_figures, scene_text
 
     scene = _scene(options)
-    emit({"scene": scene.plain(), "figures": scene_figures(scene)}, scene_text(scene), options.json)
+    emit(
+        {"scene": scene.to_plain(), "figures": scene_figures(scene)},
+        scene_text(scene),
+        options.json,
+    )
 
 
 def _run(options: Any) -> None:

@@ -18,6 +18,9 @@ import math
 
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+__all__ = ["METHODS", "Method", "method_named"]
 
 COMPENSATED = "+compensated"
 """Behind the name of a composition method: positions and velocities as compensated sums."""
@@ -213,6 +216,6 @@ def method_named(name: str) -> Method:
         return method
     if method.tableau is not None:
         raise InputError(
-            f"method = {word!r}: a Runge-Kutta method has no compensated form; take {plain!r}"
+            f"method = {quoted(word)}: a Runge-Kutta method has no compensated form; take {plain!r}"
         )
     return dataclasses.replace(method, name=word, compensated=True)

@@ -28,9 +28,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from granular import evaluate, load_scene, load_trajectory, simulate
+from granular import evaluate, load_scene, load_trajectory, run_text, scene_text, simulate
 from granular.render import still
-from granular.run.summary import run_text, scene_text
 
 QUICK = True  # False: the source's bed of 368 grains
 

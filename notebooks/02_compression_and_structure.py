@@ -38,8 +38,7 @@ from granular.observables import (
     voronoi_cells,
 )
 from granular.observables.plots import plot_cells, plot_hysteresis, plot_shares
-from validation.published.protocols import duration
-from validation.published.values import published_value
+from validation.published import duration, published_value
 
 QUICK = True  # False: 368 grains by the source's protocol, three starts; some minutes
 

@@ -37,7 +37,7 @@ from granular.observables import (
 )
 from granular.observables.plots import plot_cells
 from granular.render import still
-from validation.published.values import published_value
+from validation.published import published_value
 
 QUICK = True  # False: the source's own protocol, 1 mm/s after 5 T; far longer
 
@@ -60,7 +60,7 @@ def compressed(ratio: float) -> Trajectory:
     scene = bidisperse(ASPECT, ratio, speed=SPEED, relaxation=RELAXATION)
     kinds = ("descend", "move")  # the expansion is left out
     stages = [
-        {**one.plain(), "kind": kind} for one, kind in zip(scene.protocol, kinds, strict=False)
+        {**one.to_plain(), "kind": kind} for one, kind in zip(scene.protocol, kinds, strict=False)
     ]
     return simulate(scene.replace(protocol=stages), "auto*1.5", progress=False)
 

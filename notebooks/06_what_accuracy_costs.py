@@ -27,10 +27,7 @@ import numpy as np
 
 from granular import load_scene, simulate
 from granular.methods import METHODS
-from validation import convergence, work_precision
-from validation.cost import Setting
-from validation.exact import exact_problem
-from validation.order import summary
+from validation import Setting, convergence, convergence_table, exact_problem, work_precision
 
 QUICK = True  # False: shorter steps too, and sums over pairs of up to 5888 grains
 
@@ -67,7 +64,7 @@ for name, result in results.items():
 # The same table as the toolkit prints it, with the steps of the fit and what rounding does:
 
 # %%
-print(summary([results["stormer-verlet"], results["kahan-li-8"]]).text())
+print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]).text())
 
 # %% [markdown]
 # ## Work and precision on the problem

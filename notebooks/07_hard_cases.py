@@ -29,12 +29,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, Scene, damper, load_scene, simulate
-from validation import energy_trend
+from validation import catalogue, energy_change, energy_trend, head_on, near_limit, outcome
 from validation.exact.oscillation import harmonic_period
 from validation.exact.oscillation import problem as wide_swing
-from validation.hard_cases import catalogue, head_on, near_limit
-from validation.hard_measures import energy_change
-from validation.outcomes import outcome
 
 QUICK = True  # False: longer runs, and the whole catalogue
 

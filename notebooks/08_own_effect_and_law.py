@@ -33,9 +33,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, damper, evaluate, load_scene, simulate
-from granular.scene.scales import Scales
-from reduced_models import Law, compare, fit
-from reduced_models.records.first_guesses import Estimates
+from granular.compiled import entry
+from granular.scene import Scales
+from reduced_models import FirstGuesses, Law, compare, fit
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
 
@@ -78,12 +78,12 @@ for text in mistakes:
 
 
 # %%
-def start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
     """Proposals for the parameters."""
-    frequency, rest = estimates.frequencies(random, count), estimates.levels(random, count)
+    frequency, rest = guesses.frequencies(random, count), guesses.levels(random, count)
     power = random.uniform(2.0, 3.0, count)
     return {
-        "lam": estimates.decays(random, count),
+        "lam": guesses.decays(random, count),
         "weight": frequency**2 * rest / power,
         "rest": rest,
         "power": power,
@@ -272,7 +272,8 @@ print(f"weight {weight:.4f} N, pull of the springs {pulled:.4f} N: balanced to {
 #
 # This is how the effect looks for the compiled loop: its parameter with unit and limit, what the
 # loop takes in natural units, force and energy. The file is written to a folder of its own,
-# compiled, and compared with the functions above.
+# compiled, and compared with the functions above; `entry` makes a form of a kernel that Python can
+# call, which the loop does not need.
 
 # %%
 SOURCE = '''
@@ -281,8 +282,7 @@ SOURCE = '''
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.scene.scales import Scales
-from granular.scene.schema import Section, quantity
+from granular.scene import Scales, Section, quantity
 
 
 class Spring(Section):
@@ -320,9 +320,9 @@ spring = importlib.import_module("spring_effect")
 scales = Scales.of(scene.grains)
 stiffness = spring.Spring(stiffness=f"{STIFFNESS} N/m").kernel(scales)
 y, fy = places[:, 1] / scales.length, np.zeros(len(places))
-spring.add_spring(stiffness, len(y), y, fy)
+entry(spring.add_spring)(stiffness, len(y), y, fy)
 compiled_difference = float(np.abs(scales.force * fy - spring_force(places)[:, 1]).max())
-energy = scales.force * scales.length * spring.spring_energy(stiffness, len(y), y)
+energy = scales.force * scales.length * entry(spring.spring_energy)(stiffness, len(y), y)
 energy_difference = abs(energy / spring_energy(places) - 1.0)
 print(f"force: {compiled_difference:.1e} N apart; energy: {energy_difference:.1e} of itself")
 

@@ -24,12 +24,10 @@
 # %config InlineBackend.print_figure_kwargs = {"dpi": 68, "bbox_inches": "tight"}
 import warnings
 
-from granular import simulate
+from granular import InputError, simulate
 from granular.render import still
-from granular.shared.errors import InputError
 from reduced_models import Candidate, damper_maps, design, fit
-from reduced_models.designs.page import plot_design, plot_maps
-from reduced_models.designs.proposal import Wish, propose
+from reduced_models.designs import Wish, plot_design, plot_maps, propose
 
 QUICK = True  # False: 368 grains for the first design, the published number
 

@@ -12,11 +12,12 @@ from .fitting.law_estimator import LawEstimator as LawEstimator
 from .identification.comparison import Comparison as Comparison
 from .identification.comparison import compare as compare
 from .identification.identification import identify as identify
-from .laws import law_named as law_named
+from .laws.catalogue import law_named as law_named
+from .laws.height_map import HeightMap as HeightMap
 from .laws.law import Law as Law
-from .models.model import HeightMap as HeightMap
 from .models.model import ReducedModel as ReducedModel
 from .models.model import load_model as load_model
 from .models.response import forced_law as forced_law
 from .models.roll_out import roll_out as roll_out
+from .records.first_guesses import FirstGuesses as FirstGuesses
 from .records.record import PistonRecord as PistonRecord

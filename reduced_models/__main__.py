@@ -8,46 +8,48 @@ from typing import Any
 
 from granular.shared.console import Parser, add_output, add_run, add_scene, command_parser, launch
 
+PROG = "python -m reduced_models"
+
 EXAMPLES = {
     "": """\
 from a lab record to its equation, judged on what it has not seen:
-  python -m reduced_models identify lab.csv -o out
-  python -m reduced_models compare lift-1.csv lift-2.csv --law all --held-out lift-3.csv
-  python -m reduced_models simulate out/model.json --until 3 -o motion.csv""",
+  %(prog)s identify lab.csv -o out
+  %(prog)s compare lift-1.csv lift-2.csv --law all --held-out lift-3.csv
+  %(prog)s simulate out/model.json --until 3 -o motion.csv""",
     "identify": """\
 examples:
-  python -m reduced_models identify damper -o out
-  python -m reduced_models identify lab.csv --law all -o out
-  python -m reduced_models identify lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
+  %(prog)s damper -o out
+  %(prog)s lab.csv --law all -o out
+  %(prog)s lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
     "fit": """\
 examples:
-  python -m reduced_models fit lab.csv --law duffing -o model.json
-  python -m reduced_models fit a.csv b.csv --law linear --own g0 --bound lam=0:2
-  python -m reduced_models fit shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0\"""",
+  %(prog)s lab.csv --law duffing -o model.json
+  %(prog)s a.csv b.csv --law linear --own g0 --bound lam=0:2
+  %(prog)s shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0\"""",
     "discover": """\
 example:
-  python -m reduced_models discover lab.csv --method sindy -o model.json""",
+  %(prog)s lab.csv --method sindy -o model.json""",
     "compare": """\
 example:
-  python -m reduced_models compare a.csv b.csv --law all --held-out c.csv -o out""",
+  %(prog)s a.csv b.csv --law all --held-out c.csv -o out""",
     "calibrate": """\
 examples:
-  python -m reduced_models calibrate lab.csv damper -o out
-  python -m reduced_models calibrate lab.csv my-damper.toml --parameter piston.mass
-  python -m reduced_models calibrate forced.csv damper --parameter piston.mass \\
+  %(prog)s lab.csv damper -o out
+  %(prog)s lab.csv my-damper.toml --parameter piston.mass
+  %(prog)s forced.csv damper --parameter piston.mass \\
       --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
     "design": """\
 examples:
-  python -m reduced_models design --frequency 3.2 --damping 0.1 -o out
-  python -m reduced_models design --frequency 4 --damping 0.05 --mass 5 -o out""",
+  %(prog)s --frequency 3.2 --damping 0.1 -o out
+  %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out""",
     "maps": """\
 examples:
-  python -m reduced_models maps -o out              # those that come with the package
-  python -m reduced_models maps --simulate -o out   # the study behind them, anew""",
+  %(prog)s -o out              # those that come with the package
+  %(prog)s --simulate -o out   # the study behind them, anew""",
     "simulate": """\
 examples:
-  python -m reduced_models simulate model.json --until 3 -o motion.csv
-  python -m reduced_models simulate model.json --until 3 --height "60 mm" --velocity 0""",
+  %(prog)s model.json --until 3 -o motion.csv
+  %(prog)s model.json --until 3 --height "60 mm" --velocity 0""",
 }
 _SOURCE = "a scene (name or TOML file), a run directory, or a CSV or Parquet file with time, height"
 _LAW = (
@@ -55,11 +57,9 @@ _LAW = (
 )
 
 
-def parser() -> Parser:
-    """The command line's grammar."""
-    top, add = command_parser(
-        "python -m reduced_models", "From a motion to its equation.", EXAMPLES
-    )
+def parser(prog: str = PROG) -> Parser:
+    """The command line's grammar; ``prog`` is what the user types before a command."""
+    top, add = command_parser(prog, "From a motion to its equation.", EXAMPLES)
     _add_identify(add("identify", "simulate or read a motion, compare laws, and write a report"))
     _add_fit(add("fit", "fit one law to one record, or to several at once"))
     _add_discover(add("discover", "find the structure of the law in a record, or in several"))
@@ -200,9 +200,9 @@ def _add_simulate(one: Parser) -> None:
     add_output(one)
 
 
-def main(arguments: Sequence[str]) -> None:
+def main(arguments: Sequence[str], prog: str = PROG) -> None:
     """Run one command."""
-    options: Any = parser().parse_args(arguments)
+    options: Any = parser(prog).parse_args(arguments)
     from reduced_models import commands
 
     {

@@ -24,7 +24,7 @@ _MOST_SAMPLES = 10**7
 def laws_from(names: Sequence[str] | None) -> tuple[str, ...]:
     """Laws to fit; "all" stands for those of the package."""
     from reduced_models.identification.identification import LAWS as DEFAULT
-    from reduced_models.laws import LAWS
+    from reduced_models.laws.catalogue import LAWS
 
     found: list[str] = []
     for name in names or DEFAULT:

@@ -11,11 +11,22 @@ from typing import Any
 
 import jax
 
+from granular.shared.caches import own_folder, toolkit_cache
+
+_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
+
+
+def _cache_folder() -> Path | None:
+    """Where compiled code is kept; see `granular.shared.caches.own_folder`."""
+    chosen = os.environ.get(_VARIABLE)
+    home = toolkit_cache()
+    return own_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)
+
+
 _set: Any = jax.config.update
 _set("jax_enable_x64", True)
-if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    _home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    _set("jax_compilation_cache_dir", str(_home / "granular-damper" / "jax"))
+_folder = _cache_folder()
+_set("jax_compilation_cache_dir", None if _folder is None else str(_folder))
 _set("jax_persistent_cache_min_compile_time_secs", 0.0)
 _set("jax_persistent_cache_min_entry_size_bytes", -1)
 

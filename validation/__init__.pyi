@@ -1,8 +1,16 @@
 from .choice import cheapest as cheapest
+from .cost import Setting as Setting
 from .cost import WorkPrecision as WorkPrecision
 from .cost import work_precision as work_precision
+from .exact import exact_problem as exact_problem
 from .exact import exact_problems as exact_problems
+from .hard_cases import catalogue as catalogue
+from .hard_cases import head_on as head_on
+from .hard_cases import near_limit as near_limit
+from .hard_measures import energy_change as energy_change
 from .order import ConvergenceResult as ConvergenceResult
 from .order import convergence as convergence
+from .order import convergence_table as convergence_table
+from .outcomes import outcome as outcome
 from .trend import Trend as Trend
 from .trend import energy_trend as energy_trend

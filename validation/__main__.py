@@ -5,10 +5,26 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from granular.shared.console import Parser, add_output, add_scene, changes_from, emit, launch
+from granular.shared.console import (
+    Parser,
+    add_output,
+    add_scene,
+    changes_from,
+    command_parser,
+    emit,
+    launch,
+)
+from granular.shared.errors import InputError
+from validation.benchmark import PARTS
 from validation.published.command import add_published, run_published
+
+PROG = "python -m validation"
+
+REPORT = "out/validation"
+"""Directory of the report where none is given."""
 
 _PARTS = {
     "convergence": "orders of convergence against exact solutions",
@@ -18,21 +34,31 @@ _PARTS = {
     "stability": "the catalogue of hard cases",
 }
 
+_EXAMPLES = {
+    "": """\
+how far to trust it, and what accuracy costs:
+  %(prog)s report
+  %(prog)s cheapest damper "rest height" 0.01""",
+    "report": "example:\n  %(prog)s --full -o out/validation     (goes on where it was stopped)",
+    **dict.fromkeys(_PARTS, "example:\n  %(prog)s --quick"),
+    "benchmark": "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items()),
+    "published": """\
+examples:
+  %(prog)s                  (shows the results that come with the package)
+  %(prog)s --quick -o out/published""",
+    "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
+}
 
-def parser() -> Parser:
-    """The command line's grammar."""
-    top = Parser(prog="python -m validation", description="Prove the toolkit's numbers.")
-    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    one = commands.add_parser("report", help="all parts: report.html, and report.json beside it")
-    _add_measuring(one, "out/validation")
+
+def parser(prog: str = PROG) -> Parser:
+    """The command line's grammar; ``prog`` is what the user types before a command."""
+    top, add = command_parser(prog, "Prove the toolkit's numbers.", _EXAMPLES)
+    _add_measuring(add("report", "all parts: report.html, and report.json beside it"), REPORT)
     for name, words in _PARTS.items():
-        one = commands.add_parser(name, help=words)
-        _add_measuring(one, None)
-    _add_benchmark(commands.add_parser("benchmark", help="speed, side by side"))
-    add_published(commands)
-    one = commands.add_parser(
-        "cheapest", help="the setting that reaches a tolerance in the least time"
-    )
+        _add_measuring(add(name, words), None)
+    _add_benchmark(add("benchmark", "speed, side by side"))
+    add_published(add("published", "the source's published values beside ours, with verdicts"))
+    one = add("cheapest", "the setting that reaches a tolerance in the least time")
     add_scene(one)
     one.add_argument("quantity", help="such as energy, positions, 'rest height', period")
     one.add_argument("tolerance", type=float, help="error that is allowed, such as 0.01")
@@ -42,13 +68,14 @@ def parser() -> Parser:
 
 
 def _add_benchmark(one: argparse.ArgumentParser) -> None:
-    from validation.benchmark import PARTS
-
-    one.epilog = "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
-    one.formatter_class = argparse.RawDescriptionHelpFormatter
     one.add_argument(
         "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
         help="measure this part only; see below (repeatable)",
+    )  # fmt: skip
+    one.add_argument(
+        "--history", metavar="FILE",
+        help="measure a few kernels only, add them to this file as ratios to a plain loop, and "
+        "show the last entries",
     )  # fmt: skip
     _add_measuring(one, None)
 
@@ -65,9 +92,9 @@ def _add_measuring(one: argparse.ArgumentParser, out: str | None) -> None:
     add_output(one)
 
 
-def main(arguments: Sequence[str]) -> None:
+def main(arguments: Sequence[str], prog: str = PROG) -> None:
     """Run one command."""
-    options = parser().parse_args(arguments)
+    options = parser(prog).parse_args(arguments)
     if options.command == "cheapest":
         _cheapest(options)
     elif options.command == "published":
@@ -105,10 +132,12 @@ def _text(found: dict[str, Any], out: str | None) -> str:
 
 
 def _benchmark(options: Any) -> None:
-    from validation.benchmark import PARTS
     from validation.benchmark.page import benchmark_text
     from validation.benchmark.programme import benchmark
 
+    if options.history is not None:
+        _history(options)
+        return
     found = benchmark(
         options.out,
         parts=options.parts or tuple(PARTS),
@@ -119,6 +148,17 @@ def _benchmark(options: Any) -> None:
     emit(found, benchmark_text(found) + where, options.json)
 
 
+def _history(options: Any) -> None:
+    from validation.benchmark.history import add, history_table, measured, read
+
+    if options.parts or options.out is not None or options.full:
+        raise InputError("--history measures what it does; leave --part, --out and --full out")
+    path = Path(options.history)
+    read(path)  # before minutes are spent
+    entries = add(path, measured())
+    emit(entries[-1], history_table(entries).text(), options.json)
+
+
 def _cheapest(options: Any) -> None:
     from granular.scene.loading import load_scene
     from validation.choice import cheapest
@@ -126,7 +166,7 @@ def _cheapest(options: Any) -> None:
     changes = changes_from(options.changes)
     scene = load_scene(options.scene).replace(**changes)
     choice = cheapest(scene, options.quantity, options.tolerance, until=options.t_end)
-    emit(choice.to_dict(), str(choice), options.json)
+    emit(choice.to_plain(), str(choice), options.json)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from granular.run.allowed import is_allowed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost import Setting, WorkPrecision, work_precision
-from validation.quantities import Quantity, quantity_named
+from validation.quantities import MeasuredQuantity, quantity_named
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
 CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
@@ -59,10 +59,10 @@ class Choice:
             f"{self.seconds:.3g} s\n  {self.command}"
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The choice as plain data, with its command."""
         plain = dataclasses.asdict(self) | {"command": self.command}
-        return plain | {"study": self.study.to_dict()}
+        return plain | {"study": self.study.to_plain()}
 
 
 def candidates(scene: Scene) -> tuple[Setting, ...]:
@@ -80,14 +80,14 @@ def candidates(scene: Scene) -> tuple[Setting, ...]:
 
 
 def cheapest(
-    scene: Scene, quantity: str | Quantity, tolerance: float, until: float | None = None
+    scene: Scene, quantity: str | MeasuredQuantity, tolerance: float, until: float | None = None
 ) -> Choice:
     """The setting that gives a quantity to a tolerance in the least time.
 
     Parameters
     ----------
     scene : Scene
-    quantity : str or Quantity
+    quantity : str or MeasuredQuantity
         One of `validation.quantities.QUANTITIES`, or one's own.
     tolerance : float
         Error that is allowed; relative, but for the positions (in D) and the energy (over the

@@ -23,8 +23,8 @@ from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from validation.outside import ORDERS, adaptive
-from validation.quantities import Quantity, quantity_named
-from validation.table import Table, table
+from validation.quantities import MeasuredQuantity, quantity_named
+from validation.table import TextTable, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -159,7 +159,7 @@ class WorkPrecision:
             found.setdefault(one.setting.family, []).append(one)
         return {name: tuple(sorted(ones, key=_work)) for name, ones in found.items()}
 
-    def table(self) -> Table:
+    def table(self) -> TextTable:
         """One row a setting, the front marked with a star."""
         front = self.front()
         rows = []
@@ -232,7 +232,7 @@ class WorkPrecision:
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
         )  # fmt: skip
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The result as plain data; None for what was not measured."""
         plain = dataclasses.asdict(self)
         for row, one in zip(plain["points"], self.points, strict=True):
@@ -241,8 +241,8 @@ class WorkPrecision:
         return plain
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> WorkPrecision:
-        """The result from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: Mapping[str, Any]) -> WorkPrecision:
+        """The result from what `to_plain` made, also by way of JSON."""
         points = tuple(
             Point(
                 Setting(**row["setting"]), _number(row["error"]), _number(row["seconds"]),
@@ -293,7 +293,7 @@ def _sound(family: Sequence[Point], tolerance: float) -> list[Point]:
 
 def work_precision(
     scene: Scene,
-    quantity: str | Quantity,
+    quantity: str | MeasuredQuantity,
     settings: Iterable[Setting],
     *,
     reference: Reference = None,
@@ -306,7 +306,7 @@ def work_precision(
     Parameters
     ----------
     scene : Scene
-    quantity : str or Quantity
+    quantity : str or MeasuredQuantity
         One of `validation.quantities.QUANTITIES`, or one's own.
     settings : iterable of Setting
     reference : Setting or float or ndarray, optional
@@ -335,7 +335,7 @@ def work_precision(
 
 def work_precisions(
     scene: Scene,
-    quantities: Sequence[str | Quantity],
+    quantities: Sequence[str | MeasuredQuantity],
     settings: Iterable[Setting],
     *,
     references: Sequence[Reference] | None = None,
@@ -365,7 +365,7 @@ def work_precisions(
 
 def _outside_points(
     scene: Scene,
-    quantity: Quantity,
+    quantity: MeasuredQuantity,
     settings: Sequence[Setting],
     value: float | np.ndarray,
     until: float | None,
@@ -387,7 +387,7 @@ def _outside_points(
 
 def _references(
     scene: Scene,
-    quantities: Sequence[Quantity],
+    quantities: Sequence[MeasuredQuantity],
     given: Sequence[Reference],
     until: float | None,
 ) -> tuple[list[str], list[float | np.ndarray]]:
@@ -432,7 +432,7 @@ def _run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:
 
 def _points(
     scene: Scene,
-    quantities: Sequence[Quantity],
+    quantities: Sequence[MeasuredQuantity],
     setting: Setting,
     values: Sequence[float | np.ndarray],
     until: float | None,
@@ -474,7 +474,7 @@ def _warm(scene: Scene, setting: Setting) -> None:
 
 def _scatter(
     scene: Scene,
-    quantities: Sequence[Quantity],
+    quantities: Sequence[MeasuredQuantity],
     setting: Setting,
     until: float | None,
     seeds: int,
@@ -490,6 +490,6 @@ def _scatter(
     return [_spread(one, [np.asarray(one.measure(run)) for run in runs]) for one in quantities]
 
 
-def _spread(quantity: Quantity, values: Sequence[np.ndarray]) -> float:
+def _spread(quantity: MeasuredQuantity, values: Sequence[np.ndarray]) -> float:
     spread = float(np.std(values, axis=0, ddof=1).max())
     return spread / float(np.abs(np.mean(values, axis=0)).max()) if quantity.relative else spread

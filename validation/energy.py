@@ -19,7 +19,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import RunError
-from validation.table import Table, table
+from validation.table import TextTable, table
 from validation.trend import BLOCKS, Trend, energy_trend
 
 SHOWN = 800
@@ -86,13 +86,13 @@ class EnergyStudy:
     heights: tuple[float, ...] = ()
     velocities: tuple[float, ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The study as plain data."""
         return dataclasses.asdict(self)
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> EnergyStudy:
-        """The study from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: Mapping[str, Any]) -> EnergyStudy:
+        """The study from what `to_plain` made, also by way of JSON."""
         lists = ("times", "errors", "heights", "velocities")
         trend = Trend(**{**plain["trend"], "interval": tuple(plain["trend"]["interval"])})
         return cls(**{**plain, **{name: tuple(plain[name]) for name in lists}, "trend": trend})
@@ -226,7 +226,7 @@ def _step(dt: float | str) -> str:
     return dt if isinstance(dt, str) else f"{dt:.3g}"
 
 
-def summary(studies: list[EnergyStudy]) -> Table:
+def summary(studies: list[EnergyStudy]) -> TextTable:
     """One row a study."""
     rows = [
         (

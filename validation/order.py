@@ -24,7 +24,7 @@ import numpy as np
 
 from granular.shared.errors import InputError, RunError
 from validation.exact.problem import Moment, Problem
-from validation.table import Table, table
+from validation.table import TextTable, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -157,7 +157,7 @@ class ConvergenceResult:
             f"{min(self.errors):.2g}", f"{self.rounding:.1g}",
         )  # fmt: skip
 
-    def table(self) -> Table:
+    def table(self) -> TextTable:
         """Step, error, local slope and wall time of each run."""
         rows = zip(self.steps, self.errors, ("", *self.slopes), self.seconds, strict=True)
         return table(
@@ -185,15 +185,15 @@ class ConvergenceResult:
         for line in (axes.xaxis, axes.yaxis):
             line.set_minor_formatter("")  # labels between powers of ten would overlap
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The result as plain data."""
         plain = dataclasses.asdict(self)
         plain["fit"] = None if self.fit is None else self.fit._asdict()
         return plain
 
     @classmethod
-    def from_dict(cls, plain: dict[str, Any]) -> ConvergenceResult:
-        """The result from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: dict[str, Any]) -> ConvergenceResult:
+        """The result from what `to_plain` made, also by way of JSON."""
         fit = plain["fit"]
         return cls(
             **{
@@ -212,9 +212,9 @@ HEADER = (
 )  # fmt: skip
 
 
-def summary(results: Sequence[ConvergenceResult]) -> Table:
+def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     """One row a result."""
-    return Table(HEADER, tuple(one.summary() for one in results))
+    return TextTable(HEADER, tuple(one.summary() for one in results))
 
 
 def toolkit(method: str) -> Solver:

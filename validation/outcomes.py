@@ -92,14 +92,14 @@ class Outcome:
     allowed: bool
     seconds: float
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The outcome as plain data; None for an error that was not measured."""
         error = self.error if math.isfinite(self.error) else None
         return dataclasses.asdict(self) | {"error": error}
 
     @classmethod
-    def from_dict(cls, plain: dict[str, Any]) -> Outcome:
-        """The outcome from what `to_dict` made."""
+    def from_plain(cls, plain: dict[str, Any]) -> Outcome:
+        """The outcome from what `to_plain` made."""
         return cls(**plain | {"error": math.nan if plain["error"] is None else plain["error"]})
 
 

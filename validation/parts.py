@@ -135,7 +135,7 @@ def machine() -> dict[str, str]:
     """The machine, and versions of what it computes with."""
     import os
 
-    from granular.run.simulation import versions
+    from granular.shared.version import versions
 
     found = {"processor": _processor(), "cores": str(os.cpu_count()), "system": platform.system()}
     return found | versions()

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
-from validation.order import ConvergenceResult
-from validation.order import summary as convergence_table
+from validation.order import ConvergenceResult, convergence_table
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain
 from validation.sections import choices, stability_table, studies
@@ -22,15 +21,15 @@ def part_text(name: str, results: Sequence[Plain]) -> str:
 
 
 def _convergence(results: Sequence[Plain]) -> str:
-    return convergence_table([ConvergenceResult.from_dict(one) for one in results]).text()
+    return convergence_table([ConvergenceResult.from_plain(one) for one in results]).text()
 
 
 def _source(results: Sequence[Plain]) -> str:
-    return "\n".join(SourceExperiment.from_dict(one).table().text() for one in results)
+    return "\n".join(SourceExperiment.from_plain(one).table().text() for one in results)
 
 
 def _energy(results: Sequence[Plain]) -> str:
-    return energy_table([EnergyStudy.from_dict(one) for one in results]).text()
+    return energy_table([EnergyStudy.from_plain(one) for one in results]).text()
 
 
 def _work_precision(results: Sequence[Plain]) -> str:
@@ -40,7 +39,7 @@ def _work_precision(results: Sequence[Plain]) -> str:
 
 
 def _stability(results: Sequence[Plain]) -> str:
-    return stability_table([Outcome.from_dict(one) for one in results]).text()
+    return stability_table([Outcome.from_plain(one) for one in results]).text()
 
 
 _TEXTS = {

@@ -74,8 +74,8 @@ def _converge(name: str, method: str, full: bool) -> Plain:
         solve, order = solver(method), ORDERS[method]
         # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
         counts = step_counts(dataclasses.replace(problem, fewest=2 * problem.fewest), solve, order)
-        return convergence(problem, method, counts, solver=solve, order=order).to_dict()
-    return convergence(problem, method).to_dict()
+        return convergence(problem, method, counts, solver=solve, order=order).to_plain()
+    return convergence(problem, method).to_plain()
 
 
 def _is_shown_briefly(method: str) -> bool:
@@ -92,7 +92,7 @@ def source_pieces(full: bool) -> list[Piece]:
     def measure() -> Plain:
         from validation.source_experiment import source_experiment
 
-        return source_experiment(full=full).to_dict()
+        return source_experiment(full=full).to_plain()
 
     return [Piece("seven steps" if full else "four steps", {"full": full}, measure)]
 
@@ -109,7 +109,7 @@ def energy_pieces(full: bool) -> list[Piece]:
             f"{run.method}: {run.system}",
             {"system": run.system, "scene": run.scene.digest(), "method": run.method,
              "dt": run.dt, "time": run.time},
-            lambda run=run: energy_study(run).to_dict(),  # type: ignore[misc]
+            lambda run=run: energy_study(run).to_plain(),  # type: ignore[misc]
         )
         for run in energy_runs(full=full)
     ]  # fmt: skip
@@ -226,7 +226,7 @@ def _weigh(
     from validation.cost import work_precisions
 
     found = work_precisions(scene, quantities, settings, **options)
-    return {"studies": [one.to_dict() for one in found]}
+    return {"studies": [one.to_plain() for one in found]}
 
 
 # Hard cases -------------------------------------------------------------------------------------
@@ -251,7 +251,7 @@ def stability_pieces(full: bool) -> list[Piece]:
         return Piece(
             case.name,
             {"case": case.name, "method": method, "dt": str(dt), "full": late},
-            lambda: outcome(case, method, dt, full=late).to_dict(),
+            lambda: outcome(case, method, dt, full=late).to_plain(),
         )
 
     cases = catalogue()

@@ -17,7 +17,7 @@ _LEAST_SWINGS = 3
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity:
+class MeasuredQuantity:
     """A measured quantity.
 
     Attributes
@@ -117,18 +117,18 @@ def _mean_distance(run: Trajectory) -> float:
 QUANTITIES = {
     one.name: one
     for one in (
-        Quantity("energy", "1", _energy, relative=False, exact=0.0),
-        Quantity("positions", "D", _positions, relative=False),
-        Quantity("rest height", "m", _rest_height),
-        Quantity("period", "s", _period),
-        Quantity("damping ratio", "1", _damping_ratio),
-        Quantity("piston force", "N", _piston_force),
-        Quantity("mean distance", "m", _mean_distance),
+        MeasuredQuantity("energy", "1", _energy, relative=False, exact=0.0),
+        MeasuredQuantity("positions", "D", _positions, relative=False),
+        MeasuredQuantity("rest height", "m", _rest_height),
+        MeasuredQuantity("period", "s", _period),
+        MeasuredQuantity("damping ratio", "1", _damping_ratio),
+        MeasuredQuantity("piston force", "N", _piston_force),
+        MeasuredQuantity("mean distance", "m", _mean_distance),
     )
 }
 
 
-def quantity_named(name: str | Quantity) -> Quantity:
+def quantity_named(name: str | MeasuredQuantity) -> MeasuredQuantity:
     """The quantity of that name, or the quantity itself.
 
     Raises
@@ -136,7 +136,7 @@ def quantity_named(name: str | Quantity) -> Quantity:
     InputError
         If there is none; the nearest name is given.
     """
-    if isinstance(name, Quantity):
+    if isinstance(name, MeasuredQuantity):
         return name
     if name not in QUANTITIES:
         raise InputError(unknown(str(name), tuple(QUANTITIES), "quantity"))

@@ -61,11 +61,11 @@ def report(
         If the directory cannot be written.
     """
     where = Path(directory)
+    make_directory(where)
     results: dict[str, Sequence[Plain]] = {
         name: measured(part_named(name), where, full=full, progress=progress) for name in parts
     }
     found = summary(results) | {"full": full, "machine": machine(), "parts": results}
-    make_directory(where)
     page(results, full=full).save(where / "report.html")
     write_json(where / "report.json", found)
     return found
@@ -104,19 +104,19 @@ def summary(results: Results) -> dict[str, Any]:
 
 
 def _convergence_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
-    found = [ConvergenceResult.from_dict(one) for one in results]
+    found = [ConvergenceResult.from_plain(one) for one in results]
     right = sum(map(convergence_holds, found))
     return f"{right} of {len(found)} slopes are as declared", right == len(found)
 
 
 def _source_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
-    slopes = [SourceExperiment.from_dict(one).slope(COMPENSATED) for one in results]
+    slopes = [SourceExperiment.from_plain(one).slope(COMPENSATED) for one in results]
     words = f"the source's test has the slope {', '.join(f'{one:.4f}' for one in slopes)}"
     return words, all(abs(one - 2.0) <= 0.01 for one in slopes)
 
 
 def _energy_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
-    found = [EnergyStudy.from_dict(one) for one in results]
+    found = [EnergyStudy.from_plain(one) for one in results]
     right = sum(map(energy_holds, found))
     words = f"{right} of {len(found)} energy runs are of their kind (no trend, or a control's)"
     return words, right == len(found)
@@ -128,7 +128,7 @@ def _work_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 
 def _stability_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
-    found = [Outcome.from_dict(one) for one in results]
+    found = [Outcome.from_plain(one) for one in results]
     return stability_verdict(found).rstrip("."), all(one.allowed for one in found)
 
 

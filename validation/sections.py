@@ -13,13 +13,12 @@ from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost import LEVELS, WorkPrecision
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
-from validation.order import CLEAR, HIGH_ORDER, ConvergenceResult
-from validation.order import summary as convergence_table
+from validation.order import CLEAR, HIGH_ORDER, ConvergenceResult, convergence_table
 from validation.outcomes import ACCURATE, STOPPED, Outcome
 from validation.outside import ORDERS
 from validation.parts import FAILED, Plain
 from validation.source_experiment import COMPENSATED, PLAIN, PRINTED_PEAKS, SourceExperiment
-from validation.table import Table, table
+from validation.table import TextTable, table
 from validation.trend import SIGNIFICANCE
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def _note_failures(page: Page, results: Sequence[Plain]) -> None:
             page.note(f"{one['label']} failed: {one[FAILED]}")
 
 
-def _tabulate(page: Page, shown: Table) -> None:
+def _tabulate(page: Page, shown: TextTable) -> None:
     page.table(shown.header, [tuple(map(_unbroken, row)) for row in shown.rows])
 
 
@@ -65,7 +64,7 @@ def _unbroken(cell: str) -> str:
 
 def convergence_section(page: Page, results: Sequence[Plain]) -> None:
     """Slopes, and a plot for each problem."""
-    found = [ConvergenceResult.from_dict(one) for one in _sound(results)]
+    found = [ConvergenceResult.from_plain(one) for one in _sound(results)]
     page.section("Order of convergence")
     page.text(
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "
@@ -95,7 +94,7 @@ def convergence_section(page: Page, results: Sequence[Plain]) -> None:
     _note_failures(page, results)
 
 
-def slopes(found: Sequence[ConvergenceResult]) -> Table:
+def slopes(found: Sequence[ConvergenceResult]) -> TextTable:
     """Measured slopes: a row a method, a column a problem."""
     problems = tuple(dict.fromkeys(one.problem for one in found))
     declared = {one.method: one.order for one in found}
@@ -139,7 +138,7 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
     """Errors over the step, and the peaks, with and without rounding."""
     page.section("The source's test of its method")
     _note_failures(page, results)
-    for one in map(SourceExperiment.from_dict, _sound(results)):
+    for one in map(SourceExperiment.from_plain, _sound(results)):
         clean, plain = one.of(COMPENSATED)[-1], one.of(PLAIN)[-1]
         page.text(
             "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
@@ -186,7 +185,7 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
 
 def energy_section(page: Page, results: Sequence[Plain]) -> None:
     """Trends, the error over time, and phase portraits."""
-    found = [EnergyStudy.from_dict(one) for one in _sound(results)]
+    found = [EnergyStudy.from_plain(one) for one in _sound(results)]
     page.section("Energy over long runs")
     page.text(
         "Error of the energy over the energy turned over. A trend is claimed where it stands out "
@@ -289,7 +288,7 @@ def _zoom(axes: Axes, one: EnergyStudy) -> None:
 
 def studies(results: Sequence[Plain]) -> list[WorkPrecision]:
     """The studies of all pieces."""
-    return [WorkPrecision.from_dict(plain) for one in results for plain in one["studies"]]
+    return [WorkPrecision.from_plain(plain) for one in results for plain in one["studies"]]
 
 
 def work_precision_section(page: Page, results: Sequence[Plain]) -> None:
@@ -315,7 +314,7 @@ def work_precision_section(page: Page, results: Sequence[Plain]) -> None:
     _note_failures(page, results)
 
 
-def choices(found: Sequence[WorkPrecision]) -> Table:
+def choices(found: Sequence[WorkPrecision]) -> TextTable:
     """Which setting to take for 1 % and for 1e-6, and what it takes beside the default one."""
     rows = []
     for one in found:
@@ -346,7 +345,7 @@ def _chosen(one: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
 
 def stability_section(page: Page, results: Sequence[Plain]) -> None:
     """The outcome of every hard case."""
-    found = [Outcome.from_dict(one) for one in _sound(results)]
+    found = [Outcome.from_plain(one) for one in _sound(results)]
     page.section("Hard cases")
     page.text(stability_verdict(found))
     for one in found:
@@ -373,7 +372,7 @@ def stability_verdict(found: Sequence[Outcome]) -> str:
     )
 
 
-def stability_matrix(found: Sequence[Outcome]) -> Table:
+def stability_matrix(found: Sequence[Outcome]) -> TextTable:
     """Outcomes: a row a case, a column for its own settings and for each method and step."""
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
@@ -402,7 +401,7 @@ def _ending(one: Outcome) -> str:
     return f"{share:.1g}{wrong}" if one.kind == ACCURATE else f"{one.kind}{wrong}"
 
 
-def stability_table(found: Sequence[Outcome]) -> Table:
+def stability_table(found: Sequence[Outcome]) -> TextTable:
     """One row an outcome."""
     rows = [
         (
@@ -416,7 +415,7 @@ def stability_table(found: Sequence[Outcome]) -> Table:
     return table(header, rows)
 
 
-def case_table(names: Collection[str]) -> Table:
+def case_table(names: Collection[str]) -> TextTable:
     """What is hard about each case, and what its error is."""
     from validation.hard_cases import catalogue
 
@@ -441,12 +440,12 @@ def measurements(page: Page, results: Mapping[str, Sequence[Plain]]) -> None:
     page.section("All measurements")
     if ones := _sound(results.get("convergence", ())):
         page.text("Orders of convergence.")
-        _tabulate(page, convergence_table([ConvergenceResult.from_dict(one) for one in ones]))
+        _tabulate(page, convergence_table([ConvergenceResult.from_plain(one) for one in ones]))
     for one in studies(_sound(results.get("work-precision", ()))):
         page.text(f"Cost of the {one.quantity} of {one.scene}; a star marks the best of all.")
         _tabulate(page, one.table())
     if ones := _sound(results.get("stability", ())):
-        found = [Outcome.from_dict(one) for one in ones]
+        found = [Outcome.from_plain(one) for one in ones]
         page.text("Hard cases.")
         _tabulate(page, stability_table(found))
         page.text("What is hard, and what is measured.")

@@ -23,7 +23,7 @@ import numpy as np
 from granular.effects.wall_experimental import force
 from granular.scene.scales import Scales
 from validation.exact import bounce
-from validation.table import Table, table
+from validation.table import TextTable, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -167,7 +167,7 @@ class SourceExperiment:
         ends = {one.step: one.end for one in self.of(COMPENSATED)}
         return max(abs(one.end - ends[one.step]) for one in self.of(TOOLKIT))
 
-    def table(self) -> Table:
+    def table(self) -> TextTable:
         """One row a run."""
         rounding = self.rounding()
         rows = [
@@ -236,13 +236,13 @@ class SourceExperiment:
         axes.set_ylabel("peak off the start [m]")
         axes.set_xticks(range(1, 1 + len(self.of(PLAIN)[-1].peaks)))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The experiment as plain data."""
         return dataclasses.asdict(self)
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> SourceExperiment:
-        """The experiment from what `to_dict` made, also by way of JSON."""
+    def from_plain(cls, plain: Mapping[str, Any]) -> SourceExperiment:
+        """The experiment from what `to_plain` made, also by way of JSON."""
         lists = ("peaks", "path")
         return cls(
             tuple(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 
-class Table(NamedTuple):
+class TextTable(NamedTuple):
     """Header and rows of texts."""
 
     header: tuple[str, ...]
@@ -22,6 +22,6 @@ class Table(NamedTuple):
         )
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> Table:
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextTable:
     """A table of anything that can be written."""
-    return Table(tuple(header), tuple(tuple(map(str, row)) for row in rows))
+    return TextTable(tuple(header), tuple(tuple(map(str, row)) for row in rows))

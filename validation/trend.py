@@ -75,7 +75,7 @@ class Trend:
             return "none"
         return "gains" if self.rate > 0.0 else "loses"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """The trend as plain data."""
         return dataclasses.asdict(self)
 

@@ -77,7 +77,7 @@ class ContactLaw(NamedTuple):
 
 @compiled
 def spring(law: ContactLaw, first: float, second: float) -> float:
-    """K of two radii."""
+    """Spring constant k of two grains with these radii [F*/D^(3/2)]."""
     return law.modulus * math.sqrt(first * second / (first + second))
 
 
@@ -101,20 +101,20 @@ def stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def decay(law: ContactLaw, k: float, overlap: float, mass: float, span: float) -> float:
-    """Factor of the normal velocity after ``span``, for the reduced mass."""
+    """Share of the normal velocity that the dashpot leaves after ``span``, for a reduced mass."""
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * span)
 
 
 @compiled
-def impact_stiffness(law: ContactLaw, speed: float, charge: float, barrier: float) -> float:
+def impact_stiffness(law: ContactLaw, speed: float, mass: float, barrier: float) -> float:
     """Square of the highest angular frequency in a head-on impact of two alike grains.
 
     Both come at ``speed``; their energy above the magnetic ``barrier`` at touch fixes the overlap.
     """
-    mass = 0.5 * charge
-    left = 2.0 * mass * speed * speed - barrier
+    reduced = 0.5 * mass
+    left = 2.0 * reduced * speed * speed - barrier
     if left <= 0.0:
         return 0.0
     k = spring(law, 0.5 * law.widest, 0.5 * law.widest)
-    return stiffness(k, (2.5 * left / k) ** 0.4) / mass
+    return stiffness(k, (2.5 * left / k) ** 0.4) / reduced

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 from granular.scene.scales import Scales
 from granular.scene.schema import Section, quantity
 
@@ -38,7 +38,7 @@ class Drag(Section):
         return self.coefficient * scales.time / scales.mass
 
 
-@compiled
+@entry
 def flow(rate: float, span: float) -> tuple[float, float, float, float, float]:
     """Coefficients of the exact flow of kick and drag over ``span``.
 
@@ -63,7 +63,7 @@ def flow(rate: float, span: float) -> tuple[float, float, float, float, float]:
 
 @compiled
 def way(rate: float, span: float, gain: float, speed: float, push: float) -> float:
-    """Way in ``span``, from a speed under an acceleration; ``gain`` as `flow` has it."""
+    """Way in ``span`` from a speed, under drag and an acceleration; ``gain`` as `flow` has it."""
     bend = (span - gain) / rate if rate * span > 1e-6 else 0.5 * span * span
     return gain * speed + bend * push
 

@@ -92,12 +92,12 @@ class Friction(Section):
                 "grains",
                 "species",
             )
-        charge = (diameter / diameter[0]) ** 2
+        moments = (diameter / diameter[0]) ** 2
         lean = np.arctan(thickness / diameter)
         tilt = np.arcsin(gap / diagonal) - lean
         arm = np.cos(tilt) + (1.0 / 3.0 if self.torque == "second" else 0.0)
-        own = charge * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
-        return own, charge * np.sin(tilt)
+        own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
+        return own, moments * np.sin(tilt)
 
     def kernel(
         self, grains: Grains, cell: Cell, scales: Scales, species: np.ndarray

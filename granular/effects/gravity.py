@@ -24,25 +24,25 @@ class Gravity(Section):
 
 
 @compiled(inline=True)
-def add_weight(gravity: float | None, count: int, charge: Array | None, fy: Array) -> None:
-    """Add the grains' weight, -G times the mass ratio (which equals the charge)."""
+def add_weight(gravity: float | None, count: int, masses: Array | None, fy: Array) -> None:
+    """Add the grains' weight, -G times the mass."""
     if gravity is not None:
-        if charge is None:
+        if masses is None:
             for i in range(count):
                 fy[i] -= gravity
         else:
             for i in range(count):
-                fy[i] -= gravity * charge[i]
+                fy[i] -= gravity * masses[i]
 
 
 @compiled
-def weight_energy(gravity: float | None, count: int, charge: Array | None, y: Array) -> float:
+def weight_energy(gravity: float | None, count: int, masses: Array | None, y: Array) -> float:
     """Sum of m g y over the grains [F* D], zero at the bottom."""
     total = 0.0
     if gravity is not None:
         for i in range(count):
             mass = 1.0
-            if charge is not None:
-                mass = charge[i]
+            if masses is not None:
+                mass = masses[i]
             total += gravity * mass * y[i]
     return total

@@ -49,7 +49,7 @@ class Swing(NamedTuple):
 
     @property
     def greatest_speed(self) -> float:
-        """Of the cell [D/tau]."""
+        """Greatest speed of the cell [D/tau]."""
         return math.hypot(self.x, self.y) / self.omega
 
 
@@ -64,7 +64,7 @@ def acceleration(swing: Swing | None, time: float) -> tuple[float, float]:
 
 @compiled
 def acceleration_rate(swing: Swing | None, time: float) -> tuple[float, float]:
-    """Its derivative with time."""
+    """Rate of change of the apparent acceleration at a time [tau]."""
     if swing is None:
         return 0.0, 0.0
     phase = swing.omega * math.cos(swing.omega * time)
@@ -73,28 +73,28 @@ def acceleration_rate(swing: Swing | None, time: float) -> tuple[float, float]:
 
 @compiled(inline=True)
 def add_inertia(
-    swing: Swing | None, time: float, count: int, charge: Array | None, fx: Array, fy: Array
+    swing: Swing | None, time: float, count: int, masses: Array | None, fx: Array, fy: Array
 ) -> None:
-    """Add the apparent forces (the mass ratio equals the charge)."""
+    """Add the apparent forces."""
     if swing is not None:
         ax, ay = acceleration(swing, time)
         for i in range(count):
             mass = 1.0
-            if charge is not None:
-                mass = charge[i]
+            if masses is not None:
+                mass = masses[i]
             fx[i] += mass * ax
             fy[i] += mass * ay
 
 
 @compiled
-def mass_moment(count: int, charge: Array | None, x: Array, y: Array) -> tuple[float, float]:
+def mass_moment(count: int, masses: Array | None, x: Array, y: Array) -> tuple[float, float]:
     """Sum of m r over the grains."""
     total_x = 0.0
     total_y = 0.0
     for i in range(count):
         mass = 1.0
-        if charge is not None:
-            mass = charge[i]
+        if masses is not None:
+            mass = masses[i]
         total_x += mass * x[i]
         total_y += mass * y[i]
     return total_x, total_y

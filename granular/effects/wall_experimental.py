@@ -9,33 +9,33 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import entry
 
 STRENGTH = 0.5
 ENERGY = STRENGTH / 2.5
 STIFFNESS = STRENGTH * 3.5
 
 
-@compiled
+@entry
 def force(w: float) -> float:
     """Force [F*] on a grain of the first species at the distance w [D]; NaN behind the wall."""
     return STRENGTH / (w * w * w * math.sqrt(w))
 
 
-@compiled
+@entry
 def energy(w: float) -> float:
     """Energy [F* D] at the distance w [D]."""
     return ENERGY / (w * w * math.sqrt(w))
 
 
-@compiled
+@entry
 def stiffness(w: float) -> float:
     """-d(force)/dw [F*/D] at the distance w [D]."""
     w2 = w * w
     return STIFFNESS / (w2 * w2 * math.sqrt(w))
 
 
-@compiled
+@entry
 def turning_stiffness(speed: float) -> float:
     """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
     return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8

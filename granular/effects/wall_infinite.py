@@ -5,29 +5,29 @@ Force on a grain at the distance w: q / w^3 along the normal; energy q / (2 w^2)
 
 from __future__ import annotations
 
-from granular.compiled import compiled
+from granular.compiled import entry
 
 
-@compiled
+@entry
 def force(w: float) -> float:
     """Force [F*] on a grain of the first species at the distance w [D]."""
     return 1.0 / (w * w * w)
 
 
-@compiled
+@entry
 def energy(w: float) -> float:
     """Energy [F* D] at the distance w [D]."""
     return 0.5 / (w * w)
 
 
-@compiled
+@entry
 def stiffness(w: float) -> float:
     """-d(force)/dw [F*/D] at the distance w [D]."""
     w2 = w * w
     return 3.0 / (w2 * w2)
 
 
-@compiled
+@entry
 def turning_stiffness(speed: float) -> float:
     """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2."""
     square = speed * speed

@@ -18,24 +18,24 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 
 
 @compiled
 def _pull(w: float, a: float) -> float:
-    """The end's part of 4 w^2 energy, taken from its limit 1: 1 - a/sqrt(w^2 + a^2), over w^2."""
+    """(1 - a/sqrt(w^2 + a^2))/w^2: what an end takes off the energy of an endless wall, times 4."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
 def _steep(w: float, a: float) -> float:
-    """The end's part of the normal force, taken from its limit 2/w^3, for a > 0."""
+    """What an end takes off the normal force of an endless wall, times 4; for a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 
 
-@compiled
+@entry
 def energy(w: float, a: float, b: float) -> float:
     """Energy [F* D] of a grain of the first species."""
     if a >= 0.0 and b >= 0.0:
@@ -46,7 +46,7 @@ def energy(w: float, a: float, b: float) -> float:
     return 0.25 * (_pull(w, -b) - _pull(w, a))
 
 
-@compiled
+@entry
 def normal_force(w: float, a: float, b: float) -> float:
     """Force [F*] away from the line, along its normal."""
     if a >= 0.0 and b >= 0.0:
@@ -60,7 +60,7 @@ def normal_force(w: float, a: float, b: float) -> float:
     return 0.25 * (_steep(w, -b) - _steep(w, a))
 
 
-@compiled
+@entry
 def tangential_force(w: float, a: float, b: float) -> float:
     """Force [F*] along the line, in the direction in which a grows."""
     w2 = w * w
@@ -68,7 +68,7 @@ def tangential_force(w: float, a: float, b: float) -> float:
     return 0.25 * (1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra))
 
 
-@compiled
+@entry
 def stiffness(w: float, a: float, b: float) -> float:
     """Bound of the stiffness [F*/D]: that of an infinite wall at the slab's nearest point."""
     beyond = max(0.0, -min(a, b))

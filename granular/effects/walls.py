@@ -18,6 +18,7 @@ from granular.scene.schema import FieldError, Section, choice, one, quantity
 
 LAWS = ("experimental", "infinite", "slab")
 SIDES = ("left", "right", "bottom", "top")
+LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
 
 
 class Wall(Section):
@@ -41,8 +42,8 @@ class Wall(Section):
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
 
     @classmethod
-    def build(cls, plain: Any, diameter: float | None = None) -> Wall:
-        return super().build({"law": plain} if isinstance(plain, str) else plain, diameter)
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
+        return super().from_plain({"law": plain} if isinstance(plain, str) else plain, diameter)
 
     @property
     def has_gap(self) -> bool:
@@ -58,17 +59,17 @@ class Wall(Section):
                 f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end"
             )
 
-    def kernel(self, width: float, unit: float) -> Law:
+    def kernel(self, width: float, unit: float) -> WallLaw:
         """The law in natural units, for a cell of that width [m] and the length unit D [m]."""
         if self.law == "experimental":
-            return Law(experimental=True)
+            return WallLaw(experimental=True)
         if self.law == "infinite":
-            return Law(infinite=True)
+            return WallLaw(infinite=True)
         ends = [0.0, width if self.length is None else self.length]
         if self.gap_start is not None and self.gap_end is not None:
             ends = [0.0, self.gap_start, self.gap_end, ends[1]]
         natural = np.array(ends) / unit
-        return Law(slab=Slab(natural[::2].copy(), natural[1::2].copy(), not self.has_gap))
+        return WallLaw(slab=Slab(natural[::2].copy(), natural[1::2].copy(), not self.has_gap))
 
 
 class Walls(Section):
@@ -147,7 +148,7 @@ class Slab(NamedTuple):
     closed: bool
 
 
-class Law(NamedTuple):
+class WallLaw(NamedTuple):
     """The law of one wall as the kernels take it: exactly one field is not None."""
 
     experimental: bool | None = None
@@ -158,10 +159,10 @@ class Law(NamedTuple):
 class WallLaws(NamedTuple):
     """The law of each side; None is open."""
 
-    left: Law | None
-    right: Law | None
-    bottom: Law | None
-    top: Law | None
+    left: WallLaw | None
+    right: WallLaw | None
+    bottom: WallLaw | None
+    top: WallLaw | None
 
 
 OPEN = WallLaws(None, None, None, None)
@@ -185,85 +186,92 @@ class Side(NamedTuple):
 
 
 @compiled(inline=True)
-def _press(
+def _add_normal_forces(
     experimental: bool | None,
     infinite: bool | None,
     slab: Slab | None,
     count: int,
-    charge: Array | None,
+    moments: Array | None,
     side: Side,
     force: Array,
-    push: Array,
-    shove: Array,
+    normal: Array,
+    tangential: Array | None,
 ) -> int:
-    """Add the forces of one wall away from it; along it (slabs) they are left for charges 1."""
+    """Add the forces of one wall away from it.
+
+    Those along it, which slabs alone have, are left in ``tangential``, for grains of moment 1.
+    """
     outside = 0
     if experimental is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
-            push[i] = wall_experimental.force(w)
-            if charge is not None:
-                push[i] *= charge[i]
-            force[i] += side.sign * push[i]
+            normal[i] = wall_experimental.force(w)
+            if moments is not None:
+                normal[i] *= moments[i]
+            force[i] += side.sign * normal[i]
     if infinite is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
-            push[i] = wall_infinite.force(w)
-            if charge is not None:
-                push[i] *= charge[i]
-            force[i] += side.sign * push[i]
+            normal[i] = wall_infinite.force(w)
+            if moments is not None:
+                normal[i] *= moments[i]
+            force[i] += side.sign * normal[i]
             outside += not w > 0.0
-    if slab is not None:
+    if slab is not None and tangential is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
-            push[i] = 0.0
-            shove[i] = 0.0
+            normal[i] = 0.0
+            tangential[i] = 0.0
             for k in range(slab.starts.size):
                 a, b = side.along[i] - slab.starts[k], slab.ends[k] - side.along[i]
-                push[i] += wall_slab.normal_force(w, a, b)
-                shove[i] += wall_slab.tangential_force(w, a, b)
-            if charge is not None:
-                push[i] *= charge[i]
-            force[i] += side.sign * push[i]
+                normal[i] += wall_slab.normal_force(w, a, b)
+                tangential[i] += wall_slab.tangential_force(w, a, b)
+            if moments is not None:
+                normal[i] *= moments[i]
+            force[i] += side.sign * normal[i]
             outside += (not w > 0.0) if slab.closed else (not abs(w) >= 0.0)
     return outside
 
 
 @compiled
-def _shove(
-    slab: Slab | None, count: int, charge: Array | None, along_force: Array, shove: Array
+def _add_tangential_forces(
+    slab: Slab | None,
+    count: int,
+    moments: Array | None,
+    along_force: Array,
+    tangential: Array | None,
 ) -> None:
-    if slab is not None:
+    if slab is not None and tangential is not None:
         for i in range(count):
             ratio = 1.0
-            if charge is not None:
-                ratio = charge[i]
-            along_force[i] += ratio * shove[i]
+            if moments is not None:
+                ratio = moments[i]
+            along_force[i] += ratio * tangential[i]
 
 
 @compiled(inline=True)
-def _press_side(
-    law: Law | None,
+def _add_side(
+    law: WallLaw | None,
     which: int,
     count: int,
-    charge: Array | None,
+    moments: Array | None,
     side: Side,
     force: Array,
     along_force: Array,
-    push: Array,
-    shove: Array,
-    totals: Array,
+    normal: Array,
+    tangential: Array | None,
+    wall_forces: Array,
 ) -> int:
     if law is None:
         return 0
-    outside = _press(
-        law.experimental, law.infinite, law.slab, count, charge, side, force, push, shove
+    outside = _add_normal_forces(
+        law.experimental, law.infinite, law.slab, count, moments, side, force, normal, tangential
     )
-    _shove(law.slab, count, charge, along_force, shove)
-    totals[which] = lane_sum(push)
+    _add_tangential_forces(law.slab, count, moments, along_force, tangential)
+    wall_forces[which] = lane_sum(normal)
     if law.experimental is not None:
         # Behind this wall the force is no number, so the total tells.
-        outside += not totals[which] < math.inf
+        outside += not wall_forces[which] < math.inf
     return outside
 
 
@@ -271,16 +279,16 @@ def _press_side(
 def add_wall_forces(
     laws: WallLaws,
     count: int,
-    charge: Array | None,
+    moments: Array | None,
     x: Array,
     y: Array,
     fx: Array,
     fy: Array,
     width: float,
     height: float,
-    push: Array,
-    shove: Array,
-    totals: Array,
+    normal: Array,
+    tangential: Array | None,
+    wall_forces: Array,
 ) -> int:
     """Add the walls' forces on the grains.
 
@@ -289,9 +297,9 @@ def add_wall_forces(
     laws : WallLaws
     width, height : float
         Cell width and piston height [D].
-    push, shove : float64 (m,)
-        Scratch, zero behind the grains.
-    totals : float64 (4,)
+    normal, tangential : float64 (m,), the second None without slabs
+        Scratch: the force of one wall on each grain, across and along it; zero behind the grains.
+    wall_forces : float64 (4,)
         Overwritten by the force on each wall, in the order of `SIDES` [F*].
 
     Returns
@@ -302,10 +310,14 @@ def add_wall_forces(
     left, right = Side(x, y, 0.0, 1.0), Side(x, y, width, -1.0)
     bottom, top = Side(y, x, 0.0, 1.0), Side(y, x, height, -1.0)
     return (
-        _press_side(laws.left, 0, count, charge, left, fx, fy, push, shove, totals)
-        + _press_side(laws.right, 1, count, charge, right, fx, fy, push, shove, totals)
-        + _press_side(laws.bottom, 2, count, charge, bottom, fy, fx, push, shove, totals)
-        + _press_side(laws.top, 3, count, charge, top, fy, fx, push, shove, totals)
+        _add_side(laws.left, LEFT, count, moments, left, fx, fy, normal, tangential, wall_forces)
+        + _add_side(
+            laws.right, RIGHT, count, moments, right, fx, fy, normal, tangential, wall_forces
+        )
+        + _add_side(
+            laws.bottom, BOTTOM, count, moments, bottom, fy, fx, normal, tangential, wall_forces
+        )
+        + _add_side(laws.top, TOP, count, moments, top, fy, fx, normal, tangential, wall_forces)
     )
 
 
@@ -317,85 +329,85 @@ def _measure(
     count: int,
     side: Side,
     stiffness: Array,
-    push: Array,
+    energies: Array,
 ) -> None:
-    """Energies of one wall for charges 1, and its stiffness over the grain's mass."""
+    """Energies at one wall, for grains of moment 1; adds its stiffness over the grain's mass."""
     if experimental is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
-            push[i] = wall_experimental.energy(w)
+            energies[i] = wall_experimental.energy(w)
             stiffness[i] += wall_experimental.stiffness(w)
     if infinite is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
-            push[i] = wall_infinite.energy(w)
+            energies[i] = wall_infinite.energy(w)
             stiffness[i] += wall_infinite.stiffness(w)
     if slab is not None:
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
-            push[i] = 0.0
+            energies[i] = 0.0
             for k in range(slab.starts.size):
                 a, b = side.along[i] - slab.starts[k], slab.ends[k] - side.along[i]
-                push[i] += wall_slab.energy(w, a, b)
+                energies[i] += wall_slab.energy(w, a, b)
                 stiffness[i] += wall_slab.stiffness(w, a, b)
 
 
 @compiled
 def _measure_side(
-    law: Law | None,
+    law: WallLaw | None,
     count: int,
-    charge: Array | None,
+    moments: Array | None,
     side: Side,
     stiffness: Array,
-    push: Array,
+    energies: Array,
 ) -> float:
     if law is None:
         return 0.0
-    _measure(law.experimental, law.infinite, law.slab, count, side, stiffness, push)
-    if charge is not None:
+    _measure(law.experimental, law.infinite, law.slab, count, side, stiffness, energies)
+    if moments is not None:
         for i in range(count):
-            push[i] *= charge[i]
-    return lane_sum(push)
+            energies[i] *= moments[i]
+    return lane_sum(energies)
 
 
 @compiled
 def measure_walls(
     laws: WallLaws,
     count: int,
-    charge: Array | None,
+    moments: Array | None,
     x: Array,
     y: Array,
     width: float,
     height: float,
     stiffness: Array,
-    push: Array,
+    energies: Array,
 ) -> float:
     """Energy of the grains at the walls [F* D]; adds each wall's stiffness over the grain's mass.
 
-    The stiffness per mass is that of a grain of the first species: charge and mass have the same
+    The stiffness per mass is that of a grain of the first species: moments and mass have the same
     ratio for every species.
     """
     return (
-        _measure_side(laws.left, count, charge, Side(x, y, 0.0, 1.0), stiffness, push)
-        + _measure_side(laws.right, count, charge, Side(x, y, width, -1.0), stiffness, push)
-        + _measure_side(laws.bottom, count, charge, Side(y, x, 0.0, 1.0), stiffness, push)
-        + _measure_side(laws.top, count, charge, Side(y, x, height, -1.0), stiffness, push)
+        _measure_side(laws.left, count, moments, Side(x, y, 0.0, 1.0), stiffness, energies)
+        + _measure_side(laws.right, count, moments, Side(x, y, width, -1.0), stiffness, energies)
+        + _measure_side(laws.bottom, count, moments, Side(y, x, 0.0, 1.0), stiffness, energies)
+        + _measure_side(laws.top, count, moments, Side(y, x, height, -1.0), stiffness, energies)
     )
 
 
 @compiled
 def piston_stiffness(
-    law: Law | None, count: int, charge: Array | None, x: Array, y: Array, height: float,
-    slopes: Array, push: Array,
+    law: WallLaw | None, count: int, moments: Array | None, x: Array, y: Array, height: float,
+    slopes: Array, energies: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """Stiffness of all grains against the piston [F*/D], and the largest of one grain per mass."""
     slopes[:] = 0.0
-    _measure_side(law, count, charge, Side(y, x, height, -1.0), slopes, push)
+    _measure_side(law, count, moments, Side(y, x, height, -1.0), slopes, energies)
     total = 0.0
     largest = 0.0
     for i in range(count):
         largest = max(largest, slopes[i])
-        total += slopes[i] if charge is None else slopes[i] * charge[i]
+        total += slopes[i] if moments is None else slopes[i] * moments[i]
     return total, largest
 
 
@@ -415,7 +427,7 @@ def _turning(
 
 
 @compiled
-def _turning_side(law: Law | None, speed: float) -> float:
+def _turning_side(law: WallLaw | None, speed: float) -> float:
     if law is None:
         return 0.0
     return _turning(law.experimental, law.infinite, law.slab, speed)

@@ -13,7 +13,7 @@ from granular.engine.state import KEPT, State, kept_lists, put_lists
 
 @dataclasses.dataclass
 class Progress:
-    """Where a run stands; with the state's arrays, all that a checkpoint needs.
+    """Where a run stands: what a checkpoint needs besides the state's arrays.
 
     Attributes
     ----------
@@ -47,22 +47,27 @@ class Progress:
     results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
+IN_FILES = {"wall_forces": "totals", "rounding": "low"}
+"""Fields of a state that checkpoints hold under another name: that of the first ones."""
+
+
+def _kept(state: State) -> dict[str, np.ndarray]:
+    """The arrays that a state cannot be made again from, by their names in a checkpoint."""
+    names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
+    kept = {IN_FILES.get(name, name): getattr(state, name) for name in names}
+    if state.far_forces is not None and state.far_forces.held is not None:
+        kept["far_held"] = state.far_forces.held
+    return kept
+
+
 def kept_arrays(state: State) -> dict[str, Any]:
     """Copies of the arrays that a state cannot be made again from."""
-    kept = {name: getattr(state, name).copy() for name in KEPT}
-    if state.low is not None:
-        kept["low"] = state.low.copy()
-    if state.far is not None and state.far.held is not None:
-        kept["far_held"] = state.far.held.copy()
-    return kept | kept_lists(state.near or state.known)
+    kept = {name: array.copy() for name, array in _kept(state).items()}
+    return kept | kept_lists(state.stripes or state.verlet_list)
 
 
 def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
     """Put kept arrays back."""
-    for name in KEPT:
-        getattr(state, name)[:] = kept[name]
-    if state.low is not None:
-        state.low[:] = kept["low"]
-    if state.far is not None and state.far.held is not None:
-        state.far.held[:] = kept["far_held"]
-    put_lists(state.near or state.known, kept)
+    for name, array in _kept(state).items():
+        array[:] = kept[name]
+    put_lists(state.stripes or state.verlet_list, kept)

@@ -10,8 +10,8 @@ from granular.compiled import compiled
 
 
 @compiled
-def sum_with_low_part(total: float, low: float, increment: float) -> tuple[float, float]:
+def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
     """The new total, and what rounding took from it."""
-    wanted = increment + low
+    wanted = increment + rounding
     new = total + wanted
     return new, wanted - (new - total)

@@ -10,14 +10,14 @@ from granular.pairs.direct import PADDING
 
 
 def grain_constants(constants: Constants) -> list[np.ndarray]:
-    """The constants that hold a value a grain; they move with the grains."""
+    """The constants with one value for each grain, which must move with the grains."""
     acting = constants.acting
-    found = [] if constants.charge is None else [constants.charge]
+    found = [constants.masses, constants.moments]
     if acting.friction is not None:
         found += [acting.friction.factor, acting.friction.weight]
     if acting.contact is not None:
         found.append(acting.contact.radius)
-    return found
+    return [values for values in found if values is not None]
 
 
 def take_out(state: State, constants: Constants) -> Constants:
@@ -27,20 +27,20 @@ def take_out(state: State, constants: Constants) -> Constants:
         if state.y[i] < constants.exit:
             grains -= 1
             _move_last_to(i, grains, state, constants)
-    state.push[:] = 0.0
-    if state.shove is not None:
-        state.shove[:] = 0.0
+    state.scratch[:] = 0.0
+    if state.slab_scratch is not None:
+        state.slab_scratch[:] = 0.0
     return constants._replace(grains=grains)
 
 
 def _move_last_to(i: int, last: int, state: State, constants: Constants) -> None:
     """Fill the place of a grain with the last one's values, and put the padding there."""
     moving = [state.x, state.y, state.vx, state.vy, state.label, *grain_constants(constants)]
-    if state.low is not None:
-        moving += list(state.low)
+    if state.rounding is not None:
+        moving += list(state.rounding)
     for values in moving:
         values[[i, last]] = values[[last, i]]
     state.x[last], state.y[last] = PADDING * (last + 1.0), 0.0
     state.vx[last] = state.vy[last] = 0.0
-    if state.low is not None:
-        state.low[:, last] = 0.0
+    if state.rounding is not None:
+        state.rounding[:, last] = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.engine.state import State
+from granular.engine.state import HEIGHT, State
 from granular.engine.system import Constants
 from granular.scene.scales import Scales
 from granular.shared.errors import (
@@ -20,7 +20,7 @@ from granular.shared.errors import (
 def misplaced(
     state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
 ) -> RunError:
-    """A grain that is where it cannot be, after so many steps, at a time [s]."""
+    """The error for a grain that is where it cannot be, after so many steps, at a time [s]."""
     count = constants.grains
     place = np.stack([state.x[:count], state.y[:count]], axis=1)
     lost = ~np.isfinite(place).all(axis=1)
@@ -29,8 +29,8 @@ def misplaced(
             "the position is not finite any more",
             step=step, time=time, grain=int(state.label[np.argmax(lost)]), remedy=remedy,
         )  # fmt: skip
-    if state.piston[0] < 0.0:
-        value = -float(state.piston[0]) * scales.length
+    if state.piston[HEIGHT] < 0.0:
+        value = -float(state.piston[HEIGHT]) * scales.length
         return OutsideError(
             f"the piston is {value:.3g} m below the bottom, 0 m is the limit",
             step=step, time=time, value=value,
@@ -41,7 +41,7 @@ def misplaced(
         "the left wall": (walls.left, place[:, 0]),
         "the right wall": (walls.right, constants.width - place[:, 0]),
         "the bottom": (walls.bottom, place[:, 1]),
-        "the piston": (walls.top, state.piston[0] - place[:, 1]),
+        "the piston": (walls.top, state.piston[HEIGHT] - place[:, 1]),
     }
     for name, (law, gap) in gaps.items():
         if law is not None and len(gap) and not gap.min() > 0.0:
@@ -51,7 +51,7 @@ def misplaced(
                 step=step, time=time, grain=int(state.label[gap.argmin()]), value=value,
                 remedy=remedy,
             )  # fmt: skip
-    if state.far is not None and not np.isfinite(state.far.energy[0]):
+    if state.far_forces is not None and not np.isfinite(state.far_forces.energy[0]):
         return OutsideError(
             "the bed has spread beyond the mesh of its far field",
             step=step, time=time, remedy="sum the pairs directly ('pairs.method = \"direct\"')",
@@ -60,7 +60,7 @@ def misplaced(
 
 
 def unbalanced(residual: float, limit: float, step: int, time: float, remedy: str) -> EnergyError:
-    """An energy ledger with a residual over the energy turned over, at a time [s]."""
+    """The error for an energy ledger that is off by that share of the energy turned over."""
     return EnergyError(
         f"the energy ledger is off by {residual:.2g} of the energy turned over, "
         f"{limit:g} is the limit",
@@ -72,7 +72,7 @@ def unbalanced(residual: float, limit: float, step: int, time: float, remedy: st
 
 
 def restless(stage: str, limit: float, spread: float, step: int, time: float) -> NotAtRestError:
-    """A stage whose piston still ranges over a spread [m] after its longest duration [s]."""
+    """The error for a piston that ranges over a spread [m] after a stage's longest duration [s]."""
     return NotAtRestError(
         f"stage {stage!r} did not come to rest within {limit:g} s; the piston still ranges over "
         f"{spread:.3g} m",

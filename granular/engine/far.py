@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, entry
 from granular.effects.friction import FrictionLaw
 from granular.engine.kick import speed_up
 from granular.engine.state import State
-from granular.engine.system import Constants
+from granular.engine.system import Constants, moments_of
 from granular.pairs.far_field import FarForces, find_far_forces
 
 
-@compiled(inline=True)
+@entry(inline=True)
 def find_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
-    """The far field at the present places, kept in the state; 1 where there is no room for it."""
+    """Find the far field at the present places; 1 where its mesh has no room for them."""
     if far is None:
         return 0
     return _find(constants.acting.friction, far, state, constants)
@@ -22,13 +22,13 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
 def _find(friction: FrictionLaw | None, far: FarForces, state: State, constants: Constants) -> int:
     weight = None if friction is None else friction.weight
     return find_far_forces(
-        far, constants.threaded, constants.grains, state.x, state.y, constants.charge, weight
+        far, constants.threaded, constants.grains, state.x, state.y, moments_of(constants), weight
     )
 
 
 @compiled(inline=True)
 def refresh_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
-    """`find_far_field`, unless what is held of it acts between its impulses."""
+    """Find the far field where it is a part of every force; where it acts in impulses, it stays."""
     if far is None:
         return 0
     return _refresh(far.held, far, state, constants)
@@ -43,7 +43,7 @@ def _refresh(held: Array | None, far: FarForces, state: State, constants: Consta
 
 @compiled(inline=True)
 def add_far_field(far: FarForces | None, state: State, count: int) -> None:
-    """Add it to the forces and loads; where it acts in impulses, what is held of it."""
+    """Add the far field to forces and loads; where it acts in impulses, the held one."""
     if far is not None:
         _add(far.held, far, state.load, state, count)
 
@@ -65,7 +65,7 @@ def _add(held: Array | None, far: FarForces, load: Array | None, state: State, c
 
 @compiled
 def far_energy(far: FarForces | None) -> float:
-    """Its energy [F* D] where it was last found."""
+    """Energy of the far field [F* D] at the places where it was last found; 0 without one."""
     return 0.0 if far is None else far.energy[0]
 
 
@@ -73,32 +73,32 @@ def far_energy(far: FarForces | None) -> float:
 def kick_by_far_field(
     far: FarForces | None, span: float, state: State, constants: Constants
 ) -> None:
-    """The impulse over ``span`` [tau] of the far field but for what is held of it."""
+    """Give the impulse over ``span`` [tau] by which the far field differs from the held one."""
     if far is not None:
-        _kick(state.low, far.held, far, span, state, constants.charge, constants.grains)
+        _kick(state.rounding, far.held, far, span, state, constants.masses, constants.grains)
 
 
 @compiled
 def _kick(
-    low: Array | None, held: Array | None, far: FarForces, span: float, state: State,
-    charge: Array | None, count: int,
+    rounding: Array | None, held: Array | None, far: FarForces, span: float, state: State,
+    masses: Array | None, count: int,
 ) -> None:  # fmt: skip
     if held is not None:
         for i in range(count):
             gain = span
-            if charge is not None:
-                gain /= charge[i]
+            if masses is not None:
+                gain /= masses[i]
             by_x, by_y = far.fx[i] - held[0, i], far.fy[i] - held[1, i]
-            speed_up(low, state, i, gain * by_x, gain * by_y)
+            speed_up(rounding, state, i, gain * by_x, gain * by_y)
 
 
 def hold_far_field(state: State) -> None:
-    """Hold the present far field, where it acts in impulses.
+    """Hold the present far field from now on, where it acts in impulses.
 
     The energy does not change, but what a symplectic step conserves does, a little: not to be done
     often in a run that dissipates nothing.
     """
-    far = state.far
+    far = state.far_forces
     if far is not None and far.held is not None:
         state.fx[:] += far.fx - far.held[0]
         state.fy[:] += far.fy - far.held[1]
@@ -106,8 +106,8 @@ def hold_far_field(state: State) -> None:
 
 
 def total_force(state: State) -> tuple[Array, Array]:
-    """Force on the grains [F*], with a far field that acts in impulses."""
-    far = state.far
+    """Force on the grains [F*], with all of a far field that acts in impulses."""
+    far = state.far_forces
     if far is None or far.held is None:
         return state.fx, state.fy
     return state.fx + far.fx - far.held[0], state.fy + far.fy - far.held[1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, entry
 from granular.effects import contact
 from granular.effects.contact import ContactLaw
 from granular.effects.dipole import ENERGY
@@ -13,8 +13,8 @@ from granular.effects.gravity import add_weight, weight_energy
 from granular.effects.shaking import Swing, acceleration, add_inertia, mass_moment
 from granular.effects.walls import add_wall_forces, measure_walls
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
-from granular.engine.state import Measurement, State
-from granular.engine.system import Constants
+from granular.engine.state import HEIGHT, Measurement, State
+from granular.engine.system import Constants, moments_of
 from granular.pairs.cells import ClosePairs, find_close_pairs
 from granular.pairs.direct import direct_sum
 from granular.pairs.stripes import CutOff, cut_sum
@@ -29,19 +29,21 @@ def _magnetic_forces(
 ) -> None:  # fmt: skip
     if cut is None and listing is None:
         direct_sum(
-            state.x, state.y, state.fx, state.fy, constants.charge,
+            state.x, state.y, state.fx, state.fy, moments_of(constants),
             stiffness, extremes, load, weight, state.buffers, constants.threaded,
         )  # fmt: skip
     if cut is not None:
+        assert state.stripes is not None
         cut_sum(
-            state.near, cut.radius, cut.smooth, constants.threaded, constants.grains,
-            state.x, state.y, state.fx, state.fy, constants.charge,
+            state.stripes, cut.radius, cut.smooth, constants.threaded, constants.grains,
+            state.x, state.y, state.fx, state.fy, moments_of(constants),
             stiffness, extremes, load, weight,
         )  # fmt: skip
     if listing is not None:
+        assert state.verlet_list is not None
         list_sum(
-            state.known, listing, constants.grains, state.x, state.y, state.fx, state.fy,
-            constants.charge, stiffness, extremes, load, weight,
+            state.verlet_list, listing, constants.grains, state.x, state.y, state.fx, state.fy,
+            moments_of(constants), stiffness, extremes, load, weight,
         )  # fmt: skip
 
 
@@ -71,13 +73,13 @@ def _pair_forces(
 
 @compiled
 def _contact_forces(
-    law: ContactLaw | None, close: ClosePairs | None, state: State, constants: Constants
+    law: ContactLaw | None, close_pairs: ClosePairs | None, state: State, constants: Constants
 ) -> int:
     """Add the forces of the grains in contact; 1 where there was no room for them."""
-    if law is not None and close is not None:
-        find_close_pairs(close, state.x, state.y, constants.grains, law.widest)
-        for p in range(close.filled[0]):
-            i, j = close.first[p], close.second[p]
+    if law is not None and close_pairs is not None:
+        find_close_pairs(close_pairs, state.x, state.y, constants.grains, law.widest)
+        for p in range(close_pairs.filled[0]):
+            i, j = close_pairs.first[p], close_pairs.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
@@ -88,23 +90,23 @@ def _contact_forces(
                 state.fy[i] += ratio * dy
                 state.fx[j] -= ratio * dx
                 state.fy[j] -= ratio * dy
-        return int(close.filled[0] < 0)
+        return int(close_pairs.filled[0] < 0)
     return 0
 
 
 @compiled(inline=True)
 def _other_forces(state: State, constants: Constants, time: float) -> int:
-    acting, count, charge = constants.acting, constants.grains, constants.charge
-    add_weight(acting.gravity, count, charge, state.fy)
-    add_inertia(acting.shaking, time, count, charge, state.fx, state.fy)
-    crowded = _contact_forces(acting.contact, state.close, state, constants)
+    acting, count = constants.acting, constants.grains
+    add_weight(acting.gravity, count, constants.masses, state.fy)
+    add_inertia(acting.shaking, time, count, constants.masses, state.fx, state.fy)
+    crowded = _contact_forces(acting.contact, state.close_pairs, state, constants)
     return crowded + add_wall_forces(
-        acting.walls, count, charge, state.x, state.y, state.fx, state.fy,
-        constants.width, state.piston[0], state.push, state.shove, state.totals,
+        acting.walls, count, moments_of(constants), state.x, state.y, state.fx, state.fy,
+        constants.width, state.piston[HEIGHT], state.scratch, state.slab_scratch, state.wall_forces,
     )  # fmt: skip
 
 
-@compiled(inline=True)
+@entry(inline=True)
 def compute_forces(state: State, constants: Constants, time: float) -> int:
     """Overwrite the forces on the grains and the walls, at a time [tau].
 
@@ -115,12 +117,12 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
     """
     acting = constants.acting
     _pair_forces(acting.dipole, acting.friction, state, constants, None, None)
-    crowded = refresh_far_field(state.far, state, constants)
-    add_far_field(state.far, state, constants.grains)
+    crowded = refresh_far_field(state.far_forces, state, constants)
+    add_far_field(state.far_forces, state, constants.grains)
     return crowded + _other_forces(state, constants, time)
 
 
-@compiled
+@entry
 def measure_forces(
     state: State, constants: Constants, time: float, measurement: Measurement
 ) -> int:
@@ -130,50 +132,51 @@ def measure_forces(
         acting.dipole, acting.friction, state, constants,
         measurement.stiffness, measurement.extremes,
     )  # fmt: skip
-    crowded = find_far_field(state.far, state, constants)
-    add_far_field(state.far, state, constants.grains)
+    crowded = find_far_field(state.far_forces, state, constants)
+    add_far_field(state.far_forces, state, constants.grains)
     return crowded + _other_forces(state, constants, time)
 
 
-@compiled
+@entry
 def kinetic_energy(state: State, constants: Constants) -> tuple[float, float]:
     """Kinetic energy of the grains [F* D], and the square of the greatest speed."""
     fastest = 0.0
     for i in range(constants.grains):
         square = state.vx[i] * state.vx[i] + state.vy[i] * state.vy[i]
         fastest = max(fastest, square)
-        state.push[i] = square
-    return 0.5 * _mass_sum(state, constants.charge), fastest
+        state.scratch[i] = square
+    return 0.5 * _mass_sum(state, constants.masses), fastest
 
 
 @compiled
-def _mass_sum(state: State, charge: Array | None) -> float:
-    if charge is not None:
-        for i in range(charge.size):
-            state.push[i] *= charge[i]
-    return lane_sum(state.push)
+def _mass_sum(state: State, masses: Array | None) -> float:
+    """Sum of the masses times what is in the scratch."""
+    if masses is not None:
+        for i in range(masses.size):
+            state.scratch[i] *= masses[i]
+    return lane_sum(state.scratch)
 
 
 @compiled
 def _contact_energy(
     law: ContactLaw | None,
-    close: ClosePairs | None,
+    close_pairs: ClosePairs | None,
     state: State,
-    charge: Array | None,
+    masses: Array | None,
     stiffness: Array,
 ) -> float:
     total = 0.0
-    if law is not None and close is not None:
-        for p in range(close.filled[0]):
-            i, j = close.first[p], close.second[p]
+    if law is not None and close_pairs is not None:
+        for p in range(close_pairs.filled[0]):
+            i, j = close_pairs.first[p], close_pairs.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             overlap = law.radius[i] + law.radius[j] - math.sqrt(dx * dx + dy * dy)
             if overlap > 0.0:
                 k = contact.spring(law, law.radius[i], law.radius[j])
                 total += contact.energy(k, overlap)
                 slope = 2.0 * contact.stiffness(k, overlap)
-                stiffness[i] += slope if charge is None else slope / charge[i]
-                stiffness[j] += slope if charge is None else slope / charge[j]
+                stiffness[i] += slope if masses is None else slope / masses[i]
+                stiffness[j] += slope if masses is None else slope / masses[j]
     return total
 
 
@@ -182,11 +185,11 @@ def _inertia_energy(swing: Swing | None, time: float, state: State, constants: C
     if swing is None:
         return 0.0
     ax, ay = acceleration(swing, time)
-    mx, my = mass_moment(constants.grains, constants.charge, state.x, state.y)
+    mx, my = mass_moment(constants.grains, constants.masses, state.x, state.y)
     return -(ax * mx + ay * my)
 
 
-@compiled
+@entry
 def potential_energies(
     state: State, constants: Constants, time: float, measurement: Measurement
 ) -> tuple[float, float, float, float]:
@@ -196,16 +199,18 @@ def potential_energies(
     square of the highest angular frequency of each grain: half a row sum of Gershgorin's theorem
     for the pairs (a pair's stiffness 3 q_i q_j / r^5 enters the row of i twice), and the walls'.
     """
-    acting, count, charge = constants.acting, constants.grains, constants.charge
+    acting, count = constants.acting, constants.grains
     stiffness = measurement.stiffness
     for i in range(count):
         stiffness[i] *= 6.0
     walls = measure_walls(
-        acting.walls, count, charge, state.x, state.y,
-        constants.width, state.piston[0], stiffness, state.push,
+        acting.walls, count, moments_of(constants), state.x, state.y,
+        constants.width, state.piston[HEIGHT], stiffness, state.scratch,
     )  # fmt: skip
-    touching = _contact_energy(acting.contact, state.close, state, charge, stiffness)
-    weight = weight_energy(acting.gravity, count, charge, state.y)
+    contacts = _contact_energy(
+        acting.contact, state.close_pairs, state, constants.masses, stiffness
+    )
+    weight = weight_energy(acting.gravity, count, constants.masses, state.y)
     weight += _inertia_energy(acting.shaking, time, state, constants)
-    pairs = ENERGY * measurement.extremes[0] + far_energy(state.far)
-    return pairs, walls, weight, touching
+    pairs = ENERGY * measurement.extremes[0] + far_energy(state.far_forces)
+    return pairs, walls, weight, contacts

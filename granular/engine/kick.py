@@ -15,57 +15,57 @@ from granular.compiled import Array, compiled
 from granular.effects import contact, drag
 from granular.effects.contact import ContactLaw
 from granular.effects.friction import FrictionLaw, normal_force, sliding
-from granular.engine.compensation import sum_with_low_part
-from granular.engine.state import CONTACT, DRAG, FRICTION, State
+from granular.engine.compensation import compensated_sum
+from granular.engine.state import CONTACT, DRAG, FRICTION, VX, VY, State
 from granular.engine.system import Constants
 from granular.pairs.cells import ClosePairs
 from granular.pairs.vector import lane_sum
 
 
 @compiled
-def speed_up(low: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
-    """Add to the velocity of a grain, as a compensated sum where there is a low part."""
-    if low is None:
+def speed_up(rounding: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
+    """Add to the velocity of a grain, as a compensated sum where what rounding takes is kept."""
+    if rounding is None:
         state.vx[i] += by_x
         state.vy[i] += by_y
     else:
-        state.vx[i], low[2, i] = sum_with_low_part(state.vx[i], low[2, i], by_x)
-        state.vy[i], low[3, i] = sum_with_low_part(state.vy[i], low[3, i], by_y)
+        state.vx[i], rounding[VX, i] = compensated_sum(state.vx[i], rounding[VX, i], by_x)
+        state.vy[i], rounding[VY, i] = compensated_sum(state.vy[i], rounding[VY, i], by_y)
 
 
 @compiled(inline=True)
 def _kick_freely(
-    low: Array | None, span: float, state: State, count: int, charge: Array | None
+    rounding: Array | None, span: float, state: State, count: int, masses: Array | None
 ) -> None:
-    if charge is None:
+    if masses is None:
         for i in range(count):
-            speed_up(low, state, i, span * state.fx[i], span * state.fy[i])
+            speed_up(rounding, state, i, span * state.fx[i], span * state.fy[i])
     else:
         for i in range(count):
-            gain = span / charge[i]
-            speed_up(low, state, i, gain * state.fx[i], gain * state.fy[i])
+            gain = span / masses[i]
+            speed_up(rounding, state, i, gain * state.fx[i], gain * state.fy[i])
 
 
 @compiled(inline=True)
 def _kick_with_drag(
-    low: Array | None, rate: float, span: float, state: State, count: int, charge: Array | None
+    rounding: Array | None, rate: float, span: float, state: State, count: int, masses: Array | None
 ) -> None:
     decay, gain, a, b, c = drag.flow(rate, span)
     loss = math.expm1(-rate * span)
     for i in range(count):
         mass = 1.0
-        if charge is not None:
-            mass = charge[i]
+        if masses is not None:
+            mass = masses[i]
         ax, ay = state.fx[i] / mass, state.fy[i] / mass
         vx, vy = state.vx[i], state.vy[i]
-        if low is None:
+        if rounding is None:
             state.vx[i] = decay * vx + gain * ax
             state.vy[i] = decay * vy + gain * ay
         else:
-            speed_up(low, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
+            speed_up(rounding, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-        state.push[i] = mass * lost
-    state.ledger[DRAG] += lane_sum(state.push)
+        state.scratch[i] = mass * lost
+    state.ledger[DRAG] += lane_sum(state.scratch)
 
 
 @compiled
@@ -156,12 +156,13 @@ def _turn_grain(
 @compiled
 def _kick_with_friction(
     law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
-    charge: Array | None, opening: bool,
+    masses: Array | None, opening: bool,
 ) -> None:  # fmt: skip
+    assert state.load is not None
     for i in range(constants.grains):
         mass = 1.0
-        if charge is not None:
-            mass = charge[i]
+        if masses is not None:
+            mass = masses[i]
         load = normal_force(law, state.load, i)
         if state.vx[i] == 0.0 and state.vy[i] == 0.0:
             _start_grain(law, rate, span, state, i, mass, load)
@@ -222,13 +223,14 @@ def _slow(law: FrictionLaw, span: float, state: State, i: int, mass: float, load
 @compiled
 def _kick_regularised(
     law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
-    charge: Array | None, threshold: float,
+    masses: Array | None, threshold: float,
 ) -> None:  # fmt: skip
     """The source's law: friction as one more force, from the velocity before the kick."""
+    assert state.load is not None
     for i in range(constants.grains):
         mass = 1.0
-        if charge is not None:
-            mass = charge[i]
+        if masses is not None:
+            mass = masses[i]
         load = normal_force(law, state.load, i)
         force = math.hypot(state.fx[i], state.fy[i])
         vx, vy = state.vx[i], state.vy[i]
@@ -254,17 +256,17 @@ def _dry_kick(
     constants: Constants, opening: bool,
 ) -> None:  # fmt: skip
     if threshold is None:
-        _kick_with_friction(law, rate, span, state, constants, constants.charge, opening)
+        _kick_with_friction(law, rate, span, state, constants, constants.masses, opening)
     else:
-        _kick_regularised(law, rate, span, state, constants, constants.charge, threshold)
+        _kick_regularised(law, rate, span, state, constants, constants.masses, threshold)
 
 
 @compiled(inline=True)
 def _smooth_kick(rate: float | None, span: float, state: State, constants: Constants) -> None:
     if rate is None:
-        _kick_freely(state.low, span, state, constants.grains, constants.charge)
+        _kick_freely(state.rounding, span, state, constants.grains, constants.masses)
     else:
-        _kick_with_drag(state.low, rate, span, state, constants.grains, constants.charge)
+        _kick_with_drag(state.rounding, rate, span, state, constants.grains, constants.masses)
 
 
 @compiled
@@ -285,20 +287,20 @@ def _grain_kick(
 
 @compiled
 def _dampen(
-    law: ContactLaw | None, close: ClosePairs | None, span: float, state: State,
-    charge: Array | None, opening: bool,
+    law: ContactLaw | None, close_pairs: ClosePairs | None, span: float, state: State,
+    masses: Array | None, opening: bool,
 ) -> None:  # fmt: skip
     """Take the dashpots' share of the normal velocities of grains in contact."""
-    if law is not None and close is not None:
-        for place in range(close.filled[0]):
-            p = place if opening else close.filled[0] - 1 - place
-            i, j = close.first[p], close.second[p]
+    if law is not None and close_pairs is not None:
+        for place in range(close_pairs.filled[0]):
+            p = place if opening else close_pairs.filled[0] - 1 - place
+            i, j = close_pairs.first[p], close_pairs.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
             if overlap > 0.0:
-                first = 1.0 if charge is None else charge[i]
-                second = 1.0 if charge is None else charge[j]
+                first = 1.0 if masses is None else masses[i]
+                second = 1.0 if masses is None else masses[j]
                 mass = first * second / (first + second)
                 k = contact.spring(law, law.radius[i], law.radius[j])
                 nx, ny = dx / r, dy / r
@@ -314,7 +316,7 @@ def _dampen(
 
 @compiled(inline=True)
 def kick_grains(span: float, state: State, constants: Constants, opening: bool) -> None:
-    """Velocities of the grains after ``span`` [tau] under the present forces.
+    """Change the velocities of the grains by ``span`` [tau] under the present forces.
 
     Parameters
     ----------
@@ -324,7 +326,7 @@ def kick_grains(span: float, state: State, constants: Constants, opening: bool) 
     acting = constants.acting
     if opening:
         _grain_kick(acting.friction, span, state, constants, opening)
-        _dampen(acting.contact, state.close, span, state, constants.charge, opening)
+        _dampen(acting.contact, state.close_pairs, span, state, constants.masses, opening)
     else:
-        _dampen(acting.contact, state.close, span, state, constants.charge, opening)
+        _dampen(acting.contact, state.close_pairs, span, state, constants.masses, opening)
         _grain_kick(acting.friction, span, state, constants, opening)

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from granular.engine.loop import COLUMNS
+from granular.engine import columns
+from granular.engine.columns import COLUMNS
 from granular.scene.scene import Scene
 
 POTENTIALS = ("pair", "wall", "weight", "contact")
@@ -79,19 +80,19 @@ class Ledger:
 
     @classmethod
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
-        """A ledger from the first record; ``coarse`` as `is_coarse` says."""
+        """A ledger that begins with this record; ``coarse`` as `is_coarse` says."""
         rows = row[None]
         potential = float(_columns(rows, *POTENTIALS).sum())
         return cls(
             start=float(_columns(rows, *ENERGIES).sum()),
             potential=potential,
-            piston=float(row[COLUMNS.index("piston")]),
+            piston=float(row[columns.PISTON]),
             moved=_LEAST_TURNOVER * float(np.abs(_columns(rows, *POTENTIALS)).sum()),
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual of each record beyond rounding [F* D], and over the energy moved by then."""
+        """What each record is off by beyond rounding: [F* D], and over the energy turned over."""
         potential = _columns(rows, *POTENTIALS).sum(axis=1)
         total = _columns(rows, *ENERGIES).sum(axis=1)
         lost, work = _columns(rows, *LOSSES).sum(axis=1), _columns(rows, "work")[:, 0]

@@ -13,52 +13,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.compiled import Array, compiled
+from granular.compiled import Array, compiled, entry
+from granular.effects.walls import TOP
+from granular.engine import columns
 from granular.engine.far import find_far_field, kick_by_far_field
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
-from granular.engine.motion import Motion
 from granular.engine.piston import piston_energy
-from granular.engine.state import Measurement, State
+from granular.engine.state import HEIGHT, SPEED, Measurement, State
 from granular.engine.step import Plan, make_step
 from granular.engine.step_size import Pace, tick_start, tick_steps
 from granular.engine.stiffness import stiffest_mode
 from granular.engine.system import Constants
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, next_step
+from granular.protocol.motion import Motion
 
-RUNNING, OUTSIDE, RESTING, STIFF, REACHED, LEFT = range(6)
+RUNNING, OUTSIDE, RESTING, STIFF, REACHED, DEPARTED = range(6)
+"""Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step
+has grown too long; the force on the piston is reached; a grain has left through a gap."""
 
-COLUMNS = (
-    "time",
-    "height",
-    "velocity",
-    "left",
-    "right",
-    "bottom",
-    "top",
-    "kinetic",
-    "pair",
-    "wall",
-    "weight",
-    "contact",
-    "piston",
-    "work",
-    "drag_loss",
-    "friction_loss",
-    "contact_loss",
-    "piston_loss",
-    "closest",
-    "fastest",
-    "stiffest",
-    "grains",
-    "turned",
-)
-"""One record: time; the piston; the force on each wall; the energies; the ledger; the least
-distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
-bed can meet; the number of grains; the energy turned over so far."""
+BEGUN, LOWEST, HIGHEST = range(3)
+"""Entries of a watch's band."""
 
-CLOSEST, FASTEST, STIFFEST = (COLUMNS.index(name) for name in ("closest", "fastest", "stiffest"))
-TURNED = COLUMNS.index("turned")
-_LEDGER = COLUMNS.index("work")
+STIFFEST, LATEST, TURNED = range(3)
+"""Entries of what a watch has seen."""
 
 
 class Watch(NamedTuple):
@@ -94,7 +71,7 @@ class Watch(NamedTuple):
     floor: float
 
 
-@compiled
+@entry
 def measure(
     time: float,
     state: State,
@@ -105,24 +82,27 @@ def measure(
 ) -> None:
     """Fill one record after a measuring pass, at a time [tau]."""
     kinetic, fastest = kinetic_energy(state, constants)
-    pair, wall, weight, touching = potential_energies(state, constants, time, measurement)
-    row[0] = time
-    row[1] = state.piston[0]
-    row[2] = state.piston[1]
-    for side in range(4):
-        row[3 + side] = state.totals[side]
-    row[7] = kinetic
-    row[8] = pair
-    row[9] = wall
-    row[10] = weight
-    row[11] = touching
-    row[12] = piston_energy(state, constants, time)
-    for entry in range(state.ledger.size):
-        row[_LEDGER + entry] = state.ledger[entry]
-    row[CLOSEST] = measurement.extremes[1] ** -0.2 if measurement.extremes[1] > 0.0 else math.inf
-    row[FASTEST] = math.sqrt(fastest)
-    row[STIFFEST] = stiffest_mode(row[FASTEST], state, constants, motion, measurement)
-    row[STIFFEST + 1] = constants.grains
+    pair, wall, weight, contact = potential_energies(state, constants, time, measurement)
+    row[columns.TIME] = time
+    row[columns.HEIGHT] = state.piston[HEIGHT]
+    row[columns.VELOCITY] = state.piston[SPEED]
+    for side in range(state.wall_forces.size):
+        row[columns.LEFT + side] = state.wall_forces[side]
+    row[columns.KINETIC] = kinetic
+    row[columns.PAIR] = pair
+    row[columns.WALL] = wall
+    row[columns.WEIGHT] = weight
+    row[columns.CONTACT] = contact
+    row[columns.PISTON] = piston_energy(state, constants, time)
+    for place in range(state.ledger.size):
+        row[columns.WORK + place] = state.ledger[place]
+    fifth = measurement.extremes[1]  # power of the inverse distance
+    row[columns.CLOSEST] = fifth**-0.2 if fifth > 0.0 else math.inf
+    row[columns.FASTEST] = math.sqrt(fastest)
+    row[columns.STIFFEST] = stiffest_mode(
+        row[columns.FASTEST], state, constants, motion, measurement
+    )
+    row[columns.GRAINS] = constants.grains
 
 
 @compiled
@@ -136,14 +116,14 @@ def _anyone_below(y: Array, count: int, height: float) -> bool:
 @compiled
 def _resting(watch: Watch, tick: int, row: Array) -> bool:
     """Whether piston and grains have been at rest for the window."""
-    height = row[1]
-    watch.band[1] = min(watch.band[1], height)
-    watch.band[2] = max(watch.band[2], height)
-    if watch.band[2] - watch.band[1] > watch.rest or row[FASTEST] > watch.rest:
-        watch.band[0] = tick
-        watch.band[1] = height
-        watch.band[2] = height
-    return tick - watch.band[0] >= watch.window
+    height = row[columns.HEIGHT]
+    watch.band[LOWEST] = min(watch.band[LOWEST], height)
+    watch.band[HIGHEST] = max(watch.band[HIGHEST], height)
+    if watch.band[HIGHEST] - watch.band[LOWEST] > watch.rest or row[columns.FASTEST] > watch.rest:
+        watch.band[BEGUN] = tick
+        watch.band[LOWEST] = height
+        watch.band[HIGHEST] = height
+    return tick - watch.band[BEGUN] >= watch.window
 
 
 class Window(NamedTuple):
@@ -171,9 +151,11 @@ class Window(NamedTuple):
 @compiled
 def _turned_over(watch: Watch, row: Array) -> float:
     """Energy turned over since the start; see `granular.engine.ledger.Ledger`."""
-    potential = row[8] + row[9] + row[10] + row[11] - watch.potential
-    lost = row[14] + row[15] + row[16] + row[17]
-    return row[7] + abs(potential) + abs(row[12] - watch.piston) + lost + abs(row[13])
+    c = columns
+    potential = row[c.PAIR] + row[c.WALL] + row[c.WEIGHT] + row[c.CONTACT] - watch.potential
+    lost = row[c.DRAG_LOSS] + row[c.FRICTION_LOSS] + row[c.CONTACT_LOSS] + row[c.PISTON_LOSS]
+    piston = abs(row[c.PISTON] - watch.piston)
+    return row[c.KINETIC] + abs(potential) + piston + lost + abs(row[c.WORK])
 
 
 @compiled
@@ -181,7 +163,7 @@ def _make_tick(
     fraction: float | None, every: int | None, tick: int, window: Window, pace: Pace, plan: Plan,
     state: State, constants: Constants, motion: Motion, measurement: Measurement,
 ) -> int:  # fmt: skip
-    """The steps of a tick; not zero where a grain is where it cannot be.
+    """Make the steps of a tick; not zero where a grain is where it cannot be.
 
     Variable steps go up to the first moment behind the tick's end; the last one of a stage is cut.
     A far field that acts ``every`` so many steps gives its impulse half before and half after them
@@ -202,7 +184,7 @@ def _make_tick(
             span += 1
             span_end = span * steps // spans
             impulse = 0.5 * (span_end - step) * h
-            kick_by_far_field(state.far, impulse, state, constants)
+            kick_by_far_field(state.far_forces, impulse, state, constants)
         if fraction is None:
             time = begin + step * h
             step += 1
@@ -227,8 +209,8 @@ def _make_tick(
             )
         if every is not None and step == span_end:
             if not last:
-                outside += find_far_field(state.far, state, constants)
-            kick_by_far_field(state.far, impulse, state, constants)
+                outside += find_far_field(state.far_forces, state, constants)
+            kick_by_far_field(state.far_forces, impulse, state, constants)
         state.clock[TIME] = next_time
         state.clock[STEPS] += 1.0
         if outside > 0:
@@ -238,7 +220,7 @@ def _make_tick(
     return 0
 
 
-@compiled
+@entry
 def advance(
     window: Window,
     pace: Pace,
@@ -276,24 +258,24 @@ def advance(
             motion,
             measurement,
         )
-        if outside > 0 or state.piston[0] < watch.floor:
+        if outside > 0 or state.piston[HEIGHT] < watch.floor:
             return OUTSIDE, tick - window.first, kept
         row = rows[kept]
         done = tick + 1
         measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
-        watch.seen[0] = max(watch.seen[0], row[STIFFEST])
-        watch.seen[1] = row[STIFFEST]
-        watch.seen[2] = max(watch.seen[2], _turned_over(watch, row))
-        row[TURNED] = watch.seen[2]
+        watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
+        watch.seen[LATEST] = row[columns.STIFFEST]
+        watch.seen[TURNED] = max(watch.seen[TURNED], _turned_over(watch, row))
+        row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
         if done % pace.every == 0:
             kept += 1
         if resting:
             return RESTING, done - window.first, kept
-        if state.totals[3] >= motion.limit:
+        if state.wall_forces[TOP] >= motion.limit:
             return REACHED, done - window.first, kept
         if _anyone_below(state.y, constants.grains, constants.exit):
-            return LEFT, done - window.first, kept
-        if row[STIFFEST] * pace.h > watch.stiff:
+            return DEPARTED, done - window.first, kept
+        if row[columns.STIFFEST] * pace.h > watch.stiff:
             return STIFF, done - window.first, kept
     return RUNNING, window.ticks, kept

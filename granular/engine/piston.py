@@ -13,26 +13,39 @@ from granular.effects.shaking import (
     acceleration_rate,
     mass_moment,
 )
-from granular.engine.compensation import sum_with_low_part
-from granular.engine.motion import TABLE, Motion, outer_force, path
-from granular.engine.state import PISTON, WORK, State
+from granular.effects.walls import TOP
+from granular.engine.compensation import compensated_sum
+from granular.engine.state import (
+    HEIGHT,
+    HEIGHT_ROUNDING,
+    PISTON,
+    SPEED,
+    SPEED_ROUNDING,
+    WORK,
+    State,
+)
 from granular.engine.system import Constants, Resistance
+from granular.protocol.motion import TABLE, Motion, outer_force, path
 
 
 @compiled
-def _raise_speed(low: Array | None, by: float, state: State) -> None:
-    if low is None:
-        state.piston[1] += by
+def _raise_speed(rounding: Array | None, by: float, state: State) -> None:
+    if rounding is None:
+        state.piston[SPEED] += by
     else:
-        state.piston[1], state.piston[3] = sum_with_low_part(state.piston[1], state.piston[3], by)
+        state.piston[SPEED], state.piston[SPEED_ROUNDING] = compensated_sum(
+            state.piston[SPEED], state.piston[SPEED_ROUNDING], by
+        )
 
 
 @compiled
-def _raise_height(low: Array | None, by: float, state: State) -> None:
-    if low is None:
-        state.piston[0] += by
+def _raise_height(rounding: Array | None, by: float, state: State) -> None:
+    if rounding is None:
+        state.piston[HEIGHT] += by
     else:
-        state.piston[0], state.piston[2] = sum_with_low_part(state.piston[0], state.piston[2], by)
+        state.piston[HEIGHT], state.piston[HEIGHT_ROUNDING] = compensated_sum(
+            state.piston[HEIGHT], state.piston[HEIGHT_ROUNDING], by
+        )
 
 
 @compiled(inline=True)
@@ -41,7 +54,7 @@ def _free_kick(
     opening: bool,
 ) -> None:  # fmt: skip
     if resistance is None:
-        _raise_speed(state.low, span * force / mass, state)
+        _raise_speed(state.rounding, span * force / mass, state)
     elif _slow(resistance, force, span, mass, state):
         _slide(resistance, force, span, mass, state)
     elif opening:
@@ -55,7 +68,7 @@ def _free_kick(
 @compiled
 def _slow(resistance: Resistance, force: float, span: float, mass: float, state: State) -> bool:
     """Whether the force and twice the friction would stop the piston in the span."""
-    v = state.piston[1]
+    v = state.piston[SPEED]
     against = max(-math.copysign(force, force * v), 0.0)
     return abs(v) * mass < span * (against + 2.0 * resistance.force)
 
@@ -64,8 +77,8 @@ def _slow(resistance: Resistance, force: float, span: float, mass: float, state:
 def _push(resistance: Resistance, force: float, span: float, mass: float, state: State) -> None:
     """Force and drag, exactly."""
     decay, gain, a, b, c = drag.flow(resistance.rate, span)
-    v, push = state.piston[1], force / mass
-    state.piston[1] = decay * v + gain * push
+    v, push = state.piston[SPEED], force / mass
+    state.piston[SPEED] = decay * v + gain * push
     state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
 
 
@@ -76,7 +89,7 @@ def _slide(resistance: Resistance, force: float, span: float, mass: float, state
     As for grains: one after the other, they would stop for good a piston that is pushed on, and
     give a creeping one more energy than it has.
     """
-    v, rate, friction = state.piston[1], resistance.rate, resistance.force
+    v, rate, friction = state.piston[SPEED], resistance.rate, resistance.force
     if v != 0.0:
         sign = math.copysign(1.0, v)
         net = force - sign * friction
@@ -89,7 +102,7 @@ def _slide(resistance: Resistance, force: float, span: float, mass: float, state
         brake = -sign * net / mass
         way = drag.stopping_way(rate, abs(v), brake)
         state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * way
-        state.piston[1] = 0.0
+        state.piston[SPEED] = 0.0
         span = max(span - drag.stopping_time(rate, abs(v), brake), 0.0)
     if abs(force) > friction:
         net = force - math.copysign(friction, force)
@@ -101,16 +114,20 @@ def _slide(resistance: Resistance, force: float, span: float, mass: float, state
 @compiled
 def _rub(resistance: Resistance, span: float, mass: float, state: State) -> None:
     """A sliding piston loses speed, and stops where it has no more."""
-    speed = abs(state.piston[1])
+    speed = abs(state.piston[SPEED])
     if speed > 0.0:
         left = sliding(speed, resistance.force * span / mass)
-        state.piston[1] *= left
+        state.piston[SPEED] *= left
         state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
 
 @compiled
 def _path_speed(motion: Motion, time: float, span: float, opening: bool) -> float:
-    """Speed on the path; across the corners of a table the mean one, on the step's side."""
+    """Speed on the path [D/tau].
+
+    On a table, whose speed jumps from row to row, it is the mean one over the half step that the
+    kick stands for.
+    """
     if motion.kind == TABLE:
         before = time if opening else time - span
         return (path(motion, before + span)[0] - path(motion, before)[0]) / span
@@ -122,7 +139,7 @@ def kick_piston(
     span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
     opening: bool,
 ) -> None:  # fmt: skip
-    """The piston's velocity after ``span``, and the work done from outside meanwhile.
+    """Change the piston's velocity by ``span`` [tau]; enter the work done from outside meanwhile.
 
     Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
     the ledger has the method's order.
@@ -130,12 +147,16 @@ def kick_piston(
     if motion.free:
         _, swing = acceleration(constants.acting.shaking, start + time)
         outer = outer_force(motion, time)
-        force = state.totals[3] - constants.weight + constants.mass * swing + outer
-        before = state.piston[1]
-        _free_kick(constants.resistance, force, span, constants.mass, state, opening)
-        state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[1])
+        force = (
+            state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
+        )
+        before = state.piston[SPEED]
+        _free_kick(constants.resistance, force, span, constants.piston_mass, state, opening)
+        state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= span * state.totals[3] * _path_speed(motion, time, span, opening)
+        state.ledger[WORK] -= (
+            span * state.wall_forces[TOP] * _path_speed(motion, time, span, opening)
+        )
     add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
 
 
@@ -146,35 +167,35 @@ def add_shaking_work(
     """Enter the work that the shaking does on grains and piston in ``span``, at a time [tau]."""
     if swing is not None:
         rx, ry = acceleration_rate(swing, time)
-        mx, my = mass_moment(constants.grains, constants.charge, state.x, state.y)
+        mx, my = mass_moment(constants.grains, constants.masses, state.x, state.y)
         state.ledger[WORK] -= span * (rx * mx + ry * my)
-        if constants.mass < math.inf:
-            state.ledger[WORK] -= span * ry * constants.mass * state.piston[0]
+        if constants.piston_mass < math.inf:
+            state.ledger[WORK] -= span * ry * constants.piston_mass * state.piston[HEIGHT]
 
 
 @compiled(inline=True)
 def drift_piston(
     span: float, state: State, constants: Constants, motion: Motion, time: float, start: float
 ) -> None:
-    """The piston's height after ``span``, which ends at ``time`` in the stage."""
+    """Move the piston by ``span`` [tau], up to ``time`` in the stage."""
     if motion.free:
-        _raise_height(state.low, span * state.piston[1], state)
+        _raise_height(state.rounding, span * state.piston[SPEED], state)
     else:
         before = piston_energy(state, constants, start + time)
         height, velocity = path(motion, time)
-        state.piston[0] = height
-        state.piston[1] = velocity
+        state.piston[HEIGHT] = height
+        state.piston[SPEED] = velocity
         state.ledger[WORK] += piston_energy(state, constants, start + time) - before
 
 
 @compiled(inline=True)
 def piston_energy(state: State, constants: Constants, time: float) -> float:
     """Kinetic and potential energy of the piston [F* D]; zero where it has no mass."""
-    if not constants.mass < math.inf:
+    if not constants.piston_mass < math.inf:
         return 0.0
     _, swing = acceleration(constants.acting.shaking, time)
-    height, velocity = state.piston[0], state.piston[1]
+    height, velocity = state.piston[HEIGHT], state.piston[SPEED]
     return (
-        0.5 * constants.mass * velocity * velocity
-        + (constants.weight - constants.mass * swing) * height
+        0.5 * constants.piston_mass * velocity * velocity
+        + (constants.piston_weight - constants.piston_mass * swing) * height
     )

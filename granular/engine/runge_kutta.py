@@ -4,12 +4,26 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.effects.shaking import acceleration
+from granular.effects.walls import TOP
 from granular.engine.forces import compute_forces, measure_forces
-from granular.engine.motion import Motion, outer_force, path
 from granular.engine.piston import add_shaking_work, piston_energy
-from granular.engine.state import DRAG, PISTON, WORK, Measurement, Rungs, State
+from granular.engine.state import (
+    DRAG,
+    HEIGHT,
+    PISTON,
+    SPEED,
+    VX,
+    VY,
+    WORK,
+    Measurement,
+    Slopes,
+    State,
+    X,
+    Y,
+)
 from granular.engine.system import Constants, Resistance
 from granular.pairs.vector import lane_sum
+from granular.protocol.motion import Motion, outer_force, path
 
 
 @compiled
@@ -23,8 +37,8 @@ def _resistance_rate(resistance: Resistance | None) -> float:
 
 
 @compiled
-def _mass(charge: Array | None, i: int) -> float:
-    return 1.0 if charge is None else charge[i]
+def _mass(masses: Array | None, i: int) -> float:
+    return 1.0 if masses is None else masses[i]
 
 
 @compiled
@@ -32,14 +46,14 @@ def _grain_slopes(slopes: Array, span: float, state: State, constants: Constants
     """Slopes of positions and velocities; the loss to drag is entered with the weight ``span``."""
     rate = _rate(constants.acting.drag)
     for i in range(constants.grains):
-        mass = _mass(constants.charge, i)
+        mass = _mass(constants.masses, i)
         vx, vy = state.vx[i], state.vy[i]
-        slopes[0, i] = vx
-        slopes[1, i] = vy
-        slopes[2, i] = state.fx[i] / mass - rate * vx
-        slopes[3, i] = state.fy[i] / mass - rate * vy
-        state.push[i] = mass * (vx * vx + vy * vy)
-    state.ledger[DRAG] += span * rate * lane_sum(state.push)
+        slopes[X, i] = vx
+        slopes[Y, i] = vy
+        slopes[VX, i] = state.fx[i] / mass - rate * vx
+        slopes[VY, i] = state.fy[i] / mass - rate * vy
+        state.scratch[i] = mass * (vx * vx + vy * vy)
+    state.ledger[DRAG] += span * rate * lane_sum(state.scratch)
 
 
 @compiled
@@ -51,56 +65,58 @@ def _piston_slopes(
         _, swing = acceleration(constants.acting.shaking, start + time)
         outer = outer_force(motion, time)
         rate = _resistance_rate(constants.resistance)
-        force = state.totals[3] - constants.weight + constants.mass * swing + outer
-        speed = state.piston[1]
-        slopes[0] = speed
-        slopes[1] = force / constants.mass - rate * speed
+        force = (
+            state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
+        )
+        speed = state.piston[SPEED]
+        slopes[HEIGHT] = speed
+        slopes[SPEED] = force / constants.piston_mass - rate * speed
         state.ledger[WORK] += span * outer * speed
-        state.ledger[PISTON] += span * constants.mass * rate * speed * speed
+        state.ledger[PISTON] += span * constants.piston_mass * rate * speed * speed
     else:
-        state.ledger[WORK] -= span * state.totals[3] * path(motion, time)[1]
+        state.ledger[WORK] -= span * state.wall_forces[TOP] * path(motion, time)[1]
     add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
 
 
 @compiled
-def _store(state: State, rungs: Rungs, count: int) -> None:
-    base = rungs.grains[-1]
+def _store_start(state: State, slopes: Slopes, count: int) -> None:
+    base = slopes.grains[-1]
     for i in range(count):
-        base[0, i] = state.x[i]
-        base[1, i] = state.y[i]
-        base[2, i] = state.vx[i]
-        base[3, i] = state.vy[i]
-    rungs.piston[-1, 0] = state.piston[0]
-    rungs.piston[-1, 1] = state.piston[1]
+        base[X, i] = state.x[i]
+        base[Y, i] = state.y[i]
+        base[VX, i] = state.vx[i]
+        base[VY, i] = state.vy[i]
+    slopes.piston[-1, HEIGHT] = state.piston[HEIGHT]
+    slopes.piston[-1, SPEED] = state.piston[SPEED]
 
 
 @compiled
-def _climb(
-    weights: Array, rungs: Rungs, h: float, time: float, state: State, count: int, motion: Motion
+def _move_to_stage(
+    weights: Array, slopes: Slopes, h: float, time: float, state: State, count: int, motion: Motion
 ) -> None:
     """The state at a stage: the base and the weighted slopes so far."""
-    base = rungs.grains[-1]
+    base = slopes.grains[-1]
     for i in range(count):
-        x, y, vx, vy = base[0, i], base[1, i], base[2, i], base[3, i]
+        x, y, vx, vy = base[X, i], base[Y, i], base[VX, i], base[VY, i]
         for j in range(weights.size):
-            x += h * weights[j] * rungs.grains[j, 0, i]
-            y += h * weights[j] * rungs.grains[j, 1, i]
-            vx += h * weights[j] * rungs.grains[j, 2, i]
-            vy += h * weights[j] * rungs.grains[j, 3, i]
+            x += h * weights[j] * slopes.grains[j, X, i]
+            y += h * weights[j] * slopes.grains[j, Y, i]
+            vx += h * weights[j] * slopes.grains[j, VX, i]
+            vy += h * weights[j] * slopes.grains[j, VY, i]
         state.x[i], state.y[i], state.vx[i], state.vy[i] = x, y, vx, vy
     if motion.free:
-        height, speed = rungs.piston[-1, 0], rungs.piston[-1, 1]
+        height, speed = slopes.piston[-1, HEIGHT], slopes.piston[-1, SPEED]
         for j in range(weights.size):
-            height += h * weights[j] * rungs.piston[j, 0]
-            speed += h * weights[j] * rungs.piston[j, 1]
-        state.piston[0], state.piston[1] = height, speed
+            height += h * weights[j] * slopes.piston[j, HEIGHT]
+            speed += h * weights[j] * slopes.piston[j, SPEED]
+        state.piston[HEIGHT], state.piston[SPEED] = height, speed
     else:
-        state.piston[0], state.piston[1] = path(motion, time)
+        state.piston[HEIGHT], state.piston[SPEED] = path(motion, time)
 
 
 @compiled
 def runge_kutta_step(
-    tableau: Array, rungs: Rungs, h: float, time: float, start: float, state: State,
+    tableau: Array, slopes: Slopes, h: float, time: float, start: float, state: State,
     constants: Constants, motion: Motion, measurement: Measurement | None,
 ) -> int:  # fmt: skip
     """See `granular.engine.step.make_step`; the work and the losses are integrated alike.
@@ -110,18 +126,18 @@ def runge_kutta_step(
     stages = tableau.shape[1]
     count = constants.grains
     outside = 0
-    _store(state, rungs, count)
+    _store_start(state, slopes, count)
     before = piston_energy(state, constants, start + time)
     for k in range(stages):
-        moment = time + h * tableau[k].sum()
+        instant = time + h * tableau[k].sum()
         if k > 0:
-            _climb(tableau[k, :k], rungs, h, moment, state, count, motion)
-            outside += compute_forces(state, constants, start + moment)
+            _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
+            outside += compute_forces(state, constants, start + instant)
         span = h * tableau[stages, k]
-        _grain_slopes(rungs.grains[k], span, state, constants)
-        _piston_slopes(rungs.piston[k], span, moment, start, state, constants, motion)
+        _grain_slopes(slopes.grains[k], span, state, constants)
+        _piston_slopes(slopes.piston[k], span, instant, start, state, constants, motion)
     end = time + h
-    _climb(tableau[stages], rungs, h, end, state, count, motion)
+    _move_to_stage(tableau[stages], slopes, h, end, state, count, motion)
     if not motion.free:
         state.ledger[WORK] += piston_energy(state, constants, start + end) - before
     if measurement is not None:

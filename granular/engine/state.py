@@ -16,12 +16,18 @@ from granular.pairs.verlet_list import VerletList, verlet_list_room
 if TYPE_CHECKING:
     from granular.engine.system import Acting
 
+X, Y, VX, VY = range(4)
+"""Rows of what is kept of the grains' places and velocities together."""
+
+HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
+"""Entries of the piston."""
+
 WORK, DRAG, FRICTION, CONTACT, PISTON = range(5)
 """Entries of the ledger: work done from outside, and the losses."""
 
 
-class Rungs(NamedTuple):
-    """Slopes at the stages of a Runge-Kutta step, and behind them the values it starts from.
+class Slopes(NamedTuple):
+    """Rates of change at the stages of a Runge-Kutta step; behind them, where the step starts.
 
     Attributes
     ----------
@@ -41,33 +47,35 @@ class State(NamedTuple):
     x, y, vx, vy, fx, fy : float64 (m,)
         Positions, velocities and forces (magnetic, weight, contact, inertia), padded.
     piston : float64 (4,)
-        Height and velocity of the piston, and what compensated sums keep of each.
+        Height and velocity of the piston, and what rounding took from each.
     ledger : float64 (5,)
         Work done on grains and piston from outside, and energy lost to drag, to friction, in
         contacts, and by the piston.
     clock : float64 (7,)
         See `granular.engine.variable`.
-    totals : float64 (4,)
+    wall_forces : float64 (4,)
         Force on each wall, in the order of `granular.effects.walls.SIDES`.
     label : int64 (m,)
         Which grain of the scene stands in each place.
     load : float64 (m,) or None
         Sums behind the normal force of friction.
-    near : Stripes or None
-        Grains in stripes, where pairs end at a distance.
-    known : VerletList or None
+    stripes : Stripes or None
+        Grains in stripes, and their partners, where pairs end at a distance.
+    verlet_list : VerletList or None
         The source's list of pairs.
-    far : FarForces or None
-        The far field.
-    close : ClosePairs or None
+    far_forces : FarForces or None
+        The far field, and its forces.
+    close_pairs : ClosePairs or None
         Grains in contact.
-    push, shove : float64 (m,), the second None without slabs
-        Scratch of the walls and of sums.
+    scratch : float64 (m,)
+        For sums over the grains; zero behind them.
+    slab_scratch : float64 (m,) or None
+        Forces along a wall, which slabs alone have.
     buffers : float64 (parts, 5, m) or None
         Scratch of the pair sum.
-    low : float64 (4, m) or None
-        What compensated sums keep of x, y, vx and vy; None with plain sums.
-    rungs : Rungs or None
+    rounding : float64 (4, m) or None
+        What rounding took from x, y, vx and vy in compensated sums; None with plain sums.
+    slopes : Slopes or None
         Scratch of a Runge-Kutta method.
     """
 
@@ -80,18 +88,18 @@ class State(NamedTuple):
     piston: np.ndarray
     ledger: np.ndarray
     clock: np.ndarray
-    totals: np.ndarray
+    wall_forces: np.ndarray
     label: np.ndarray
     load: np.ndarray | None
-    near: Stripes | None
-    known: VerletList | None
-    far: FarForces | None
-    close: ClosePairs | None
-    push: np.ndarray
-    shove: np.ndarray | None
+    stripes: Stripes | None
+    verlet_list: VerletList | None
+    far_forces: FarForces | None
+    close_pairs: ClosePairs | None
+    scratch: np.ndarray
+    slab_scratch: np.ndarray | None
     buffers: np.ndarray | None
-    low: np.ndarray | None
-    rungs: Rungs | None
+    rounding: np.ndarray | None
+    slopes: Slopes | None
 
 
 class Measurement(NamedTuple):
@@ -103,16 +111,16 @@ class Measurement(NamedTuple):
         Row sums that bound the stiffest mode.
     extremes : float64 (2,)
         Pair sums: see `granular.pairs.direct`.
-    slopes : float64 (m,)
+    against_piston : float64 (m,)
         Stiffness of each grain against the piston.
     """
 
     stiffness: np.ndarray
     extremes: np.ndarray
-    slopes: np.ndarray
+    against_piston: np.ndarray
 
 
-KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "totals", "label")
+KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")
 """Fields that a checkpoint holds; the others are scratch."""
 
 
@@ -138,25 +146,25 @@ def new_state(
         piston=np.array([height, 0.0, 0.0, 0.0]),
         ledger=np.zeros(5),
         clock=np.array([0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
-        totals=np.zeros(4),
+        wall_forces=np.zeros(4),
         label=np.arange(x.size),
         load=None if acting.friction is None else np.zeros_like(x),
-        near=_stripes(x.size, acting),
-        known=None if acting.listing is None else verlet_list_room(x.size),
-        far=_far_forces(x.size, acting),
-        close=None if acting.contact is None else close_pairs_room(count),
-        push=np.zeros_like(x),
-        shove=np.zeros_like(x) if slabs else None,
+        stripes=_stripes(x.size, acting),
+        verlet_list=None if acting.listing is None else verlet_list_room(x.size),
+        far_forces=_far_forces(x.size, acting),
+        close_pairs=None if acting.contact is None else close_pairs_room(count),
+        scratch=np.zeros_like(x),
+        slab_scratch=np.zeros_like(x) if slabs else None,
         buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
-        low=np.zeros((4, x.size)) if method.compensated else None,
-        rungs=None if method.tableau is None else _rungs(len(method.tableau), x.size),
+        rounding=np.zeros((4, x.size)) if method.compensated else None,
+        slopes=None if method.tableau is None else _slopes(len(method.tableau), x.size),
     )
 
 
 def _stripes(size: int, acting: Acting) -> Stripes | None:
     if acting.cut is None:
         return None
-    return stripes_room(size, charged=acting.cut.charged, loaded=acting.friction is not None)
+    return stripes_room(size, moments=acting.cut.moments, loaded=acting.friction is not None)
 
 
 def _far_forces(size: int, acting: Acting) -> FarForces | None:
@@ -165,22 +173,22 @@ def _far_forces(size: int, acting: Acting) -> FarForces | None:
     return far_forces_room(acting.far, size, loaded=acting.friction is not None)
 
 
-def kept_lists(near: Stripes | VerletList | None) -> dict[str, np.ndarray]:
-    """What a checkpoint holds of the lists of partners: where they were made, not what they say."""
-    if near is None:
+def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
+    """What a checkpoint holds of the lists of partners: the places that they were made at."""
+    if lists is None:
         return {}
-    return {"near_built": near.built.copy(), "near_memory": near.memory.copy()}
+    return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
-def put_lists(near: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
-    """Let the lists be made again, as they were."""
-    if near is not None:
-        near.built[:], near.memory[:] = kept["near_built"], kept["near_memory"]
-        near.memory[LISTED] = 0.0
+def put_lists(lists: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
+    """Let the lists be made again at the places that a checkpoint holds."""
+    if lists is not None:
+        lists.built[:], lists.memory[:] = kept["near_built"], kept["near_memory"]
+        lists.memory[LISTED] = 0.0
 
 
-def _rungs(rows: int, size: int) -> Rungs:
-    return Rungs(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
+def _slopes(rows: int, size: int) -> Slopes:
+    return Slopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
 
 
 def new_measurement(state: State) -> Measurement:

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.engine.compensation import sum_with_low_part
+from granular.engine.compensation import compensated_sum
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.kick import kick_grains
-from granular.engine.motion import Motion
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
-from granular.engine.state import Measurement, State
+from granular.engine.state import Measurement, State, X, Y
 from granular.engine.system import Constants
+from granular.protocol.motion import Motion
 
 
 class Plan(NamedTuple):
@@ -40,16 +40,17 @@ class Plan(NamedTuple):
 
 
 @compiled(inline=True)
-def drift_grains(low: Array | None, span: float, state: State, count: int) -> None:
-    """Positions of the grains after ``span`` [tau]."""
-    if low is None:
+def drift_grains(rounding: Array | None, span: float, state: State, count: int) -> None:
+    """Move the grains by ``span`` [tau] at their present velocities."""
+    if rounding is None:
         for i in range(count):
             state.x[i] += span * state.vx[i]
             state.y[i] += span * state.vy[i]
     else:
         for i in range(count):
-            state.x[i], low[0, i] = sum_with_low_part(state.x[i], low[0, i], span * state.vx[i])
-            state.y[i], low[1, i] = sum_with_low_part(state.y[i], low[1, i], span * state.vy[i])
+            by_x, by_y = span * state.vx[i], span * state.vy[i]
+            state.x[i], rounding[X, i] = compensated_sum(state.x[i], rounding[X, i], by_x)
+            state.y[i], rounding[Y, i] = compensated_sum(state.y[i], rounding[Y, i], by_y)
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
@@ -58,7 +59,7 @@ def make_step(
     tableau: Array | None, plan: Plan, h: float, time: float, start: float, state: State,
     constants: Constants, motion: Motion, measurement: Measurement | None,
 ) -> int:  # fmt: skip
-    """One step from ``time`` in the stage, which began at ``start`` [tau].
+    """Make one step, from ``time`` in the stage, which began at ``start`` [tau].
 
     Parameters
     ----------
@@ -72,8 +73,9 @@ def make_step(
     """
     outside = 0
     if tableau is not None:
+        assert state.slopes is not None
         outside = runge_kutta_step(
-            tableau, state.rungs, h, time, start, state, constants, motion, measurement
+            tableau, state.slopes, h, time, start, state, constants, motion, measurement
         )
     else:
         stage = time
@@ -91,7 +93,7 @@ def make_step(
             if k < stages:
                 span = drifts[k] * h
                 stage += span
-                drift_grains(state.low, span, state, constants.grains)
+                drift_grains(state.rounding, span, state, constants.grains)
                 drift_piston(span, state, constants, motion, stage, start)
                 last = k == stages - 1
                 if last and measurement is not None:

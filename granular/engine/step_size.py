@@ -45,7 +45,7 @@ MOST_COUNT = 2**53
 
 
 def multiple(factor: float) -> str:
-    """A multiple of the automatic step, as it is given."""
+    """A multiple of the automatic step, as users write it."""
     if factor == 1.0:
         return "auto"
     return f"auto*{factor:g}" if factor > 1.0 else f"auto/{1.0 / factor:g}"

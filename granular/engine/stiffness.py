@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 from granular.effects.contact import ContactLaw, impact_stiffness
 from granular.effects.dipole import head_on_stiffness, pair_energy
 from granular.effects.walls import piston_stiffness, turning_stiffness
-from granular.engine.motion import Motion
-from granular.engine.state import Measurement, State
-from granular.engine.system import Constants
+from granular.engine.state import HEIGHT, Measurement, State
+from granular.engine.system import Constants, moments_of
+from granular.protocol.motion import Motion
 
 
-@compiled
+@entry
 def collision_frequency(constants: Constants, speed: float) -> float:
     """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
 
@@ -25,7 +25,7 @@ def collision_frequency(constants: Constants, speed: float) -> float:
     """
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
-        square = head_on_stiffness(speed, constants.lightest)
+        square = head_on_stiffness(speed, constants.least_mass, constants.least_moment)
     square = max(square, turning_stiffness(constants.acting.walls, speed))
     return math.sqrt(max(square, _impact(constants.acting.contact, speed, constants)))
 
@@ -36,8 +36,8 @@ def _impact(law: ContactLaw | None, speed: float, constants: Constants) -> float
         return 0.0
     barrier = 0.0
     if constants.acting.dipole is not None:
-        barrier = pair_energy(law.narrowest) * constants.lightest**2
-    return impact_stiffness(law, speed, constants.lightest, barrier)
+        barrier = pair_energy(law.narrowest) * constants.least_moment**2
+    return impact_stiffness(law, speed, constants.least_mass, barrier)
 
 
 @compiled
@@ -54,8 +54,8 @@ def stiffest_mode(
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
         total, largest = piston_stiffness(
-            constants.acting.walls.top, constants.grains, constants.charge, state.x, state.y,
-            state.piston[0], measurement.slopes, state.push,
+            constants.acting.walls.top, constants.grains, moments_of(constants), state.x, state.y,
+            state.piston[HEIGHT], measurement.against_piston, state.scratch,
         )  # fmt: skip
-        highest = max(highest + largest, 2.0 * total / constants.mass)
+        highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), collision_frequency(constants, speed))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from granular.compiled import Array, compiled
 from granular.effects.contact import ContactLaw
 from granular.effects.friction import FrictionLaw
 from granular.effects.shaking import Swing
@@ -78,14 +79,18 @@ class Constants(NamedTuple):
     ----------
     grains : int
         Number of grains.
-    charge : float64 (m,) or None
-        Moment and mass of each grain over those of the first species; None where all are alike.
-    lightest : float
-        Least charge.
+    masses : float64 (m,) or None
+        Mass of each grain over that of the first species; None where all are alike.
+    moments : float64 (m,) or None
+        Magnetic moment of each grain over that of the first species. None where these are the same
+        numbers as the masses, as in species of one material and thickness: a second array in here
+        makes a step of 92 grains 10 % slower. Kernels ask `moments_of`.
+    least_mass, least_moment : float
+        Of the lightest species.
     width : float
         Cell width [D].
-    mass, weight : float
-        Of the piston [m], [F*]; the mass is infinite where none is given.
+    piston_mass, piston_weight : float
+        [m], [F*]; the mass is infinite where none is given.
     resistance : Resistance or None
         Of the piston.
     exit : float
@@ -96,15 +101,28 @@ class Constants(NamedTuple):
     """
 
     grains: int
-    charge: np.ndarray | None
-    lightest: float
+    masses: Array | None
+    moments: Array | None
+    least_mass: float
+    least_moment: float
     width: float
-    mass: float
-    weight: float
+    piston_mass: float
+    piston_weight: float
     resistance: Resistance | None
     exit: float
     acting: Acting
     threaded: bool | None
+
+
+@compiled(inline=True)
+def moments_of(constants: Constants) -> Array | None:
+    """Magnetic moment of each grain over that of the first species; None where all are alike."""
+    return _given(constants.moments, constants.masses)
+
+
+@compiled(inline=True)
+def _given(values: Array | None, otherwise: Array | None) -> Array | None:
+    return otherwise if values is None else values
 
 
 FAR_EVERY = 8
@@ -141,15 +159,18 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     ratios = np.array([one.diameter for one in scene.grains.species])
     ratios = (ratios / scales.length) ** 2
     acting = _acting(scene, scales, species, method)
-    mass, weight = _piston_mass(scene, scales, acting.gravity)
+    masses = None if len(ratios) == 1 else padded_values(ratios[species])
+    piston_mass, piston_weight = _piston_mass(scene, scales, acting.gravity)
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
-        charge=None if len(ratios) == 1 else padded_values(ratios[species]),
-        lightest=float(ratios.min()),
+        masses=masses,
+        moments=None,
+        least_mass=float(ratios.min()),
+        least_moment=float(ratios.min()),
         width=scene.cell.width / scales.length,
-        mass=mass,
-        weight=weight,
+        piston_mass=piston_mass,
+        piston_weight=piston_weight,
         resistance=_resistance(scene.piston, scales),
         exit=EXIT if walls is not None and walls.has_gap else -np.inf,
         acting=acting,
@@ -184,7 +205,7 @@ def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | Non
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:
-    """Steps from one evaluation of the far field to the next; None for a part of every force."""
+    """Steps from impulse to impulse of the far field; None where it is a part of every force."""
     wanted = scene.pairs.far_every
     rubs = scene.effects.friction is not None
     able = method is not None and method.takes_impulses and not rubs

@@ -52,9 +52,9 @@ def stiffest_frequency(
 def collision_frequency(speed: float, least: float, laws: set[str], *, pairs: bool) -> float:
     """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
 
-    Two grains of the ``least`` charge meet head-on, or one of them meets a wall.
+    Two grains of the ``least`` moment and mass meet head-on, or one of them meets a wall.
     """
     squares = [_WALLS[law].turning_stiffness(speed) for law in laws]
     if pairs:
-        squares.append(dipole.head_on_stiffness(speed, least))
+        squares.append(dipole.head_on_stiffness(speed, least, least))
     return math.sqrt(max(squares, default=0.0))

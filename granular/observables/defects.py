@@ -120,7 +120,9 @@ def _matched(cells: VoronoiCells) -> np.ndarray:
         return np.empty((0, 2), dtype=np.intp)
     fives, rows = np.unique(both[:, 0], return_inverse=True)
     sevens, columns = np.unique(both[:, 1], return_inverse=True)
-    graph = csr_array((np.ones(len(both), dtype=bool), (rows, columns)))
+    # Older releases of SciPy match with 32-bit indices only.
+    places = (rows.astype(np.int32), columns.astype(np.int32))
+    graph = csr_array((np.ones(len(both), dtype=bool), places))
     partner = maximum_bipartite_matching(graph, perm_type="column")
     return np.stack([fives[partner >= 0], sevens[partner[partner >= 0]]], axis=1)
 

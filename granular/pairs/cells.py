@@ -85,7 +85,7 @@ def _pair_up(
 
 @compiled
 def find_close_pairs(room: ClosePairs, x: Array, y: Array, count: int, reach: float) -> None:
-    """Fill ``room`` with the pairs closer than ``reach`` [D], in an order that positions fix."""
+    """Fill ``room`` with the pairs closer than ``reach`` [D]; the positions fix their order."""
     room.filled[0] = 0
     if count < 2:
         return

@@ -27,7 +27,7 @@ def _enter(gap: float, rate: float, share: float, square: float) -> tuple[float,
 
 @compiled
 def step_density(
-    x: Array, y: Array, vx: Array, vy: Array, count: int, charge: Array | None, square: float,
+    x: Array, y: Array, vx: Array, vy: Array, count: int, moments: Array | None, square: float,
     least: float, sides: tuple[float, float, float, float], piston_speed: float, pairs: bool,
 ) -> tuple[float, float]:  # fmt: skip
     """Frequency omega [1/tau] and d ln(omega)/dt.
@@ -48,10 +48,10 @@ def step_density(
     total, rate = least**8, 0.0
     left, right, bottom, top = sides
     for i in range(count):
-        qi = 1.0 if charge is None else charge[i]
+        qi = 1.0 if moments is None else moments[i]
         if pairs:
             for j in range(i):
-                qj = 1.0 if charge is None else charge[j]
+                qj = 1.0 if moments is None else moments[j]
                 dx, dy = x[i] - x[j], y[i] - y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 closing = (dx * (vx[i] - vx[j]) + dy * (vy[i] - vy[j])) / r

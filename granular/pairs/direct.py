@@ -49,7 +49,7 @@ def _sweep(
     y: Array,
     fx: Array,
     fy: Array,
-    charge: Array | None,
+    moments: Array | None,
     stiffness: Array | None,
     extremes: Array | None,
     load: Array | None,
@@ -59,9 +59,9 @@ def _sweep(
 ) -> None:
     size = x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
-        sweep_block(x, y, fx, fy, charge, stiffness, extremes, load, weight, first)
+        sweep_block(x, y, fx, fy, moments, stiffness, extremes, load, weight, first)
         sweep_rows(
-            x, y, fx, fy, charge, stiffness, extremes, load, weight, first, first + WIDTH, size
+            x, y, fx, fy, moments, stiffness, extremes, load, weight, first, first + WIDTH, size
         )
 
 
@@ -69,7 +69,7 @@ def _sweep(
 def _sweep_part(
     x: Array,
     y: Array,
-    charge: Array | None,
+    moments: Array | None,
     stiffness: Array | None,
     extremes: Array | None,
     load: Array | None,
@@ -88,14 +88,14 @@ def _sweep_part(
     if load is not None:
         load = buffer[3]
         load[:] = 0.0
-    _sweep(x, y, buffer[0], buffer[1], charge, stiffness, extremes, load, weight, part, PARTS)
+    _sweep(x, y, buffer[0], buffer[1], moments, stiffness, extremes, load, weight, part, PARTS)
 
 
 @compiled
 def _sweep_parts(
     x: Array,
     y: Array,
-    charge: Array | None,
+    moments: Array | None,
     stiffness: Array | None,
     extremes: Array | None,
     load: Array | None,
@@ -103,14 +103,14 @@ def _sweep_parts(
     buffers: Array,
 ) -> None:
     for part in range(PARTS):
-        _sweep_part(x, y, charge, stiffness, extremes, load, weight, buffers[part], part)
+        _sweep_part(x, y, moments, stiffness, extremes, load, weight, buffers[part], part)
 
 
 @compiled(parallel=True)
 def _sweep_parts_threaded(
     x: Array,
     y: Array,
-    charge: Array | None,
+    moments: Array | None,
     stiffness: Array | None,
     extremes: Array | None,
     load: Array | None,
@@ -118,7 +118,7 @@ def _sweep_parts_threaded(
     buffers: Array,
 ) -> None:
     for part in numba.prange(PARTS):
-        _sweep_part(x, y, charge, stiffness, extremes, load, weight, buffers[part], part)
+        _sweep_part(x, y, moments, stiffness, extremes, load, weight, buffers[part], part)
 
 
 @compiled
@@ -136,7 +136,7 @@ def _direct_sum(
     y: Array,
     fx: Array,
     fy: Array,
-    charge: Array | None,
+    moments: Array | None,
     stiffness: Array | None,
     extremes: Array | None,
     load: Array | None,
@@ -153,12 +153,12 @@ def _direct_sum(
             stiffness[:] = 0.0
         if load is not None:
             load[:] = 0.0
-        _sweep(x, y, fx, fy, charge, stiffness, extremes, load, weight, 0, 1)
+        _sweep(x, y, fx, fy, moments, stiffness, extremes, load, weight, 0, 1)
     else:
         if threaded is None:
-            _sweep_parts(x, y, charge, stiffness, extremes, load, weight, buffers)
+            _sweep_parts(x, y, moments, stiffness, extremes, load, weight, buffers)
         else:
-            _sweep_parts_threaded(x, y, charge, stiffness, extremes, load, weight, buffers)
+            _sweep_parts_threaded(x, y, moments, stiffness, extremes, load, weight, buffers)
         _add_parts(buffers, 0, fx)
         _add_parts(buffers, 1, fy)
         if stiffness is not None:
@@ -189,7 +189,7 @@ x, y : float64 (m,)
     Positions [D], padded.
 fx, fy : float64 (m,)
     Overwritten by the forces [F*].
-charge : float64 (m,) or None
+moments : float64 (m,) or None
     Moment of each grain over the first species'; None where all are alike.
 stiffness : float64 (m,) or None
     Overwritten by sum_j q_j / r^5.

@@ -49,7 +49,7 @@ class FarField(NamedTuple):
 
 
 class FarForces(NamedTuple):
-    """A mesh, and what it last said of the grains.
+    """A mesh, and the forces and the energy that were last found with it.
 
     Attributes
     ----------
@@ -89,13 +89,13 @@ def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
 
 @compiled
 def _gather_forces(
-    far: FarForces, x: Array, y: Array, charge: Array | None, weight: Array | None, grains: int
+    far: FarForces, x: Array, y: Array, moments: Array | None, weight: Array | None, grains: int
 ) -> None:
     own = CUBE[0] / (far.radius * far.radius * far.radius)
     total = 0.0
     for i in range(grains):
         value, by_x, by_y = gathered(far.mesh, x[i], y[i])
-        q = 1.0 if charge is None else charge[i]
+        q = 1.0 if moments is None else moments[i]
         far.fx[i] = -ENERGY * q * by_x
         far.fy[i] = -ENERGY * q * by_y
         total += q * (value - own * q)
@@ -117,9 +117,9 @@ def _gather_load(far: FarForces, x: Array, y: Array, weight: Array, grains: int)
 @compiled
 def find_far_forces(
     far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
-    charge: Array | None, weight: Array | None,
+    moments: Array | None, weight: Array | None,
 ) -> int:  # fmt: skip
-    """Forces and energy of the far part, and its load where grains rub; 1 where there is no room.
+    """Find forces, energy and, where grains rub, load of the far part; 1 where there is no room.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def find_far_forces(
     threaded : bool or None
         As in `granular.pairs.direct.direct_sum`.
     grains : int
-    x, y, charge, weight
+    x, y, moments, weight
         As in `granular.pairs.direct.direct_sum`.
     """
     if grains == 0:
@@ -139,10 +139,10 @@ def find_far_forces(
     if not open_windows(far.mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
-    spread(far.mesh, x, y, charge, grains)
+    spread(far.mesh, x, y, moments, grains)
     find_potential(far.mesh, threaded)
-    _gather_forces(far, x, y, charge, weight, grains)
-    if weight is not None and charge is not None:
+    _gather_forces(far, x, y, moments, weight, grains)
+    if weight is not None and moments is not None:
         spread(far.mesh, x, y, weight, grains)
         find_potential(far.mesh, threaded)
         _gather_load(far, x, y, weight, grains)

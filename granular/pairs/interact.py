@@ -31,7 +31,7 @@ class Arrays:
         pointers = [code.data(kind, array) for kind, array in zip(kinds, arrays, strict=True)]
         self.x, self.y = pointers[:2]
         self.sums = Sums(pointers[2], pointers[3], pointers[5], pointers[7])
-        self.charge, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
+        self.moments, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
 
 
 class Grains(NamedTuple):
@@ -39,7 +39,7 @@ class Grains(NamedTuple):
 
     x: Any
     y: Any
-    charge: Any
+    moments: Any
     weight: Any
 
 
@@ -48,12 +48,12 @@ def present(values: Sums) -> list[Any]:
 
 
 def eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
-    pointers = (arrays.x, arrays.y, arrays.charge, arrays.weight)
+    pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
     return Grains(*(None if one is None else code.load(one, j) for one in pointers))
 
 
 def one_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
-    pointers = (arrays.x, arrays.y, arrays.charge, arrays.weight)
+    pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
     return Grains(*(None if one is None else code.splat(code.scalar(one, i)) for one in pointers))
 
 
@@ -76,7 +76,7 @@ class Cut(NamedTuple):
 
 
 class Extremes:
-    """The energy and the closest pair of a sweep."""
+    """The energy of a sweep, and its closest pair."""
 
     def __init__(self, code: Code, pointer: ir.Value) -> None:
         self.code, self.pointer = code, pointer
@@ -127,7 +127,10 @@ def interact(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
     lanes: list[bool] | None = None, cut: Cut | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
-    """What the pairs add to the first, and to the second ones, in the lanes that count."""
+    """What the pairs add to the sums of the first grains, and to those of the second ones.
+
+    Only in the lanes that are given, or in all.
+    """
     b = code.builder
     zero = constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
@@ -147,8 +150,8 @@ def interact(
             rest = _polynomial(code, cut.smooth.cube, r2)
             cube = b.select(inside, b.fsub(b.fmul(r2, s), rest), zero)
     pair, strength = None, near
-    if first.charge is not None:
-        pair = b.fmul(first.charge, second.charge)
+    if first.moments is not None:
+        pair = b.fmul(first.moments, second.moments)
         strength = b.fmul(near, pair)
     if extremes.pointer is not None:
         extremes.meet(s, _energy(code, r2, s, strength, pair, cut, cube))
@@ -158,9 +161,9 @@ def interact(
     own: list[Any] = [fx, fy, None, None]
     other: list[Any] = [b.fneg(fx), b.fneg(fy), None, None]
     if wanted.stiffness is not None:
-        charged = first.charge is not None
-        own[2] = b.fmul(s, second.charge) if charged else s
-        other[2] = b.fmul(s, first.charge) if charged else s
+        differ = first.moments is not None
+        own[2] = b.fmul(s, second.moments) if differ else s
+        other[2] = b.fmul(s, first.moments) if differ else s
     if wanted.load is not None:
         if cube is None:
             cube = b.fmul(r2, s)

@@ -82,7 +82,7 @@ def mesh_room(width: float, height: float, radius: float, spacing: float) -> Mes
 
 @compiled
 def open_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
-    """Lay the windows about the grains; False where there is no room for them."""
+    """Lay each level's window about the grains; False where there is no room for them."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])
@@ -190,7 +190,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
 
 @compiled(inline=True)
 def _share(place: int, by: int) -> float:
-    """Share of a fine spline at a place in the coarse one at half of it, rounded down, and ``by``.
+    """Share that the coarse spline ``by`` points from place // 2 has of the fine one at a place.
 
     A cubic B-spline is (1, 4, 6, 4, 1)/8 of those half as wide.
     """
@@ -284,7 +284,7 @@ def _convolve_threaded(mesh: Mesh, level: int, whole: bool) -> None:
 
 @compiled
 def find_potential(mesh: Mesh, threaded: bool | None) -> None:
-    """The potential on the finest level of the sources there."""
+    """Find the potential on the finest level of the sources there."""
     levels = len(mesh.windows)
     for level in range(1, levels):
         _restrict(mesh, level)

@@ -17,7 +17,7 @@ def plain_direct_sum(
     y: Array,
     fx: Array,
     fy: Array,
-    charge: Array | None,
+    moments: Array | None,
     stiffness: Array | None,
     extremes: Array | None,
     load: Array | None,
@@ -29,7 +29,7 @@ def plain_direct_sum(
     for out in (fx, fy, stiffness, extremes, load):
         if out is not None:
             out[:] = 0.0
-    q = np.ones(x.size) if charge is None else charge
+    q = np.ones(x.size) if moments is None else moments
     # The distance to padding grains overflows, as it should, and that of grains at one place is 0.
     old = np.seterr(over="ignore", divide="ignore", invalid="ignore")
     for i in range(x.size):
@@ -56,7 +56,7 @@ def plain_direct_sum(
 
 
 def plain_cut_sum(
-    near: object,
+    stripes: object,
     radius: float,
     smooth: bool | None,
     threaded: bool | None,
@@ -65,20 +65,20 @@ def plain_cut_sum(
     y: Array,
     fx: Array,
     fy: Array,
-    charge: Array | None,
+    moments: Array | None,
     stiffness: Array | None,
     extremes: Array | None,
     load: Array | None,
     weight: Array | None,
 ) -> None:
-    """The same within a radius, where the energy of a pair is zero: every pair is looked at.
+    """Pair forces and sums within a radius, where the energy of a pair is zero.
 
     With ``smooth``, of the near part of the law alone.
     """
     for out in (fx, fy, stiffness, extremes, load):
         if out is not None:
             out[:] = 0.0
-    q = np.ones(x.size) if charge is None else charge
+    q = np.ones(x.size) if moments is None else moments
     for i in range(grains):
         for j in range(i + 1, grains):
             dx, dy = x[i] - x[j], y[i] - y[j]

@@ -106,7 +106,7 @@ def sweep_runs(
     y: Any,
     fx: Any,
     fy: Any,
-    charge: Any,
+    moments: Any,
     stiffness: Any,
     extremes: Any,
     load: Any,
@@ -125,7 +125,7 @@ def sweep_runs(
     radius, anything else where the far part of their law (`granular.pairs.split`) is taken off.
     """
     signature = types.void(
-        x, y, fx, fy, charge, stiffness, extremes, load, weight, runs,
+        x, y, fx, fy, moments, stiffness, extremes, load, weight, runs,
         types.intp, types.intp, types.float64, smooth,
     )  # fmt: skip
 

@@ -51,14 +51,14 @@ class CutOff(NamedTuple):
     ----------
     radius : float
         [D]
-    charged : bool
+    moments : bool
         Whether the grains' moments differ.
     smooth : bool or None
         None where pairs just end; else the far part of their law is taken off, for a far field.
     """
 
     radius: float
-    charged: bool
+    moments: bool
     smooth: bool | None
 
 
@@ -69,7 +69,7 @@ class Stripes(NamedTuple):
     ----------
     x, y, fx, fy : float64 (s,)
         In the order of stripes, with far places between them.
-    charge, weight, load, stiffness : float64 (s,) or None
+    moments, weight, load, stiffness : float64 (s,) or None
     place : int64 (m,)
         Where each grain stands in that order.
     order, stripe : int64 (m,)
@@ -89,7 +89,7 @@ class Stripes(NamedTuple):
     y: np.ndarray
     fx: np.ndarray
     fy: np.ndarray
-    charge: np.ndarray | None
+    moments: np.ndarray | None
     weight: np.ndarray | None
     load: np.ndarray | None
     stiffness: np.ndarray
@@ -106,7 +106,7 @@ def _most_stripes(size: int) -> int:
     return max(1, size // _LEAST_IN_STRIPE)
 
 
-def stripes_room(size: int, *, charged: bool, loaded: bool) -> Stripes:
+def stripes_room(size: int, *, moments: bool, loaded: bool) -> Stripes:
     """Room for that many grains (padded); linear in it."""
     most = _most_stripes(size)
     places = padded(size + 2 * WIDTH * most) + 2 * WIDTH
@@ -116,7 +116,7 @@ def stripes_room(size: int, *, charged: bool, loaded: bool) -> Stripes:
         y=zeros.copy(),
         fx=zeros.copy(),
         fy=zeros.copy(),
-        charge=zeros.copy() if charged else None,
+        moments=zeros.copy() if moments else None,
         weight=zeros.copy() if loaded else None,
         load=zeros.copy() if loaded else None,
         stiffness=zeros.copy(),
@@ -131,56 +131,56 @@ def stripes_room(size: int, *, charged: bool, loaded: bool) -> Stripes:
 
 
 @compiled
-def _sort(near: Stripes, grains: int, reach: float) -> tuple[int, float]:
-    """Put the grains into stripes, from where they were ``built``: how many, and how high."""
-    x, y = near.built[0], near.built[1]
+def _sort(stripes: Stripes, grains: int, reach: float) -> tuple[int, float]:
+    """Sort the grains into stripes by the places in ``built``; number and height of stripes."""
+    x, y = stripes.built[0], stripes.built[1]
     low, high = y[0], y[0]
     for i in range(grains):
         low, high = min(low, y[i]), max(high, y[i])
-    most = max(1, min(near.begins.size - 2, grains // _LEAST_IN_STRIPE))
+    most = max(1, min(stripes.begins.size - 2, grains // _LEAST_IN_STRIPE))
     height = max(reach / (RUNS - 1), (high - low) / most)
-    stripes = min(int((high - low) / height) + 1, most)
-    counts = np.zeros(stripes + 1, dtype=np.int64)
+    number = min(int((high - low) / height) + 1, most)
+    counts = np.zeros(number + 1, dtype=np.int64)
     for i in range(grains):
-        near.stripe[i] = min(max(int((y[i] - low) / height), 0), stripes - 1)
-        counts[near.stripe[i] + 1] += 1
-    near.begins[0] = 0
-    for k in range(stripes):
-        near.begins[k + 1] = near.begins[k] + ((counts[k + 1] + 7) // WIDTH + 1) * WIDTH
+        stripes.stripe[i] = min(max(int((y[i] - low) / height), 0), number - 1)
+        counts[stripes.stripe[i] + 1] += 1
+    stripes.begins[0] = 0
+    for k in range(number):
+        stripes.begins[k + 1] = stripes.begins[k] + ((counts[k + 1] + 7) // WIDTH + 1) * WIDTH
         counts[k + 1] += counts[k]
-    ends = counts[:stripes].copy()
+    ends = counts[:number].copy()
     for i in range(grains):
-        near.order[ends[near.stripe[i]]] = i
-        ends[near.stripe[i]] += 1
-    for slot in range(near.begins[stripes] + 2 * WIDTH):
-        near.x[slot] = PADDING * (slot + 1.0)
-        near.y[slot] = 0.0
-    for k in range(stripes):
-        chosen = near.order[counts[k] : counts[k + 1]]
+        stripes.order[ends[stripes.stripe[i]]] = i
+        ends[stripes.stripe[i]] += 1
+    for slot in range(stripes.begins[number] + 2 * WIDTH):
+        stripes.x[slot] = PADDING * (slot + 1.0)
+        stripes.y[slot] = 0.0
+    for k in range(number):
+        chosen = stripes.order[counts[k] : counts[k + 1]]
         across = np.empty(chosen.size)
         for c in range(chosen.size):
             across[c] = x[chosen[c]]
         turns = np.argsort(across)
         for c in range(chosen.size):
-            near.place[chosen[turns[c]]] = near.begins[k] + c
-            near.x[near.begins[k] + c] = across[turns[c]]
-    return stripes, height
+            stripes.place[chosen[turns[c]]] = stripes.begins[k] + c
+            stripes.x[stripes.begins[k] + c] = across[turns[c]]
+    return number, height
 
 
 @compiled
-def _list_runs(near: Stripes, stripes: int, height: float, reach: float) -> None:
-    """The runs of every two rows; places go on to the right, so each end moves one way only."""
-    x = near.x
+def _list_runs(stripes: Stripes, number: int, height: float, reach: float) -> None:
+    """List the runs of every two rows; both ends of a run move right only, from row to row."""
+    x = stripes.x
     slack = 1.0 + 1e-12
-    for k in range(stripes):
-        begin, end = near.begins[k], near.begins[k + 1]
+    for k in range(number):
+        begin, end = stripes.begins[k], stripes.begins[k + 1]
         for up in range(RUNS):
             apart = max(up - 1, 0) * height
             far = reach * slack
             wide = math.sqrt(max(far * far - apart * apart, 0.0))
-            there = min(k + up, stripes)
-            start, stop = near.begins[there], near.begins[there]
-            last = near.begins[min(there + 1, stripes)]
+            there = min(k + up, number)
+            start, stop = stripes.begins[there], stripes.begins[there]
+            last = stripes.begins[min(there + 1, number)]
             if apart >= far:
                 last = start
             for first in range(begin, end, ROWS):
@@ -191,41 +191,41 @@ def _list_runs(near: Stripes, stripes: int, height: float, reach: float) -> None
                     while stop < last and x[stop] <= right + wide:
                         stop += 1
                     # The seven behind the second row are met with it.
-                    near.runs[first // ROWS, up, 0] = first + 1 + WIDTH if up == 0 else start
-                    near.runs[first // ROWS, up, 1] = stop
+                    stripes.runs[first // ROWS, up, 0] = first + 1 + WIDTH if up == 0 else start
+                    stripes.runs[first // ROWS, up, 1] = stop
                 else:
-                    near.runs[first // ROWS, up, 0] = 0
-                    near.runs[first // ROWS, up, 1] = 0
+                    stripes.runs[first // ROWS, up, 0] = 0
+                    stripes.runs[first // ROWS, up, 1] = 0
 
 
 @compiled
-def _put_values(near: Stripes, grains: int, charge: Array | None, weight: Array | None) -> None:
-    if charge is not None and near.charge is not None:
-        near.charge[:] = 0.0
+def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Array | None) -> None:
+    if moments is not None and stripes.moments is not None:
+        stripes.moments[:] = 0.0
         for i in range(grains):
-            near.charge[near.place[i]] = charge[i]
-    if weight is not None and near.weight is not None:
-        near.weight[:] = 0.0
+            stripes.moments[stripes.place[i]] = moments[i]
+    if weight is not None and stripes.weight is not None:
+        stripes.weight[:] = 0.0
         for i in range(grains):
-            near.weight[near.place[i]] = weight[i]
+            stripes.weight[stripes.place[i]] = weight[i]
 
 
 @compiled
 def _list_partners(
-    near: Stripes, grains: int, charge: Array | None, weight: Array | None, radius: float
+    stripes: Stripes, grains: int, moments: Array | None, weight: Array | None, radius: float
 ) -> None:
-    reach = radius + near.memory[SKIN]
-    stripes, height = _sort(near, grains, reach)
-    _list_runs(near, stripes, height, reach)
-    _put_values(near, grains, charge, weight)
-    near.begins[near.begins.size - 1] = near.begins[stripes]
-    near.memory[LISTED] = 1.0
-    near.memory[STRIPES] = stripes
+    reach = radius + stripes.memory[SKIN]
+    number, height = _sort(stripes, grains, reach)
+    _list_runs(stripes, number, height, reach)
+    _put_values(stripes, grains, moments, weight)
+    stripes.begins[stripes.begins.size - 1] = stripes.begins[number]
+    stripes.memory[LISTED] = 1.0
+    stripes.memory[STRIPES] = number
 
 
 @compiled
 def _adapt_skin(memory: Array, radius: float) -> None:
-    """Nearer to where listing costs as much as the partners in the skin."""
+    """Bring the skin nearer to where making lists costs as much as the partners in it."""
     if memory[SKIN] == 0.0:
         memory[SKIN] = _FIRST_SKIN * radius
     elif memory[CALLS] * memory[SKIN] < _COST * radius / 2.0:
@@ -235,14 +235,14 @@ def _adapt_skin(memory: Array, radius: float) -> None:
 
 
 @compiled
-def _moved(near: Stripes, x: Array, y: Array, grains: int) -> bool:
+def _moved(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
     """Whether the lists may lack a pair."""
-    if near.memory[GRAINS] != grains:
+    if stripes.memory[GRAINS] != grains:
         return True
-    most = 0.25 * near.memory[SKIN] * near.memory[SKIN] * (1.0 - 1e-9)
+    most = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
     moved = 0
     for i in range(grains):
-        dx, dy = x[i] - near.built[0, i], y[i] - near.built[1, i]
+        dx, dy = x[i] - stripes.built[0, i], y[i] - stripes.built[1, i]
         moved += not dx * dx + dy * dy <= most
     return moved > 0
 
@@ -257,86 +257,86 @@ def finite(x: Array, y: Array, grains: int) -> bool:
 
 @compiled
 def _make_ready(
-    near: Stripes, x: Array, y: Array, grains: int, charge: Array | None, weight: Array | None,
+    stripes: Stripes, x: Array, y: Array, grains: int, moments: Array | None, weight: Array | None,
     radius: float,
 ) -> None:  # fmt: skip
-    """Lists that hold every pair within the radius."""
-    if _moved(near, x, y, grains):
-        _adapt_skin(near.memory, radius)
+    """Make the lists hold every pair within the radius."""
+    if _moved(stripes, x, y, grains):
+        _adapt_skin(stripes.memory, radius)
         for i in range(grains):
-            near.built[0, i] = x[i]
-            near.built[1, i] = y[i]
-        near.memory[GRAINS] = grains
-        near.memory[CALLS] = 0.0
-        near.memory[BUILDS] += 1.0
-        near.memory[LISTED] = 0.0
-    if near.memory[LISTED] == 0.0:
-        _list_partners(near, grains, charge, weight, radius)
-    near.memory[CALLS] += 1.0
+            stripes.built[0, i] = x[i]
+            stripes.built[1, i] = y[i]
+        stripes.memory[GRAINS] = grains
+        stripes.memory[CALLS] = 0.0
+        stripes.memory[BUILDS] += 1.0
+        stripes.memory[LISTED] = 0.0
+    if stripes.memory[LISTED] == 0.0:
+        _list_partners(stripes, grains, moments, weight, radius)
+    stripes.memory[CALLS] += 1.0
 
 
 @compiled
 def _sweep_group(
-    near: Stripes, sums: Array | None, parts: Array | None, load: Array | None, group: int,
+    stripes: Stripes, sums: Array | None, parts: Array | None, load: Array | None, group: int,
     radius: float, smooth: bool | None,
 ) -> None:  # fmt: skip
-    first = near.begins[group * _TOGETHER]
-    end = near.begins[min((group + 1) * _TOGETHER, int(near.memory[STRIPES]))]
+    first = stripes.begins[group * _TOGETHER]
+    end = stripes.begins[min((group + 1) * _TOGETHER, int(stripes.memory[STRIPES]))]
     if parts is None:
         sweep_runs(
-            near.x, near.y, near.fx, near.fy, near.charge, sums, None, load, near.weight,
-            near.runs, first, end, radius, smooth,
+            stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments, sums, None, load,
+            stripes.weight, stripes.runs, first, end, radius, smooth,
         )  # fmt: skip
     else:
         sweep_runs(
-            near.x, near.y, near.fx, near.fy, near.charge, sums, parts[group], load, near.weight,
-            near.runs, first, end, radius, smooth,
+            stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments, sums, parts[group], load,
+            stripes.weight, stripes.runs, first, end, radius, smooth,
         )  # fmt: skip
 
 
 @compiled
 def _sweep_groups(
-    near: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
+    stripes: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
     radius: float, smooth: bool | None,
 ) -> None:  # fmt: skip
     for odd in range(2):
         for half in range((groups + 1 - odd) // 2):
-            _sweep_group(near, sums, parts, load, 2 * half + odd, radius, smooth)
+            _sweep_group(stripes, sums, parts, load, 2 * half + odd, radius, smooth)
 
 
 @compiled(parallel=True)
 def _sweep_groups_threaded(
-    near: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
+    stripes: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
     radius: float, smooth: bool | None,
 ) -> None:  # fmt: skip
     for odd in range(2):
         for half in numba.prange((groups + 1 - odd) // 2):
-            _sweep_group(near, sums, parts, load, 2 * half + odd, radius, smooth)
+            _sweep_group(stripes, sums, parts, load, 2 * half + odd, radius, smooth)
 
 
 @compiled
 def _sweep_all(
-    threaded: bool | None, near: Stripes, sums: Array | None, parts: Array | None,
+    threaded: bool | None, stripes: Stripes, sums: Array | None, parts: Array | None,
     load: Array | None, groups: int, radius: float, smooth: bool | None,
 ) -> None:  # fmt: skip
-    """All groups, every second one first: each place adds up in one order on any threads."""
+    """Sweep all groups, every second one first: each grain's sum has one order on any threads."""
     if threaded is None:
-        _sweep_groups(near, sums, parts, load, groups, radius, smooth)
+        _sweep_groups(stripes, sums, parts, load, groups, radius, smooth)
     else:
-        _sweep_groups_threaded(near, sums, parts, load, groups, radius, smooth)
+        _sweep_groups_threaded(stripes, sums, parts, load, groups, radius, smooth)
 
 
 @compiled
 def _sweep(
-    threaded: bool | None, near: Stripes, sums: Array | None, extremes: Array | None,
+    threaded: bool | None, stripes: Stripes, sums: Array | None, extremes: Array | None,
     load: Array | None, radius: float, smooth: bool | None,
 ) -> None:  # fmt: skip
-    groups = (int(near.memory[STRIPES]) + _TOGETHER - 1) // _TOGETHER
+    groups = (int(stripes.memory[STRIPES]) + _TOGETHER - 1) // _TOGETHER
     if extremes is None:
-        _sweep_all(threaded, near, sums, None, load, groups, radius, smooth)
+        _sweep_all(threaded, stripes, sums, None, load, groups, radius, smooth)
     else:
         parts = np.zeros((groups, 2))
-        _sweep_all(threaded, near, sums, parts, load, groups, radius, smooth)
+        _sweep_all(threaded, stripes, sums, parts, load, groups, radius, smooth)
         extremes[:] = 0.0
         for group in range(groups):
             extremes[0] += parts[group, 0]
@@ -345,37 +345,37 @@ def _sweep(
 
 @compiled
 def _cut_sum(
-    near: Stripes, radius: float, smooth: bool | None, threaded: bool | None, grains: int,
-    x: Array, y: Array, fx: Array, fy: Array, charge: Array | None, stiffness: Array | None,
+    stripes: Stripes, radius: float, smooth: bool | None, threaded: bool | None, grains: int,
+    x: Array, y: Array, fx: Array, fy: Array, moments: Array | None, stiffness: Array | None,
     extremes: Array | None, load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
     if not finite(x, y, grains):
         fx[:grains] = np.nan
         fy[:grains] = np.nan
         return
-    _make_ready(near, x, y, grains, charge, weight, radius)
-    end = near.begins[near.begins.size - 1]
+    _make_ready(stripes, x, y, grains, moments, weight, radius)
+    end = stripes.begins[stripes.begins.size - 1]
     for i in range(grains):
-        near.x[near.place[i]] = x[i]
-        near.y[near.place[i]] = y[i]
-    near.fx[: end + WIDTH] = 0.0
-    near.fy[: end + WIDTH] = 0.0
+        stripes.x[stripes.place[i]] = x[i]
+        stripes.y[stripes.place[i]] = y[i]
+    stripes.fx[: end + WIDTH] = 0.0
+    stripes.fy[: end + WIDTH] = 0.0
     sums = stiffness
     if stiffness is not None:
-        near.stiffness[: end + WIDTH] = 0.0
-        sums = near.stiffness
-    if load is not None and near.load is not None:
-        near.load[: end + WIDTH] = 0.0
-    _sweep(threaded, near, sums, extremes, near.load, radius, smooth)
+        stripes.stiffness[: end + WIDTH] = 0.0
+        sums = stripes.stiffness
+    if load is not None and stripes.load is not None:
+        stripes.load[: end + WIDTH] = 0.0
+    _sweep(threaded, stripes, sums, extremes, stripes.load, radius, smooth)
     for i in range(grains):
-        fx[i] = STRENGTH * SCALE * near.fx[near.place[i]]
-        fy[i] = STRENGTH * SCALE * near.fy[near.place[i]]
+        fx[i] = STRENGTH * SCALE * stripes.fx[stripes.place[i]]
+        fy[i] = STRENGTH * SCALE * stripes.fy[stripes.place[i]]
     if stiffness is not None:
         for i in range(grains):
-            stiffness[i] = SCALE * near.stiffness[near.place[i]]
-    if load is not None and near.load is not None:
+            stiffness[i] = SCALE * stripes.stiffness[stripes.place[i]]
+    if load is not None and stripes.load is not None:
         for i in range(grains):
-            load[i] = SCALE * near.load[near.place[i]]
+            load[i] = SCALE * stripes.load[stripes.place[i]]
     if extremes is not None:
         extremes *= SCALE
 
@@ -385,7 +385,7 @@ cut_sum = plain_cut_sum if numba.config.DISABLE_JIT else _cut_sum
 
 Parameters
 ----------
-near : Stripes
+stripes : Stripes
 radius : float
     Cut-off radius [D]. The energy of a pair is taken as zero there.
 smooth : bool or None
@@ -393,6 +393,6 @@ smooth : bool or None
 threaded : bool or None
     None sweeps the stripes one after another, anything else on Numba's threads.
 grains : int
-x, y, fx, fy, charge, stiffness, extremes, load, weight
+x, y, fx, fy, moments, stiffness, extremes, load, weight
     As in `granular.pairs.direct.direct_sum`.
 """

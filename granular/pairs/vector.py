@@ -37,7 +37,7 @@ def _rows_at_once(context: Any) -> int:
 def _sweep(
     code: Code, arrays: Arrays, first: ir.Value, rows: int, start: ir.Value, stop: ir.Value
 ) -> None:
-    """That many rows from ``first`` on against the partners start .. stop - 1."""
+    """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
     b = code.builder
     places = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
     grains = [one_grain(code, arrays, place) for place in places]
@@ -86,7 +86,7 @@ def sweep_rows(
     y: Any,
     fx: Any,
     fy: Any,
-    charge: Any,
+    moments: Any,
     stiffness: Any,
     extremes: Any,
     load: Any,
@@ -95,9 +95,9 @@ def sweep_rows(
     start: Any,
     stop: Any,
 ) -> Any:
-    """The eight rows from ``first`` on against the partners start .. stop - 1, with reactions."""
+    """Sum the pairs of the eight grains from ``first`` on with the partners start .. stop - 1."""
     signature = types.void(
-        x, y, fx, fy, charge, stiffness, extremes, load, weight, types.intp, types.intp, types.intp
+        x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, types.intp, types.intp
     )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -121,15 +121,15 @@ def sweep_block(
     y: Any,
     fx: Any,
     fy: Any,
-    charge: Any,
+    moments: Any,
     stiffness: Any,
     extremes: Any,
     load: Any,
     weight: Any,
     first: Any,
 ) -> Any:
-    """The eight grains from ``first`` on among themselves."""
-    signature = types.void(x, y, fx, fy, charge, stiffness, extremes, load, weight, types.intp)
+    """Sum the pairs of the eight grains from ``first`` on among themselves."""
+    signature = types.void(x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)

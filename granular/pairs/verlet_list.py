@@ -67,33 +67,33 @@ def verlet_list_room(size: int) -> VerletList:
 
 
 @compiled
-def _make_ready(known: VerletList, listing: Listing, x: Array, y: Array, grains: int) -> None:
-    stale = known.memory[GRAINS] != grains
+def _make_ready(listed: VerletList, listing: Listing, x: Array, y: Array, grains: int) -> None:
+    stale = listed.memory[GRAINS] != grains
     for i in range(grains):
-        dx, dy = x[i] - known.built[0, i], y[i] - known.built[1, i]
+        dx, dy = x[i] - listed.built[0, i], y[i] - listed.built[1, i]
         stale |= not dx * dx + dy * dy < listing.skin * listing.skin
     if stale:
         for i in range(grains):
-            known.built[0, i] = x[i]
-            known.built[1, i] = y[i]
-        known.memory[GRAINS] = grains
-        known.memory[BUILDS] += 1.0
-    if stale or known.memory[LISTED] == 0.0:
-        find_close_pairs(known.pairs, known.built[0], known.built[1], grains, listing.radius)
-        known.memory[LISTED] = 1.0
+            listed.built[0, i] = x[i]
+            listed.built[1, i] = y[i]
+        listed.memory[GRAINS] = grains
+        listed.memory[BUILDS] += 1.0
+    if stale or listed.memory[LISTED] == 0.0:
+        find_close_pairs(listed.pairs, listed.built[0], listed.built[1], grains, listing.radius)
+        listed.memory[LISTED] = 1.0
 
 
 @compiled
 def list_sum(
-    known: VerletList, listing: Listing, grains: int, x: Array, y: Array, fx: Array, fy: Array,
-    charge: Array | None, stiffness: Array | None, extremes: Array | None,
+    listed: VerletList, listing: Listing, grains: int, x: Array, y: Array, fx: Array, fy: Array,
+    moments: Array | None, stiffness: Array | None, extremes: Array | None,
     load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
     """Forces of the listed pairs; arguments as in `granular.pairs.stripes.cut_sum`.
 
     Forces are no numbers where there are more pairs than there is room for.
     """
-    _make_ready(known, listing, x, y, grains)
+    _make_ready(listed, listing, x, y, grains)
     fx[:grains] = 0.0
     fy[:grains] = 0.0
     if stiffness is not None:
@@ -103,29 +103,29 @@ def list_sum(
     if load is not None:
         load[:] = 0.0
     rest = pair_energy(listing.radius)
-    if known.pairs.filled[0] < 0:
+    if listed.pairs.filled[0] < 0:
         fx[:grains] = np.nan
         fy[:grains] = np.nan
-    for p in range(known.pairs.filled[0]):
-        i, j = known.pairs.first[p], known.pairs.second[p]
+    for p in range(listed.pairs.filled[0]):
+        i, j = listed.pairs.first[p], listed.pairs.second[p]
         dx, dy = x[i] - x[j], y[i] - y[j]
         r = math.sqrt(dx * dx + dy * dy)
         force, energy = pair_force(r), pair_energy(r)
         ratio = force / r
-        if charge is not None:
-            ratio *= charge[i] * charge[j]
+        if moments is not None:
+            ratio *= moments[i] * moments[j]
         fx[i] += ratio * dx
         fy[i] += ratio * dy
         fx[j] -= ratio * dx
         fy[j] -= ratio * dy
         if stiffness is not None:
             fifth = force / (3.0 * ENERGY * r)
-            stiffness[i] += fifth if charge is None else fifth * charge[j]
-            stiffness[j] += fifth if charge is None else fifth * charge[i]
+            stiffness[i] += fifth if moments is None else fifth * moments[j]
+            stiffness[j] += fifth if moments is None else fifth * moments[i]
         if extremes is not None:
             product = 1.0
-            if charge is not None:
-                product = charge[i] * charge[j]
+            if moments is not None:
+                product = moments[i] * moments[j]
             extremes[0] += product * (energy - rest) / ENERGY
             extremes[1] = max(extremes[1], force / (3.0 * ENERGY * r))
         if load is not None and weight is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.engine.motion import DESCENT, Motion
+from granular.protocol.motion import DESCENT, Motion
 from granular.protocol.stage import Stage
 from granular.scene.scales import Scales
 from granular.scene.schema import quantity

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.engine.motion import TABLE, Motion
+from granular.protocol.motion import TABLE, Motion
 from granular.protocol.stage import Stage
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError, numbers

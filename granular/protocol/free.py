@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.engine.motion import Motion
+from granular.protocol.motion import Motion
 from granular.protocol.stage import Timed
 from granular.scene.scales import Scales
 

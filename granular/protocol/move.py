@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from granular.engine.motion import Motion
+from granular.protocol.motion import Motion
 from granular.protocol.stage import Stage
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError, quantity

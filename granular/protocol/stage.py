@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.engine.motion import Motion
+from granular.protocol.motion import Motion
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError, Section, choice, quantity, text
 

@@ -18,6 +18,7 @@ from granular.render.selection import stage_frames
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import check_target, replacing
+from granular.shared.messages import quoted
 from granular.shared.stops import Stop, deferred_stop
 
 
@@ -105,7 +106,8 @@ def _images(
 def _writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
     if path.suffix.lower() not in WRITERS:
         raise InputError(
-            f"unknown format {path.suffix!r} of {path.name}; a movie is {' or '.join(WRITERS)}"
+            f"unknown format {quoted(path.suffix)} of {path.name}; a movie is "
+            f"{' or '.join(WRITERS)}"
         )
     write, fastest = WRITERS[path.suffix.lower()]
     if not 0.0 < fps <= fastest:

@@ -12,6 +12,7 @@ from granular.render.selection import frame_number
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing
+from granular.shared.messages import quoted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,7 +72,7 @@ def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError(
-            f"unknown format {path.suffix!r} of {path.name}; a still is one of "
+            f"unknown format {quoted(path.suffix)} of {path.name}; a still is one of "
             f"{', '.join(FORMATS)}, a movie .mp4 or .gif"
         )
     # Without date and random names the same picture is the same file.

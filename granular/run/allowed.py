@@ -13,6 +13,7 @@ from granular.run.time_step import checked_step
 from granular.scene.dryness import dry_parts
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 LATEST = 1e30
 """Latest end of a run [s]: as far as quantities go, and far from overflow in any natural unit."""
@@ -120,7 +121,7 @@ def check_end(scene: Scene, t_end: float | None) -> None:
     """
     number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
     if t_end is not None and not (number and 0.0 < t_end <= LATEST):
-        raise InputError(f"t_end = {t_end!r}; give a time above 0 s and up to {LATEST:g} s")
+        raise InputError(f"t_end = {quoted(t_end)}; give a time above 0 s and up to {LATEST:g} s")
     if not scene.protocol:
         raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
     height = 1.0 if scene.piston is None else scene.piston.height

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from granular.effects.walls import SIDES, TOP
 from granular.engine.far import total_force
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.state import State, new_measurement, new_state
@@ -13,6 +14,7 @@ from granular.engine.system import Constants, natural_system
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,7 +75,7 @@ def evaluate(
     try:
         piston_height = float(piston_height)
     except (TypeError, ValueError):
-        raise InputError(f"piston_height = {piston_height!r}; give a height [m]") from None
+        raise InputError(f"piston_height = {quoted(piston_height)}; give a height [m]") from None
     state = new_state(
         place / scales.length,
         speed / scales.velocity,
@@ -91,11 +93,11 @@ def evaluate(
         )
     potential = sum(potential_energies(state, constants, 0.0, measurement))
     kinetic, _ = kinetic_energy(state, constants)
-    totals = state.totals * scales.force
+    wall_forces = state.wall_forces * scales.force
     return Evaluation(
         force=force * scales.force,
-        piston_force=float(totals[3]),
-        wall_forces=dict(zip(("left", "right", "bottom", "top"), totals.tolist(), strict=True)),
+        piston_force=float(wall_forces[TOP]),
+        wall_forces=dict(zip(SIDES, wall_forces.tolist(), strict=True)),
         potential_energy=float(potential * scales.energy),
         kinetic_energy=float(kinetic * scales.energy),
         normal_load=_normal_load(state, constants) * scales.force,

@@ -7,8 +7,10 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from granular.engine.state import HEIGHT
+
 if TYPE_CHECKING:
-    from granular.engine.run import Run
+    from granular.run.run import Run
 
 
 LONG = 60.0
@@ -78,7 +80,7 @@ class ProgressBar:
         if self._bar is None:
             return
         if run.scene.piston is not None:
-            self._bar.set_postfix_str(f"piston at {run.state.piston[0]:.3f} D", refresh=False)
+            self._bar.set_postfix_str(f"piston at {run.state.piston[HEIGHT]:.3f} D", refresh=False)
         reached = (run.time - progress.start) * scales.time
         if self._bar.total is not None:
             reached = min(reached, self._bar.total)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import csv
 import dataclasses
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +16,12 @@ from granular.scene.schema import unknown
 from granular.scene.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import replacing
+from granular.shared.messages import quoted, visible
 from granular.shared.tables import PARQUET, Table, read_csv, read_parquet, write_parquet
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
+_MOST_SHOWN = 20  # names of columns in a message
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,24 +69,21 @@ class PistonRecord:
             )
 
     def _checked(self, name: str, values: np.ndarray) -> np.ndarray:
-        try:
-            array = np.array(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise RecordError(f"{name}: holds something that is not a number") from None
+        array = _numbers(name, values)
         if array.ndim != 1 or len(array) != len(np.atleast_1d(self.time)):
             raise RecordError(
-                f"{name}: has the shape {array.shape}; one value a sample of time, "
+                f"{visible(name)}: has the shape {array.shape}; one value a sample of time, "
                 f"{len(np.atleast_1d(self.time))}, is wanted"
             )
         if len(array) < _LEAST_SAMPLES:
             raise RecordError(
-                f"{name}: {len(array)} samples; at least {_LEAST_SAMPLES} make a record"
+                f"{visible(name)}: {len(array)} samples; at least {_LEAST_SAMPLES} make a record"
             )
         if not np.isfinite(array).all():
             sample = int(np.argmin(np.isfinite(array)))
             raise RecordError(
-                f"{name} of sample {sample} is {array[sample]}; values must be finite: drop such "
-                "samples"
+                f"{visible(name)} of sample {sample} is {array[sample]}; values must be finite: "
+                "drop such samples"
             )
         array.flags.writeable = False
         return array
@@ -152,8 +154,10 @@ class PistonRecord:
                 raise RecordError(unknown(name, table.names, "column"))
         for name in ("time", "height"):
             if name not in table.names:
-                found = ", ".join(map(repr, table.names)) or "none with a name"
-                raise RecordError(f"{path}: no column {name!r}; found: {found}; {table.remedy}")
+                found = ", ".join(map(quoted, table.names[:_MOST_SHOWN])) or "none with a name"
+                raise RecordError(
+                    f"{visible(path)}: no column {quoted(name)}; found: {found}; {table.remedy}"
+                )
         written = table.units | dict(units)
         values = {
             name: numbers * _size(name, written.get(name))
@@ -168,7 +172,7 @@ class PistonRecord:
                 extra=values,
             )
         except RecordError as error:
-            raise RecordError(f"{path}: {error}") from None
+            raise RecordError(f"{visible(path)}: {error}") from None
 
     def to_csv(self, path: str | Path) -> None:
         """Write the record to a CSV file that `from_csv` reads back to the same bits.
@@ -219,7 +223,9 @@ class PistonRecord:
         """
         for name in ("time", "height"):
             if name not in columns:
-                raise RecordError(f"there is no column {name!r}; a record needs time and height")
+                raise RecordError(
+                    f"there is no column {quoted(name)}; a record needs time and height"
+                )
         own = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}
         return cls(**own, extra=extra)  # type: ignore[arg-type]
@@ -251,6 +257,23 @@ class PistonRecord:
         )
 
 
+def _numbers(name: str, values: Any) -> np.ndarray:
+    """A copy of values in double precision: neither truth values, texts nor complex numbers."""
+    try:
+        given = np.asarray(values)
+        if given.dtype.kind not in "iufO" or np.ma.is_masked(values):
+            raise TypeError
+        if given.dtype.kind == "O" and not all(
+            isinstance(one, Real | Decimal) for one in given.flat
+        ):
+            raise TypeError
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordError(
+            f"{visible(name)}: holds something that is not a number; give finite real numbers"
+        ) from None
+
+
 def _size(name: str, unit: str | None) -> float:
     wanted = UNITS.get(name)
     if unit is None or wanted is None:
@@ -260,5 +283,7 @@ def _size(name: str, unit: str | None) -> float:
     except SceneError as error:
         raise RecordError(f"{name}: {error}") from None
     if dimension != unit_size(wanted)[1]:
-        raise RecordError(f"{name}: the unit {unit!r} does not fit; one of {wanted} is wanted")
+        raise RecordError(
+            f"{name}: the unit {quoted(unit)} does not fit; one of {wanted} is wanted"
+        )
     return size

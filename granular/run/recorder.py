@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from granular.engine.columns import COLUMNS
 from granular.engine.far import total_force
-from granular.engine.loop import COLUMNS
-from granular.engine.state import State
+from granular.engine.state import HEIGHT, State
 from granular.engine.system import Constants
 from granular.run.variables import (
     FRAME_HEIGHT,
@@ -44,7 +44,7 @@ class Recorder:
     def add_frame(self, time: float, state: State, constants: Constants) -> None:
         frame = {
             "frame_time": np.array(time),
-            "frame_height": state.piston[0].copy(),
+            "frame_height": state.piston[HEIGHT].copy(),
             "position": self._field(state, constants.grains, state.x, state.y),
             "velocity": self._field(state, constants.grains, state.vx, state.vy),
             "force": self._field(state, constants.grains, *total_force(state)),

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib.metadata
 import json
 import math
 import os
-import platform
 import signal
 import time
 import warnings
@@ -18,7 +15,6 @@ import numba
 import numpy as np
 
 from granular.engine.ledger import doubtful
-from granular.engine.run import Run
 from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.methods import method_named
@@ -29,12 +25,15 @@ from granular.run.directory import is_run
 from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
+from granular.run.run import Run
 from granular.run.store import Store, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
+from granular.shared.messages import quoted
 from granular.shared.stops import Stop, deferred_stop
+from granular.shared.version import versions
 
 if TYPE_CHECKING:
     import xarray
@@ -220,7 +219,7 @@ def _thread_count(scene: Scene, threads: int | None) -> int:
         parted = scene.pair_method == "direct" and scene.grains.count > PARTED_FROM
         return min(available, PARTS) if parted else 1
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
-        raise InputError(f"threads = {threads!r}; give a whole number from 1 to {available}")
+        raise InputError(f"threads = {quoted(threads)}; give a whole number from 1 to {available}")
     return threads
 
 
@@ -233,15 +232,6 @@ def _set_threads(count: int) -> None:
         raise InputError(
             f"NUMBA_THREADING_LAYER = {layer!r} cannot be used ({reason}); leave it out"
         ) from None
-
-
-def versions() -> dict[str, str]:
-    """Versions of the toolkit and what it computes with."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for name in ("granular-damper", "numpy", "numba"):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
 
 
 def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:

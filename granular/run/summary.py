@@ -63,7 +63,7 @@ def scene_text(scene: Scene) -> str:
         )
     lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
     for stage in scene.protocol:
-        details = {key: value for key, value in stage.plain().items() if key != "name"}
+        details = {key: value for key, value in stage.to_plain().items() if key != "name"}
         text = ", ".join(f"{key} {value}" for key, value in details.items())
         lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {text}")
     return "\n".join(lines)

@@ -11,6 +11,7 @@ import numpy as np
 from granular.engine.step_size import Step
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
@@ -27,17 +28,19 @@ def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
     if isinstance(dt, str):
         match = _AUTOMATIC.fullmatch(dt)
         if match is None:
-            raise InputError(f"dt = {dt!r}; give seconds, 'auto', or a multiple such as 'auto/2'")
+            raise InputError(
+                f"dt = {quoted(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'"
+            )
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
         if not 0.0 < factor <= step.longest:
             raise InputError(
-                f"dt = {dt!r}; the automatic step may be multiplied by more than 0 and at most "
-                f"{step.longest:g}"
+                f"dt = {quoted(dt)}; the automatic step may be multiplied by more than 0 and at "
+                f"most {step.longest:g}"
             )
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
-        raise InputError(f"dt = {dt!r}; give a time step above 0 s, or 'auto'")
+        raise InputError(f"dt = {quoted(dt)}; give a time step above 0 s, or 'auto'")
     return dataclasses.replace(step, seconds=float(dt))
 
 

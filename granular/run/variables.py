@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from granular.effects.walls import SIDES
-from granular.engine.loop import COLUMNS
+from granular.engine.columns import COLUMNS
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 

@@ -1,3 +1,4 @@
+from .arrangement import Arrangement as Arrangement
 from .loading import load_scene as load_scene
 from .loading import scene_names as scene_names
 from .parts import Cell as Cell
@@ -5,5 +6,10 @@ from .parts import Grains as Grains
 from .parts import Output as Output
 from .parts import Piston as Piston
 from .parts import Species as Species
+from .scales import Scales as Scales
 from .scene import Effects as Effects
 from .scene import Scene as Scene
+from .schema import Section as Section
+from .schema import quantity as quantity
+from .units import si_value as si_value
+from .units import unit_size as unit_size

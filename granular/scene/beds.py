@@ -13,6 +13,7 @@ from granular.scene.loading import load_scene
 from granular.scene.parts import Species
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 REFERENCE_COUNT = 368
 WIDTH, START, END = 60.0, 75.0, 20.0
@@ -71,7 +72,7 @@ def _check(name: str, value: float, unit: str, most: float = math.inf) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0.0 < value <= most or math.isinf(value):
         limit = "" if math.isinf(most) else f" and at most {most:g}"
-        raise InputError(f"{name} = {value!r}; give a number above 0{limit} {unit}".rstrip())
+        raise InputError(f"{name} = {quoted(value)}; give a number above 0{limit} {unit}".rstrip())
 
 
 def _records(protocol: list[dict[str, object]], speed: float, way: float) -> dict[str, object]:
@@ -166,7 +167,7 @@ def bidisperse(
     _check("aspect", aspect, "", most=1.0)
     _check("big", big, "m")
     if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
-        raise InputError(f"ratio = {ratio!r}; give a share from 0 to 1")
+        raise InputError(f"ratio = {quoted(ratio)}; give a share from 0 to 1")
     species = [
         Species(name="big", diameter=big, share=1.0 - ratio),
         Species(name="small", diameter=aspect * big, share=ratio),
@@ -178,7 +179,7 @@ def bidisperse(
         **{
             "name": f"bidisperse-{aspect:g}-{ratio:g}",
             "grains.count": BIDISPERSE_COUNT,
-            "grains.species": [one.plain() for one in species],
+            "grains.species": [one.to_plain() for one in species],
             "grains.mixing": mixing,
             "cell.width": BIDISPERSE_WIDTH,
             "piston.height": HEADROOM * start,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 from granular.scene.scene import Scene
 from granular.scene.schema import unknown
 from granular.shared.errors import SceneError
+from granular.shared.messages import quoted
+from granular.shared.toml import read_toml
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -37,14 +38,9 @@ def load_scene(source: str | Path) -> Scene:
         path = SCENES / f"{source}.toml"
     elif not _is_file(path):
         if path.suffix:
-            raise SceneError(f"there is no scene file {str(source)!r}; check the path")
+            raise SceneError(f"there is no scene file {quoted(str(source))}; check the path")
         raise SceneError(unknown(str(source), scene_names(), "scene"))
-    try:
-        plain = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise SceneError(f"{path} cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise SceneError(f"{path}: not a TOML file: {error}") from None
+    plain = read_toml(path, SceneError)
     try:
         return Scene.from_plain(plain)
     except SceneError as error:

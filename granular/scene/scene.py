@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -83,7 +83,10 @@ class Scene(Section):
         self.initial_motion()
 
     def initial_motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2)."""
+        """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2).
+
+        They follow from arrangement, grains, cell and piston, and were checked with the scene.
+        """
         return initial_motion(
             self.arrangement, self.grains, self.cell, self.piston,
             overlapping=self.effects.contact is not None,
@@ -170,21 +173,21 @@ class Scene(Section):
         SceneError
             For an unknown key or an unfit value.
         """
-        plain = self.plain()
+        plain = self.to_plain()
         for key, value in changes.items():
             _put(plain, key.split("."), value)
         return Scene.from_plain(plain)
 
     @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> Scene:
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
         """A scene from plain data; the unit D means the diameter of the first species."""
-        return cls.build(plain, _first_diameter(plain))
+        return super().from_plain(plain, diameter or _first_diameter(plain))
 
     def to_toml(self) -> str:
         """The scene as a TOML file's text; `load_scene` reads an equal scene from it."""
         import tomli_w
 
-        return tomli_w.dumps(self.plain())
+        return tomli_w.dumps(self.to_plain())
 
     def save(self, path: str | Path) -> None:
         """Write the scene to a TOML file.
@@ -198,7 +201,7 @@ class Scene(Section):
 
     def digest(self) -> str:
         """A digest of the scene's content: equal scenes have equal digests."""
-        return plain_digest(self.plain())
+        return plain_digest(self.to_plain())
 
 
 def plain_digest(plain: Mapping[str, Any]) -> str:

@@ -10,11 +10,19 @@ import dataclasses
 import difflib
 import math
 import operator
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self, dataclass_transform
 
+import numpy as np
+
 from granular.scene.units import si_value
 from granular.shared.errors import SceneError
+from granular.shared.messages import quoted, visible
+
+_LONGEST = 200  # signs of a name
+_MOST_SHOWN = 30  # known words in a message
+_DIGITS = re.compile(r"[+-]?[0-9]{1,30}")
 
 
 class FieldError(SceneError):
@@ -22,7 +30,7 @@ class FieldError(SceneError):
 
     def __init__(self, reason: str, *path: str) -> None:
         self.reason, self.path = reason, path
-        super().__init__(f"{'.'.join(path)}: {reason}" if path else reason)
+        super().__init__(f"{'.'.join(map(visible, path))}: {reason}" if path else reason)
 
     def within(self, *outer: str) -> FieldError:
         return FieldError(self.reason, *outer, *self.path)
@@ -30,18 +38,23 @@ class FieldError(SceneError):
 
 def unknown(word: str, known: Sequence[str], what: str) -> str:
     """Message for an unknown word, with the nearest known one."""
-    near = difflib.get_close_matches(word, known, 1, cutoff=0.5)
-    advice = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
-    return f"unknown {what} {word!r}; {advice}"
+    near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
+    shown = ", ".join(map(visible, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
+    advice = f"did you mean {quoted(near[0])}?" if near else f"known are {shown}"
+    return f"unknown {what} {quoted(word)}; {advice}"
 
 
 def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    """A number, also NumPy's or as text; neither a truth value nor more than a float can hold."""
+    if not isinstance(value, bool | np.bool_):
         try:
-            return float(value)  # type: ignore[arg-type]  # numpy scalars arrive here
+            if not isinstance(value, str) or (value.isascii() and "_" not in value):
+                return float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError):
-            raise FieldError(f"{value!r} is not a number") from None
-    return float(value)
+            pass
+        except OverflowError:
+            raise FieldError(f"{quoted(value)} is beyond all physics; check the unit") from None
+    raise FieldError(f"{quoted(value)} is not a number")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +73,7 @@ class Kind:
     def parse(self, value: Any, diameter: float | None) -> Any:
         raise NotImplementedError
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         return value
 
 
@@ -73,8 +86,6 @@ class Quantity(Kind):
     most: float | None = None
 
     def parse(self, value: Any, diameter: float | None) -> float:
-        if isinstance(value, bool):
-            raise FieldError(f"{value!r} is not a number")
         if isinstance(value, str):
             try:
                 number = si_value(value, self.unit, diameter)
@@ -105,18 +116,30 @@ class Whole(Kind):
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        number = _number(value)
-        if isinstance(value, bool) or not math.isfinite(number) or number % 1.0:
-            raise FieldError(f"{value!r} must be a whole number")
+        number = _whole(value)
+        if number is None:
+            raise FieldError(f"{quoted(value)} must be a whole number")
         if number < self.least:
-            raise FieldError(f"{int(number)} must be at least {self.least}")
+            raise FieldError(f"{quoted(number)} must be at least {self.least}")
         if number > self.most:
-            raise FieldError(f"{number:g} must be at most {self.most:g}")
-        return int(number)
+            raise FieldError(f"{quoted(number)} must be at most {self.most:g}")
+        return number
+
+
+def _whole(value: object) -> int | None:
+    """A whole number, to its last digit; None where it is none."""
+    if isinstance(value, str) and _DIGITS.fullmatch(value):
+        return int(value)
+    if isinstance(value, bool | np.bool_):
+        return None
+    if isinstance(value, int | np.integer):
+        return int(value)
+    number = _number(value)
+    return int(number) if math.isfinite(number) and not number % 1.0 else None
 
 
 @dataclasses.dataclass(frozen=True)
-class Choice(Kind):
+class OneOf(Kind):
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
@@ -129,11 +152,11 @@ class Choice(Kind):
 class Text(Kind):
     def parse(self, value: Any, diameter: float | None) -> str:
         if not isinstance(value, str) or not value.strip():
-            raise FieldError(f"{value!r} must be a text that is not empty")
-        try:
-            value.encode()
-        except UnicodeEncodeError:
-            raise FieldError(f"{value!r} holds signs that are no text; write it in UTF-8") from None
+            raise FieldError(f"{quoted(value)} must be a text that is not empty")
+        if len(value) > _LONGEST or not value.isprintable():
+            raise FieldError(
+                f"{quoted(value)} must be one line of at most {_LONGEST} signs that can be printed"
+            )
         return value
 
 
@@ -154,7 +177,7 @@ class Points(Kind):
                 raise FieldError("must be a pair [x, y]", str(index))
         return tuple((one.parse(x, diameter), one.parse(y, diameter)) for x, y in rows)
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         return [list(row) for row in value]
 
 
@@ -175,7 +198,7 @@ class Numbers(Kind):
                 raise error.within(str(index)) from None
         return tuple(found)
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         return list(value)
 
 
@@ -187,10 +210,12 @@ class One(Kind):
 
     def parse(self, value: Any, diameter: float | None) -> Any:
         assert self.section is not None
-        return value if isinstance(value, self.section) else self.section.build(value, diameter)
+        return (
+            value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
+        )
 
-    def plain(self, value: Any) -> Any:
-        return value.plain()
+    def to_plain(self, value: Any) -> Any:
+        return value.to_plain()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -215,7 +240,7 @@ class Many(Kind):
         names = [getattr(item, "name", "") for item in built]
         for name in names:
             if names.count(name) > 1:
-                raise FieldError(f"the name {name!r} is given twice; names must differ")
+                raise FieldError(f"the name {quoted(name)} is given twice; names must differ")
         return tuple(built)
 
     def _item(self, item: Any, diameter: float | None) -> Section:
@@ -225,19 +250,19 @@ class Many(Kind):
         if isinstance(item, tuple(self.kinds.values())):
             return item  # type: ignore[return-value]
         if not isinstance(item, Mapping):
-            raise FieldError(f"{item!r} must be a table")
+            raise FieldError(f"{quoted(item)} must be a table")
         if "kind" not in item:
             raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
         if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
             raise FieldError(unknown(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
         rest = {key: value for key, value in item.items() if key != "kind"}
-        return self.kinds[item["kind"]].build(rest, diameter)
+        return self.kinds[item["kind"]].from_plain(rest, diameter)
 
-    def plain(self, value: Any) -> Any:
+    def to_plain(self, value: Any) -> Any:
         if self.kinds is None:
-            return [item.plain() for item in value]
+            return [item.to_plain() for item in value]
         names = {cls: name for name, cls in self.kinds.items()}
-        return [{"kind": names[type(item)], **item.plain()} for item in value]
+        return [{"kind": names[type(item)], **item.to_plain()} for item in value]
 
 
 def declare(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
@@ -271,7 +296,7 @@ def whole(
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return declare(Choice(optional, names=names), default)
+    return declare(OneOf(optional, names=names), default)
 
 
 def text(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
@@ -337,7 +362,7 @@ class Section:
         return tuple(field.name for field in dataclasses.fields(cls))
 
     @classmethod
-    def build(cls, plain: Any, diameter: float | None = None) -> Self:
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
         """A section from plain data.
 
         Raises
@@ -349,7 +374,7 @@ class Section:
             plain = {}
         if not isinstance(plain, Mapping):
             raise FieldError(
-                f"{plain!r} must be a table with the keys {', '.join(cls.key_names())}"
+                f"{quoted(plain)} must be a table with the keys {', '.join(cls.key_names())}"
             )
         for key in plain:
             if key not in cls.key_names():
@@ -362,8 +387,8 @@ class Section:
         self._read(diameter)
         return self
 
-    def plain(self) -> dict[str, Any]:
-        """The section as plain data, ready for TOML; `build` makes an equal section of it."""
+    def to_plain(self) -> dict[str, Any]:
+        """The section as plain data, ready for TOML; `from_plain` makes an equal section of it."""
         out: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
@@ -371,5 +396,5 @@ class Section:
                 if field.default is not None:
                     out[field.name] = "none"
             else:
-                out[field.name] = field.metadata["kind"].plain(value)
+                out[field.name] = field.metadata["kind"].to_plain(value)
         return out

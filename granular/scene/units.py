@@ -9,6 +9,7 @@ import math
 import re
 
 from granular.shared.errors import SceneError
+from granular.shared.messages import quoted, visible
 
 Dimension = tuple[int, int, int, int]  # powers of metre, kilogram, second, ampere
 
@@ -34,10 +35,10 @@ _PLAIN: dict[str, tuple[float, Dimension]] = {
     "min": (60.0, (0, 0, 1, 0)),
     "h": (3600.0, (0, 0, 1, 0)),
 }
-_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*")
 _MOST_POWER = 9
 _LEAST_SIZE, _MOST_SIZE = 1e-100, 1e100  # of a unit; far from overflow, and beyond every use
-_FACTOR = re.compile(r"([A-Za-zµ%]+|1)(?:(?:\^|\*\*)?(-?\d+))?")
+_FACTOR = re.compile(r"([A-Za-zµ%]+|1)(?:(?:\^|\*\*)?(-?[0-9]+))?")
 
 
 def _symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
@@ -52,7 +53,8 @@ def _symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
         size, dimension = _BASE[name[1:]]
         return _PREFIX[name[0]] * size, dimension
     raise SceneError(
-        f"unknown unit {name!r}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their products"
+        f"unknown unit {quoted(name)}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their "
+        "products"
     )
 
 
@@ -67,19 +69,21 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
     size, total = 1.0, [0, 0, 0, 0]
     for place, part in enumerate(unit.replace("·", " ").split("/")):
         if not part.strip():
-            raise SceneError(f"the unit {unit!r} cannot be read; write for instance 'mm/s'")
+            raise SceneError(f"the unit {quoted(unit)} cannot be read; write for instance 'mm/s'")
         for factor in re.split(r"\s+|(?<!\*)\*(?!\*)", part.strip()):
             match = _FACTOR.fullmatch(factor)
             if match is None:
-                raise SceneError(f"the unit {unit!r} cannot be read; write for instance 'mm/s'")
+                raise SceneError(
+                    f"the unit {quoted(unit)} cannot be read; write for instance 'mm/s'"
+                )
             base, dimension = _symbol(match[1], diameter)
             power = _power(match[2], unit) * (-1 if place else 1)
             size *= base**power
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
     if not _LEAST_SIZE <= size <= _MOST_SIZE:
         raise SceneError(
-            f"the unit {unit!r} is {size:.1e} SI units; from {_LEAST_SIZE:g} to {_MOST_SIZE:g} can "
-            "be used: write a smaller power"
+            f"the unit {quoted(unit)} is {size:.1e} SI units; from {_LEAST_SIZE:g} to "
+            f"{_MOST_SIZE:g} can be used: write a smaller power"
         )
     return size, (total[0], total[1], total[2], total[3])
 
@@ -90,7 +94,7 @@ def _power(digits: str | None, unit: str) -> int:
     # The length comes first: numbers of thousands of digits are refused by int itself.
     if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MOST_POWER:
         raise SceneError(
-            f"a power in the unit {unit[:40]!r} is beyond {_MOST_POWER}; write a smaller one"
+            f"a power in the unit {quoted(unit)} is beyond {_MOST_POWER}; write a smaller one"
         )
     return int(digits)
 
@@ -114,14 +118,18 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     """
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise SceneError(f"{text!r} is not a quantity; write a number and a unit, such as '5 mm'")
+        raise SceneError(
+            f"{quoted(text)} is not a quantity; write a number and a unit, such as '5 mm'"
+        )
     number, written = float(match[1]), match[2]
     if not written:
         return number
     size, dimension = unit_size(written, diameter)
     wanted = unit_size(unit)[1]
     if dimension != wanted:
-        raise SceneError(f"{text!r} has the unit {written}; a quantity in {unit} is wanted")
+        raise SceneError(
+            f"{quoted(text)} has the unit {visible(written)}; a quantity in {unit} is wanted"
+        )
     # Dividing by an exact power of ten keeps "5 mm" equal to 0.005 to the last bit.
     inverse = round(1.0 / size) if size < 1.0 else 0
     return number / inverse if inverse and 1.0 / inverse == size else number * size

@@ -8,23 +8,35 @@ SIGTERM, which ends a command in the same way.
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import sys
-import tomllib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated
 from granular.shared.files import finite
+from granular.shared.messages import one_line, printable, quoted
+from granular.shared.missing import missing
 from granular.shared.stops import taking_sigterm
-from granular.shared.surroundings import check_surroundings, print_any_sign
+from granular.shared.surroundings import check_surroundings
+from granular.shared.toml import parse_toml
+from granular.shared.version import __version__
 
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line.
+
+    Attributes
+    ----------
+    commands : dict of str to str
+        What each command does, by its name.
+    """
+
+    commands: dict[str, str]
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; see {self.prog} --help")
@@ -33,7 +45,9 @@ class Parser(argparse.ArgumentParser):
 def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
     """Run a command; its exit code."""
     warnings.showwarning = _show_warning
-    print_any_sign()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
         check_surroundings()
         with taking_sigterm():
@@ -48,6 +62,11 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         return _complain(f"{stop}: {kept}", TERMINATED if stop.terminated else INTERRUPTED)
     except Terminated:
         return _complain("terminated", TERMINATED)
+    except ModuleNotFoundError as error:
+        advice = missing(error)
+        if advice is None:
+            raise
+        return _complain(str(advice), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
     except Warning as warning:  # where Python was told to take warnings for errors
@@ -59,12 +78,12 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"error: {one_line(message)}", file=sys.stderr)
     return code
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+    print(f"warning: {one_line(message)}", file=sys.stderr)
 
 
 def command_parser(
@@ -73,7 +92,7 @@ def command_parser(
     """A parser of commands, and what adds a command by its name and what it does.
 
     ``examples`` holds texts by command that stand at the end of its help; those of the whole under
-    the empty name.
+    the empty name. ``%(prog)s`` in them is what the user types.
     """
     top = Parser(
         prog=prog,
@@ -81,9 +100,12 @@ def command_parser(
         epilog=examples[""],
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_version(top)
+    top.commands = {}
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add(name: str, what: str) -> Parser:
+        top.commands[name] = what
         one: Parser = commands.add_parser(
             name,
             help=what,
@@ -96,12 +118,20 @@ def command_parser(
     return top, add
 
 
+def add_version(parser: argparse.ArgumentParser) -> None:
+    """The toolkit's version, on request."""
+    parser.add_argument(
+        "--version", action="version", version=f"granular-damper {__version__}",
+        help="print the version and exit",
+    )  # fmt: skip
+
+
 def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
     """Print a result: one JSON object, or a text for people.
 
     JSON has neither infinities nor NaN: they are printed as null.
     """
-    print(json.dumps(finite(result), allow_nan=False) if as_json else text)
+    print(json.dumps(finite(result), allow_nan=False) if as_json else printable(text))
 
 
 def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:
@@ -146,10 +176,12 @@ def changes_from(items: Sequence[str]) -> dict[str, Any]:
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key.strip():
-            raise InputError(f"--set {item!r} is not KEY=VALUE; write for instance piston.mass=6.5")
+            raise InputError(
+                f"--set {quoted(item)} is not KEY=VALUE; write for instance piston.mass=6.5"
+            )
         try:
-            changes[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except (ValueError, RecursionError):
+            changes[key.strip()] = parse_toml(f"value = {value}")["value"]
+        except ValueError:
             changes[key.strip()] = value.strip()
     return changes
 

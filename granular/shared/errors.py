@@ -4,9 +4,29 @@ from __future__ import annotations
 
 from typing import Any
 
+from granular.shared.messages import one_line
+
+__all__ = [
+    "EnergyError",
+    "GranularError",
+    "InputError",
+    "Interrupted",
+    "MissingError",
+    "NotAtRestError",
+    "NotFiniteError",
+    "OutsideError",
+    "RecordError",
+    "RunError",
+    "SceneError",
+    "StoreError",
+]
+
 
 class GranularError(Exception):
     """Base of every error that the toolkit raises on purpose."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(one_line(message))
 
 
 class InputError(GranularError, ValueError):
@@ -23,6 +43,10 @@ class RecordError(InputError):
 
 class StoreError(InputError):
     """A run directory cannot be read, written or resumed."""
+
+
+class MissingError(InputError, ImportError):
+    """A distribution that is needed is not installed."""
 
 
 class RunError(GranularError, RuntimeError):

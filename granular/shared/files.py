@@ -6,11 +6,13 @@ import contextlib
 import json
 import math
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted, visible
 
 
 @contextlib.contextmanager
@@ -43,6 +45,76 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         raise _unwritable(path, error) from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str:
+    """The text of a file in UTF-8, with or without a byte-order mark.
+
+    Parameters
+    ----------
+    path : Path
+    most : int
+        Bytes that are read.
+    kind : type of InputError
+        What is raised.
+
+    Raises
+    ------
+    InputError
+        Of that kind, if there is no such file, or it cannot be read or is too long.
+    """
+    with reading(path, most, kind):
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+        if len(content) > most:  # of a file that says that it is empty, as in /proc
+            raise _too_long(path, most, kind)
+        try:
+            return content.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise kind(
+                f"{visible(path)}: cannot be read as text: {error}; save it as UTF-8"
+            ) from None
+
+
+@contextlib.contextmanager
+def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Iterator[None]:
+    """Where a file of at most so many bytes is read; what fails is said in one line.
+
+    A pipe, which may never begin or never end, and a device are no files.
+
+    Raises
+    ------
+    InputError
+        Of that kind, if there is no such file, or it cannot be read or is too long.
+    """
+    name = visible(path)
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise kind(f"{name}: cannot be read: it is a directory; name a file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise kind(f"{name}: cannot be read: it is a pipe or a device; make a file of it first")
+        if status.st_size > most:
+            raise _too_long(path, most, kind)
+        yield
+    except InputError:
+        raise
+    except (FileNotFoundError, NotADirectoryError):
+        raise kind(f"there is no file {quoted(str(path))}; check the path") from None
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise kind(f"{name}: cannot be read: {error.strerror}; check the path") from None
+    except ValueError as error:
+        if "null" not in str(error):  # of a path that holds a null character
+            raise
+        raise kind(f"{name}: cannot be read: {error}; check the path") from None
+
+
+def _too_long(path: Path, most: int, kind: type[InputError]) -> InputError:
+    return kind(
+        f"{visible(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
+    )
 
 
 def write_text(path: Path, text: str) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from granular.shared.files import write_text
+from granular.shared.messages import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,37 +42,41 @@ footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6
 """
 
 
+def _escaped(words: object) -> str:
+    """A text as HTML, also between quotes, and without control signs."""
+    return html.escape(printable(words), quote=True)
+
+
 class Page:
     """An HTML page that grows from top to bottom."""
 
     def __init__(self, title: str, lead: str = "") -> None:
         self.title = title
-        self._parts = [f"<h1>{html.escape(title)}</h1>"]
+        self._parts = [f"<h1>{_escaped(title)}</h1>"]
         if lead:
-            self._parts.append(f'<p class="lead">{html.escape(lead)}</p>')
+            self._parts.append(f'<p class="lead">{_escaped(lead)}</p>')
 
     def section(self, title: str) -> None:
-        self._parts.append(f"<h2>{html.escape(title)}</h2>")
+        self._parts.append(f"<h2>{_escaped(title)}</h2>")
 
     def text(self, words: str) -> None:
-        self._parts.append(f"<p>{html.escape(words)}</p>")
+        self._parts.append(f"<p>{_escaped(words)}</p>")
 
     def note(self, words: str) -> None:
         """A paragraph that must not be overlooked."""
-        self._parts.append(f'<p class="note">{html.escape(words)}</p>')
+        self._parts.append(f'<p class="note">{_escaped(words)}</p>')
 
     def preformatted(self, words: str) -> None:
-        self._parts.append(f"<pre>{html.escape(words)}</pre>")
+        self._parts.append(f"<pre>{_escaped(words)}</pre>")
 
     def equation(self, mathml: str) -> None:
         """A formula as MathML, which browsers set without help."""
         self._parts.append(f'<div class="equation">{mathml}</div>')
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
+        head = "".join(f"<th>{_escaped(cell)}</th>" for cell in header)
         body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>"
-            for row in rows
+            "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
         )
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
         self._parts.append(f'<div class="scroll">{table}</div>')
@@ -82,12 +87,12 @@ class Page:
         drawing.savefig(buffer, format="svg", metadata={"Date": None})
         svg = buffer.getvalue()
         svg = svg[svg.index("<svg") :]
-        label = html.escape(caption, quote=True)
+        label = _escaped(caption)
         svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
-        self._parts.append(f"<figure>{svg}<figcaption>{html.escape(caption)}</figcaption></figure>")
+        self._parts.append(f"<figure>{svg}<figcaption>{_escaped(caption)}</figcaption></figure>")
 
     def footer(self, words: str) -> None:
-        self._parts.append(f"<footer>{html.escape(words)}</footer>")
+        self._parts.append(f"<footer>{_escaped(words)}</footer>")
 
     def render(self) -> str:
         """The page as text."""
@@ -95,7 +100,7 @@ class Page:
         return (
             '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{html.escape(self.title)}</title>\n<style>{_STYLE}</style></head>\n"
+            f"<title>{_escaped(self.title)}</title>\n<style>{_STYLE}</style></head>\n"
             f"<body>\n{body}\n</body></html>\n"
         )
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import os
-import sys
 
 from granular.shared.errors import InputError
 
@@ -26,9 +24,3 @@ def check_surroundings() -> None:
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and not float(threads) > 0:
         raise InputError(f"NUMBA_NUM_THREADS = {threads!r}; give at least 1, or leave it out")
-
-
-def print_any_sign() -> None:
-    """Let signs that the terminal's encoding lacks be printed as escapes."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")

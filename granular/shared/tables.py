@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.shared.errors import RecordError
-from granular.shared.files import replacing
+from granular.shared.files import read_text, reading, replacing
+from granular.shared.messages import quoted, visible
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -19,7 +21,10 @@ if TYPE_CHECKING:
 PARQUET = (".parquet", ".pq")
 """Endings of the names of Parquet files."""
 _HEADER = re.compile(r"\s*([^\[\(]*?)\s*(?:[\[\(]\s*([^\]\)]*?)\s*[\]\)])?\s*")
-_LONGEST_SHOWN = 80  # characters of a path in a message
+_MOST_BYTES = 256 * 2**20
+"""Of a CSV file, some six million samples: reading takes ten times as much memory."""
+_MOST_NUMBERS = 2**27
+"""In a Parquet file: a gigabyte, whatever little place they take on the disk."""
 
 
 class Table(NamedTuple):
@@ -54,21 +59,22 @@ def read_csv(path: Path, needed: Sequence[str]) -> Table:
     RecordError
         If the file cannot be read as such; the message names line and column.
     """
-    lines = [line for line in _read_text(path).splitlines() if line.strip()]
+    text = read_text(path, _MOST_BYTES, RecordError)
+    lines = [line for line in text.splitlines() if line.strip()]
     lines = [line for line in lines if not line.startswith("#")]
     if not lines:
-        raise RecordError(f"{path}: is empty; a header and samples are wanted")
+        raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
     try:
         delimiter = max(",;\t", key=lambda mark: len(_rows(lines[:1], mark)[0]))
         header, *rows = _rows(lines, delimiter)
     except csv.Error as error:
-        raise RecordError(f"{path}: cannot be read as CSV: {error}") from None
+        raise RecordError(f"{visible(path)}: cannot be read as CSV: {error}") from None
     named = _named(path, header)
     for index, cells in enumerate(rows):
         if len(cells) != len(named):
             raise RecordError(
-                f"{path}: sample {index} has {len(cells)} values for {len(named)} columns; "
-                "separate all lines like the first"
+                f"{visible(path)}: sample {index} has {len(cells)} values for {len(named)} "
+                "columns; separate all lines like the first"
             )
     columns = {
         name: numbers
@@ -80,22 +86,6 @@ def read_csv(path: Path, needed: Sequence[str]) -> Table:
     )
 
 
-def _read_text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise _unreadable(path, error) from None
-    except UnicodeDecodeError as error:
-        raise RecordError(f"{path}: cannot be read as text: {error}; save it as UTF-8") from None
-
-
-def _unreadable(path: Path, error: OSError) -> RecordError:
-    if isinstance(error, FileNotFoundError):
-        return RecordError(f"there is no file {str(path)!r}; check the path")
-    name = str(path) if len(str(path)) < _LONGEST_SHOWN else f"{str(path)[:_LONGEST_SHOWN]}..."
-    return RecordError(f"{name}: cannot be read: {error.strerror}; check the path")
-
-
 def _rows(lines: list[str], delimiter: str) -> list[list[str]]:
     return list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
 
@@ -103,10 +93,12 @@ def _rows(lines: list[str], delimiter: str) -> list[list[str]]:
 def _named(path: Path, header: Iterable[str]) -> list[tuple[str, str | None]]:
     """Name and unit of each column; the names differ, but for empty ones."""
     found = [_name_and_unit(cell) for cell in header]
-    names = [name for name, _ in found]
-    for name in filter(None, names):
-        if names.count(name) > 1:
-            raise RecordError(f"{path}: the column {name!r} is there twice; names must differ")
+    counts = collections.Counter(name for name, _ in found if name)
+    for name, count in counts.items():
+        if count > 1:
+            raise RecordError(
+                f"{visible(path)}: the column {quoted(name)} is there twice; names must differ"
+            )
     return found
 
 
@@ -128,12 +120,16 @@ def _numbers(path: Path, name: str, cells: list[str], needed: Sequence[str]) -> 
     values = np.empty(len(cells))
     for index, cell in enumerate(cells):
         try:
+            # Python reads 1_0.5 as 10.5, and the digits of all scripts.
+            if "_" in cell or not cell.isascii():
+                raise ValueError
             values[index] = float(cell)
         except ValueError:
             if name not in needed:
                 return None
             raise RecordError(
-                f"{path}: {name} of sample {index} is {cell!r}, not a number; correct or drop it"
+                f"{visible(path)}: {name} of sample {index} is {quoted(cell)}, not a number; "
+                "correct or drop it"
             ) from None
     return values if name in needed or np.isfinite(values).all() else None
 
@@ -151,23 +147,38 @@ def read_parquet(path: Path, needed: Sequence[str]) -> Table:
     """
     parquet = _parquet()
     try:
-        with path.open("rb") as file:
-            found = parquet.ParquetFile(file).read()
-    except FileNotFoundError as error:
-        raise _unreadable(path, error) from None
-    except OSError as error:
-        if error.errno is not None:
-            raise _unreadable(path, error) from None
-        raise _no_parquet(path, error) from None
+        with reading(path, _MOST_BYTES, RecordError), path.open("rb") as file:
+            source = parquet.ParquetFile(file)
+            schema, rows = source.schema_arrow, source.metadata.num_rows
+            named = _with_metadata(path, _named(path, schema.names), schema)
+            # Texts may be many times as large as the file, and no number.
+            wanted = [field.name for field in schema if _is_numeric(field.type)]
+            _check_count(path, rows, len(wanted))
+            found = source.read(columns=wanted)
+    except RecordError:
+        raise
     except Exception as error:  # pyarrow raises its own kinds, which its versions name differently
         raise _no_parquet(path, error) from None
-    named = _with_metadata(path, _named(path, found.schema.names), found.schema)
-    columns = {
-        name: numbers
-        for k, (name, _) in enumerate(named)
-        if name and (numbers := _arrow_numbers(path, name, found.column(k), needed)) is not None
-    }
+    columns = {}
+    for field, (name, _) in zip(schema, named, strict=True):
+        column = found.column(field.name) if field.name in wanted else None
+        if name and column is None and name in needed:
+            raise RecordError(
+                f"{visible(path)}: {name} holds {visible(field.type)}, not numbers; write it as "
+                "numbers"
+            )
+        numbers = None if column is None else _arrow_numbers(path, name, column, needed)
+        if name and numbers is not None:
+            columns[name] = numbers
     return _table(named, columns, "rename the columns to time, height")
+
+
+def _check_count(path: Path, rows: int, columns: int) -> None:
+    if rows * columns > _MOST_NUMBERS:
+        raise RecordError(
+            f"{visible(path)}: holds {rows} rows of {columns} columns of numbers; at most "
+            f"{_MOST_NUMBERS} numbers are read: drop columns, or sample less often"
+        )
 
 
 def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> None:
@@ -208,7 +219,9 @@ def _parquet() -> ModuleType:
 
 def _no_parquet(path: Path, error: Exception) -> RecordError:
     words = " ".join(str(error).split())
-    return RecordError(f"{path}: cannot be read as Parquet: {words}; write it anew, or use CSV")
+    return RecordError(
+        f"{visible(path)}: cannot be read as Parquet: {visible(words)}; write it anew, or use CSV"
+    )
 
 
 def _with_metadata(
@@ -222,32 +235,28 @@ def _with_metadata(
         said = None if raw is None else raw.decode(errors="replace").strip() or None
         if unit and said and unit != said:
             raise RecordError(
-                f"{path}: the column {name!r} has the unit {unit!r} in its name and {said!r} in "
-                "its metadata; correct one of them"
+                f"{visible(path)}: the column {quoted(name)} has the unit {quoted(unit)} in its "
+                f"name and {quoted(said)} in its metadata; correct one of them"
             )
         found.append((name, unit or said))
     return found
+
+
+def _is_numeric(kind: Any) -> bool:
+    import pyarrow
+
+    types = pyarrow.types
+    return any(test(kind) for test in (types.is_integer, types.is_floating, types.is_decimal))
 
 
 def _arrow_numbers(path: Path, name: str, column: Any, needed: Sequence[str]) -> np.ndarray | None:
     """The values of a column; None for one that is not needed and holds something else."""
     import pyarrow
 
-    kind = column.type
-    numeric = any(
-        is_kind(kind)
-        for is_kind in (
-            pyarrow.types.is_integer, pyarrow.types.is_floating, pyarrow.types.is_decimal,
-        )
-    )  # fmt: skip
-    if not numeric:
-        if name not in needed:
-            return None
-        raise RecordError(f"{path}: {name} holds {kind}, not numbers; write it as numbers")
     if column.null_count:
         if name not in needed:
             return None
         sample = column.is_null().to_pylist().index(True)
-        raise RecordError(f"{path}: {name} of sample {sample} is missing; fill or drop it")
+        raise RecordError(f"{visible(path)}: {name} of sample {sample} is missing; fill or drop it")
     values = np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
     return values if name in needed or np.isfinite(values).all() else None

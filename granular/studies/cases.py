@@ -13,6 +13,7 @@ from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from granular.shared.shelf import digest
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
@@ -103,7 +104,7 @@ def make_cases(
 
 def _listed(name: str, values: Iterable[Any]) -> list[Any]:
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
-        raise InputError(f"grid {name!r} = {values!r} must be a list of values")
+        raise InputError(f"grid {quoted(name)} = {quoted(values)} must be a list of values")
     return list(values)
 
 
@@ -116,7 +117,7 @@ def _case(
     method_named(settings["method"])
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
     content = {
-        "scene": changed.plain(),
+        "scene": changed.to_plain(),
         "settings": settings,
         "measure": measure_name(measure),
     }

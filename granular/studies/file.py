@@ -13,17 +13,18 @@ dt = "auto*2"                  # as in simulate; t_end and method likewise
 
 [[cases]]                      # and one by one
 "piston.mass" = "4 kg"
+dt = "auto"                    # dt, t_end and method may be a case's own
 """
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
+from granular.shared.toml import read_toml
 from granular.studies.measures import measure_named
 
 KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
@@ -38,13 +39,7 @@ def load_study(path: str | Path) -> dict[str, Any]:
         If the file cannot be read or holds an unknown key.
     """
     path = Path(path)
-    try:
-        plain = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: {reason}; give a study's TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not a TOML file: {error}") from None
+    plain = read_toml(path)
     for key in plain:
         if key not in KEYS:
             raise InputError(f"{path.name}: {unknown(key, KEYS, 'key')}")

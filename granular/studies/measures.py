@@ -8,6 +8,7 @@ from typing import Any
 
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from granular.studies.cases import Measure, known_as
 
 
@@ -44,11 +45,11 @@ def measure_named(name: str) -> Measure:
         return last_values
     module, _, function = name.partition(":")
     if not function:
-        raise InputError(f"measure {name!r}; give 'last-values', or 'module:function'")
+        raise InputError(f"measure {quoted(name)}; give 'last-values', or 'module:function'")
     try:
         found = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError) as error:
-        raise InputError(f"measure {name!r} cannot be imported: {error}") from None
+        raise InputError(f"measure {quoted(name)} cannot be imported: {error}") from None
     if not callable(found):
-        raise InputError(f"measure {name!r} is no function")
+        raise InputError(f"measure {quoted(name)} is no function")
     return found

@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 from typing import Any
 
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 
 @contextlib.contextmanager
@@ -41,7 +42,8 @@ def _dask(address: str) -> Iterator[Executor]:
         client = distributed.Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(
-            f"no Dask scheduler answers at {address!r} ({type(error).__name__}); check the address"
+            f"no Dask scheduler answers at {quoted(address)} ({type(error).__name__}); check the "
+            "address"
         ) from None
     with client:
         yield client.get_executor(retries=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -190,8 +191,9 @@ def _computed(
     """The cases whose workers lived, as they come; what still waits is taken back in the end."""
     futures: dict[Future[Outcome], Case] = {}
     try:
-        for case in cases:
-            futures[pool.submit(compute, case, measure, directory, keep_runs)] = case
+        with contextlib.suppress(concurrent.futures.BrokenExecutor):
+            for case in cases:
+                futures[pool.submit(compute, case, measure, directory, keep_runs)] = case
         for future in concurrent.futures.as_completed(futures):
             outcome = _outcome_of(future)
             if outcome is not None:

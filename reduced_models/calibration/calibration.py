@@ -28,9 +28,14 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.studies.workers import workshop
 from reduced_models.calibration.features import LAW, Features, features
-from reduced_models.calibration.gauss_newton import MOST_MOVES, Ended, descended
+from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
 from reduced_models.calibration.result import Calibrated, Calibration, Match
-from reduced_models.calibration.simulations import Bench, Parameter, Point, parameter
+from reduced_models.calibration.simulations import (
+    Parameter,
+    SceneSimulator,
+    SimulatedPoint,
+    parameter,
+)
 from reduced_models.fitting.fitting import check_options
 from reduced_models.fitting.uncertainty import open_directions
 from reduced_models.laws.law import Law
@@ -120,7 +125,7 @@ def calibrate(
     target = prepared(out)
     first = scene.arrangement.seed
     with workshop(executor) as pool:
-        bench = Bench(
+        simulator = SceneSimulator(
             scene=scene,
             parameters=varied,
             seeds=tuple(range(first, first + seeds)),
@@ -135,15 +140,32 @@ def calibrate(
                 "progress": progress,
             },
         )
-        ended = descended(bench, wanted)
-        shift, more = _step_shift(bench, ended.centre) if checks else (None, 0)
-    result = _result(bench, record, wanted, ended, shift, confidence)
-    result = dataclasses.replace(result, simulations=result.simulations + more)
+        result = calibrated(simulator, record, wanted, confidence, checks)
     for note in result.notes:
         warnings.warn(note, stacklevel=2)
     if target is not None:
         result.save(target)
     return result
+
+
+def calibrated(
+    simulator: SceneSimulator,
+    record: PistonRecord,
+    wanted: Features,
+    confidence: float,
+    checks: bool,
+) -> Calibration:
+    """The numbers for which a scene's simulations have the wanted features of a record.
+
+    Raises
+    ------
+    InputError
+        If a simulation at the start fails.
+    """
+    ended = gauss_newton_search(simulator, wanted)
+    shift, more = _step_shift(simulator, ended.centre) if checks else (None, 0)
+    result = _result(simulator, record, wanted, ended, shift, confidence)
+    return dataclasses.replace(result, simulations=result.simulations + more)
 
 
 def _check_scene(scene: Scene) -> None:
@@ -155,45 +177,45 @@ def _check_scene(scene: Scene) -> None:
         )
 
 
-def _step_shift(bench: Bench, centre: Point) -> tuple[np.ndarray | None, int]:
+def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
     """Estimated error of the features (d,) by the time step, and how many simulations it took.
 
     From one simulation with half the step, for a method of order p 2^p/(2^p - 1) times the change.
     """
-    settings = {**bench.settings, "dt": halved(bench.settings["dt"])}
-    finer = dataclasses.replace(bench, seeds=bench.seeds[:1], settings=settings)
+    settings = {**simulator.settings, "dt": halved(simulator.settings["dt"])}
+    finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.points([centre.place])[0]
     if point.failure:
         return None, 1
-    doubled = 2.0 ** method_named(bench.settings["method"]).order
+    doubled = 2.0 ** method_named(simulator.settings["method"]).order
     return np.asarray(doubled / (doubled - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 
 def _result(
-    bench: Bench,
+    simulator: SceneSimulator,
     record: PistonRecord,
     wanted: Features,
-    ended: Ended,
+    ended: SearchEnd,
     shift: np.ndarray | None,
     confidence: float,
 ) -> Calibration:
     place = ended.centre.place + (ended.estimate.step if ended.settled else 0.0)
-    values = bench.changes(place)
+    values = simulator.changes(place)
     return Calibration(
         parameters=tuple(
             _calibrated(one, k, values[one.key], ended, shift, confidence)
-            for k, one in enumerate(bench.parameters)
+            for k, one in enumerate(simulator.parameters)
         ),
         confidence=confidence,
         matches=_matches(wanted, ended),
         undetermined=open_directions(
-            [one.key for one in bench.parameters], ended.estimate.information
+            [one.key for one in simulator.parameters], ended.estimate.information
         ),
-        scene=bench.scene.replace(**values),
+        scene=simulator.scene.replace(**values),
         record=record,
         motions=ended.centre.records,
         simulations=ended.simulations,
-        notes=(*wanted.notes, *_notes(bench, wanted, ended)),
+        notes=(*wanted.notes, *_notes(simulator, wanted, ended)),
     )
 
 
@@ -201,7 +223,7 @@ def _calibrated(
     one: Parameter,
     k: int,
     value: float,
-    ended: Ended,
+    ended: SearchEnd,
     shift: np.ndarray | None,
     confidence: float,
 ) -> Calibrated:
@@ -229,7 +251,7 @@ def _calibrated(
     )
 
 
-def _matches(wanted: Features, ended: Ended) -> tuple[Match, ...]:
+def _matches(wanted: Features, ended: SearchEnd) -> tuple[Match, ...]:
     scatter = np.sqrt(np.diag(ended.scatter))
     return tuple(
         Match(name, float(wanted.values[k]), math.exp(ended.centre.mean[k]),
@@ -238,7 +260,7 @@ def _matches(wanted: Features, ended: Ended) -> tuple[Match, ...]:
     )  # fmt: skip
 
 
-def _notes(bench: Bench, wanted: Features, ended: Ended) -> tuple[str, ...]:
+def _notes(simulator: SceneSimulator, wanted: Features, ended: SearchEnd) -> tuple[str, ...]:
     notes = []
     if not ended.settled:
         notes.append(
@@ -253,9 +275,9 @@ def _notes(bench: Bench, wanted: Features, ended: Ended) -> tuple[str, ...]:
                 "as in the laboratory"
             )
     shortest = min(float(motion.time[-1]) for motion in ended.centre.records)
-    if shortest < _SHORT * bench.duration:
+    if shortest < _SHORT * simulator.duration:
         notes.append(
             f"the simulations end after {shortest:.3g} s, and the record after "
-            f"{bench.duration:.3g} s; lengthen the stage"
+            f"{simulator.duration:.3g} s; lengthen the stage"
         )
     return tuple(notes)

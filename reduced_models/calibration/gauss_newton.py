@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from reduced_models.calibration.features import Features
-from reduced_models.calibration.simulations import Bench, Point
+from reduced_models.calibration.simulations import SceneSimulator, SimulatedPoint
 from reduced_models.fitting.uncertainty import OPEN
 
 STRIDE = 0.1
@@ -22,13 +22,13 @@ _SETTLED, _LINEAR, _LEAST_STEP = 2.0, 0.1, 1e-3
 # differences, errs by a fraction of one; shorter ones move the beds rather than the values.
 
 
-class Ended(NamedTuple):
+class SearchEnd(NamedTuple):
     """Where a search ended.
 
     Attributes
     ----------
-    centre : Point
-    estimate : Estimate
+    centre : SimulatedPoint
+    estimate : LinearEstimate
         There.
     scatter : float64 (d, d)
         Covariance of the features over random starts.
@@ -37,18 +37,18 @@ class Ended(NamedTuple):
     settled : bool
     """
 
-    centre: Point
-    estimate: Estimate
+    centre: SimulatedPoint
+    estimate: LinearEstimate
     scatter: np.ndarray
     simulations: int
     settled: bool
 
 
-def descended(bench: Bench, wanted: Features) -> Ended:
+def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEnd:
     """Gauss-Newton steps until they are smaller than what is known."""
-    start = np.log([one.value for one in bench.parameters])
+    start = np.log([one.value for one in simulator.parameters])
     strides = STRIDE * np.eye(len(start))
-    points = bench.points([start, *(start + stride for stride in strides)])
+    points = simulator.points([start, *(start + stride for stride in strides)])
     for point in points:
         if point.failure:
             raise InputError(f"{point.failure}; start from other values or a shorter dt")
@@ -57,12 +57,12 @@ def descended(bench: Bench, wanted: Features) -> Ended:
     radius = RADIUS
     for _ in range(MOST_MOVES):
         scatter = _scatter(points)
-        estimate = estimated(centre, slopes, scatter, wanted)
+        estimate = linear_estimate(centre, slopes, scatter, wanted)
         short = np.clip(_SETTLED * estimate.spread, _LEAST_STEP, _LINEAR)
         if (np.abs(estimate.step) <= short).all():
-            return Ended(centre, estimate, scatter, len(points) * len(bench.seeds), True)
+            return SearchEnd(centre, estimate, scatter, len(points) * len(simulator.seeds), True)
         step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
-        trial = bench.points([centre.place + step])[0]
+        trial = simulator.points([centre.place + step])[0]
         if trial.failure:
             radius = 0.25 * float(np.abs(step).max())
             continue
@@ -74,11 +74,11 @@ def descended(bench: Bench, wanted: Features) -> Ended:
         radius = min(RADIUS, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
         centre = trial if better else centre
     scatter = _scatter(points)
-    estimate = estimated(centre, slopes, scatter, wanted)
-    return Ended(centre, estimate, scatter, len(points) * len(bench.seeds), False)
+    estimate = linear_estimate(centre, slopes, scatter, wanted)
+    return SearchEnd(centre, estimate, scatter, len(points) * len(simulator.seeds), False)
 
 
-def _scatter(points: Sequence[Point]) -> np.ndarray:
+def _scatter(points: Sequence[SimulatedPoint]) -> np.ndarray:
     """Covariance (d, d) of the features over random starts, the mean over all places."""
     parts = [np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points]
     return np.asarray(np.mean(parts, axis=0))
@@ -89,12 +89,12 @@ def _variance(wanted: Features, scatter: np.ndarray, starts: int) -> np.ndarray:
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
-def _distance(point: Point, wanted: Features, scatter: np.ndarray) -> float:
+def _distance(point: SimulatedPoint, wanted: Features, scatter: np.ndarray) -> float:
     away = np.log(wanted.values) - point.mean
     return float((away**2 / _variance(wanted, scatter, len(point.logs))).sum())
 
 
-class Estimate(NamedTuple):
+class LinearEstimate(NamedTuple):
     """What linearised features say at a point.
 
     Attributes
@@ -125,7 +125,9 @@ class Estimate(NamedTuple):
         return np.sqrt(np.diag(self.noise + self.scatter))
 
 
-def estimated(centre: Point, slopes: np.ndarray, scatter: np.ndarray, wanted: Features) -> Estimate:
+def linear_estimate(
+    centre: SimulatedPoint, slopes: np.ndarray, scatter: np.ndarray, wanted: Features
+) -> LinearEstimate:
     """A weighted Gauss-Newton step; ``slopes`` (starts, d, p) are those of each random start."""
     starts = len(slopes)
     mean = slopes.mean(axis=0)
@@ -144,7 +146,7 @@ def estimated(centre: Point, slopes: np.ndarray, scatter: np.ndarray, wanted: Fe
     # the known directions costs that much (C. R. Rao, Proc. 5th Berkeley Symp. 1 (1967) 355).
     chosen = 1.0 + max(0, len(residual) - int(known.sum())) / (starts - 1)
     free = np.where(known, 0.0, 1.0 / np.maximum(strengths, 1e-12))
-    return Estimate(
+    return LinearEstimate(
         step=step,
         noise=(gain * wanted.errors**2) @ gain.T,
         scatter=chosen * (1.0 + 1.0 / starts) * gain @ scatter @ gain.T,

@@ -1,16 +1,12 @@
-"""What a calibration found: numbers of a scene, how sure they are, and where the scene fails."""
+"""What a calibration found: the data, its page, and the files that they are written to."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from granular.run.record import PistonRecord
-from granular.scene.scene import Scene
 from granular.shared.files import write_json
-from reduced_models.models.model import Direction
+from reduced_models.calibration.data import Calibrated, CalibrationData, Match
 from reduced_models.records.sources import prepared
 
 if TYPE_CHECKING:
@@ -18,181 +14,23 @@ if TYPE_CHECKING:
 
     from granular.shared.html import Page
 
-
-@dataclasses.dataclass(frozen=True)
-class Calibrated:
-    """A number of a scene as a record has it.
-
-    Attributes
-    ----------
-    key, unit : str
-    value : float
-    interval : (float, float)
-        From the record's noise and the scatter over random starts together.
-    start : float
-        In the scene that was given.
-    noise, scatter : float
-        Standard deviations, relative to the value, that the record's residual leaves, and that
-        the random starts make (of the record's bed, and of the mean of the simulated ones).
-    step : float or None
-        Estimated error of the simulation's time step, relative.
-    """
-
-    key: str
-    unit: str
-    value: float
-    interval: tuple[float, float]
-    start: float
-    noise: float
-    scatter: float
-    step: float | None = None
+__all__ = ["Calibrated", "Calibration", "Match"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Match:
-    """A feature of the record and of the simulations at the end.
-
-    Attributes
-    ----------
-    name : str
-    record, simulated : float
-        The latter a mean over the random starts.
-    noise, scatter : float
-        Relative standard deviations of the former, and over the random starts.
-    """
-
-    name: str
-    record: float
-    simulated: float
-    noise: float
-    scatter: float
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Calibration:
-    """What a record says of the numbers of a scene.
-
-    Attributes
-    ----------
-    parameters : tuple of Calibrated
-    confidence : float
-        Of the intervals.
-    matches : tuple of Match
-    undetermined : tuple of Direction
-        Directions in which the parameters can move without the features noticing; along them, the
-        values are those of the scene that was given.
-    scene : Scene
-        With the values.
-    record : PistonRecord
-    motions : tuple of PistonRecord
-        Of the last simulations, one a random start.
-    simulations : int
-    notes : tuple of str
-        What is to be doubted, in plain words.
-    """
-
-    parameters: tuple[Calibrated, ...]
-    confidence: float
-    matches: tuple[Match, ...]
-    undetermined: tuple[Direction, ...]
-    scene: Scene
-    record: PistonRecord
-    motions: tuple[PistonRecord, ...]
-    simulations: int
-    notes: tuple[str, ...] = ()
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The values by their keys, ready for `Scene.replace`."""
-        return {one.key: one.value for one in self.parameters}
-
-    @property
-    def intervals(self) -> dict[str, tuple[float, float]]:
-        """The intervals by their keys."""
-        return {one.key: one.interval for one in self.parameters}
-
-    def __str__(self) -> str:
-        lines = [f"scene {self.scene.name!r} against {len(self.record)} samples"]
-        lines += [f"  {_words(one)}" for one in self.parameters]
-        lines += [f"  open: {direction}" for direction in self.undetermined]
-        lines += [
-            f"  {one.name.replace('_', ' ')}: record {one.record:.6g}, simulated "
-            f"{one.simulated:.6g} ({100 * one.noise:.2g} % noise, {100 * one.scatter:.2g} % over "
-            "random starts)"
-            for one in self.matches
-        ]
-        lines.append(
-            f"  {100 * self.confidence:g} % intervals from noise and random starts; "
-            f"{self.simulations} simulations, {len(self.motions)} random starts"
-        )
-        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
-
-    def to_plain(self) -> dict[str, Any]:
-        """The result as plain data (numbers, texts, lists)."""
-        return {
-            "parameters": {one.key: dataclasses.asdict(one) for one in self.parameters},
-            "confidence": self.confidence,
-            "features": [dataclasses.asdict(one) for one in self.matches],
-            "undetermined": [dataclasses.asdict(one) for one in self.undetermined],
-            "simulations": self.simulations,
-            "random_starts": len(self.motions),
-            "notes": list(self.notes),
-        }
+class Calibration(CalibrationData):
+    """What a record says of the numbers of a scene: `CalibrationData` with files and pictures."""
 
     def plot(self) -> Figure:
         """The record, the simulations over it, and how far their features are apart."""
-        from granular.shared.plotting import COLOURS, GREY, figure
+        from reduced_models.calibration.page import calibration_plot
 
-        with figure(2, 1, height=5.4, height_ratios=(2, 1)) as (drawing, (top, bottom)):
-            time = self.record.time - self.record.time[0]
-            top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
-            for k, motion in enumerate(self.motions):
-                label = "simulated, one line a random start" if k == 0 else None
-                top.plot(motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7,
-                         label=label)  # fmt: skip
-            top.set_ylabel("height [mm]")
-            top.set_xlabel("time [s]")
-            top.legend()
-            names = [one.name.replace("_", " ") for one in self.matches]
-            bottom.errorbar(
-                [100.0 * (one.simulated / one.record - 1.0) for one in self.matches],
-                names,
-                xerr=[200.0 * math.hypot(one.noise, one.scatter) for one in self.matches],
-                fmt="o",
-                color=COLOURS[1],
-                capsize=3,
-            )
-            bottom.axvline(0.0, color=GREY)
-            bottom.set_xlabel("simulated over record, with two standard deviations [%]")
-            bottom.margins(y=0.3)
-            return drawing
+        return calibration_plot(self)
 
     def page(self) -> Page:
         """The result as a page."""
-        from granular.shared.html import Page
+        from reduced_models.calibration.page import calibration_page
 
-        page = Page(
-            f"Scene {self.scene.name!r} calibrated", "; ".join(map(_words, self.parameters))
-        )
-        for note in (*map(str, self.undetermined), *self.notes):
-            page.note(note)
-        page.table(
-            ("number", "value", "unit", f"{100 * self.confidence:g} % interval", "before",
-             "noise [%]", "random starts [%]", "step [%]"),
-            [
-                (
-                    one.key, f"{one.value:.6g}", one.unit,
-                    f"{one.interval[0]:.6g} to {one.interval[1]:.6g}", f"{one.start:.6g}",
-                    *("" if part is None else f"{100 * part:.2g}"
-                      for part in (one.noise, one.scatter, one.step)),
-                )
-                for one in self.parameters
-            ],
-        )  # fmt: skip
-        page.figure(self.plot(), "The record, the simulations, and their features.")
-        page.section("The scene")
-        page.preformatted(self.scene.to_toml())
-        return page
+        return calibration_page(self)
 
     def save(self, out: str | Path) -> None:
         """Write report.html, calibration.json and the calibrated scene.toml.
@@ -207,12 +45,3 @@ class Calibration:
         write_json(target / "calibration.json", self.to_plain())
         self.scene.save(target / "scene.toml")
         self.page().save(target / "report.html")
-
-
-def _words(one: Calibrated) -> str:
-    low, high = one.interval
-    step = "" if one.step is None else f", time step {100 * one.step:.2g} %"
-    return (
-        f"{one.key} = {one.value:.6g} {one.unit} [{low:.6g}, {high:.6g}], from {one.start:.6g} "
-        f"(noise {100 * one.noise:.2g} %, random starts {100 * one.scatter:.2g} %{step})"
-    )

@@ -74,7 +74,7 @@ def _part(section: Any, part: str) -> Any:
     return getattr(section, part, None) if isinstance(section, Section) else None
 
 
-class Point(NamedTuple):
+class SimulatedPoint(NamedTuple):
     """Simulations with the same parameters.
 
     Attributes
@@ -101,7 +101,7 @@ class Point(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Bench:
+class SceneSimulator:
     """How a scene is simulated and what is measured of it.
 
     Attributes
@@ -135,7 +135,7 @@ class Bench:
             for one, log in zip(self.parameters, place, strict=True)
         }
 
-    def points(self, places: Sequence[np.ndarray]) -> list[Point]:
+    def points(self, places: Sequence[np.ndarray]) -> list[SimulatedPoint]:
         """Simulations at some places, side by side."""
         cases = [
             self.changes(place) | {"arrangement.seed": seed}
@@ -149,7 +149,7 @@ class Bench:
             for k, place in enumerate(places)
         ]
 
-    def _point(self, place: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> Point:
+    def _point(self, place: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> SimulatedPoint:
         records, rows = [], []
         for seed, outcome in zip(self.seeds, outcomes, strict=True):
             try:
@@ -163,7 +163,7 @@ class Bench:
                     f"{key} = {value:.5g}" for key, value in self.changes(place).items()
                 )
                 cause = f"the simulation with {where} from random start {seed} failed: {error}"
-                return Point(place, (), np.empty((0, 0)), cause)
+                return SimulatedPoint(place, (), np.empty((0, 0)), cause)
             records.append(record)
             rows.append(np.log(found.values))
-        return Point(place, tuple(records), np.array(rows))
+        return SimulatedPoint(place, tuple(records), np.array(rows))

@@ -169,7 +169,7 @@ def _checked(
 ) -> tuple[Check, ...]:
     study = sweep(
         damper(),
-        cases=[candidate.scene(seed).plain() for seed in seeds],
+        cases=[candidate.scene(seed).to_plain() for seed in seeds],
         measure=check_figures,
         out=out,
         executor=executor,

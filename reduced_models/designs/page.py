@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.run.simulation import versions
 from granular.shared.html import Page, number
 from granular.shared.plotting import COLOURS, GREY, figure
+from granular.shared.version import versions
 from reduced_models.designs.candidate import (
     DIAMETER,
     HIGHEST,
@@ -17,13 +17,12 @@ from reduced_models.designs.candidate import (
     Candidate,
     candidate_at,
 )
+from reduced_models.designs.data import DesignData
 from reduced_models.designs.maps import DamperMaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from reduced_models.designs.result import Design
 
 _SIDE = 41
 COUNTS, SHARES = (92, 184, 368), (0.0, 0.5)
@@ -111,7 +110,7 @@ def plot_maps(maps: DamperMaps, share: float = 0.0) -> Figure:
         return drawing
 
 
-def plot_design(found: Design, maps: DamperMaps) -> Figure:
+def plot_design(found: DesignData, maps: DamperMaps) -> Figure:
     """The map that the design lies on, and the motions of its checks."""
     with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
         _draw(left, maps, found.damper.grains, found.damper.small_share)
@@ -169,7 +168,7 @@ def _exact(place: np.ndarray, count: int) -> Candidate:
     return candidate_at(place)._replace(grains=count)
 
 
-def design_page(found: Design, maps: DamperMaps) -> Page:
+def design_page(found: DesignData, maps: DamperMaps) -> Page:
     """A design as a page."""
     one, wish = found.damper, found.wish
     page = Page(

@@ -81,7 +81,7 @@ def run_study(
     dampers = design_points(points)
     study = sweep(
         damper(),
-        cases=[one.scene().plain() for one in dampers],
+        cases=[one.scene().to_plain() for one in dampers],
         measure=damper_figures,
         dt=STEP,
         out=out,

@@ -12,7 +12,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.discovery.polishing import parametrised, polished
-from reduced_models.discovery.result import Candidate, Discovery, pareto_front
+from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import (
     Judge,
     Scored,
@@ -30,10 +30,10 @@ from reduced_models.discovery.terms import (
     symbols,
     terms_of,
 )
-from reduced_models.discovery.weak import Motion, WeakForm, weak_form
-from reduced_models.models.model import HeightMap
-from reduced_models.records.derivatives import Estimator, derivatives
-from reduced_models.records.first_guesses import estimates
+from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm, weak_form
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.records.derivatives import DerivativeMethod, derivatives
+from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.inputs import column
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def discover(
     *,
     form: Literal["weak", "strong"] = "weak",
     ensemble: bool = False,
-    derivative: Estimator = "savitzky-golay",
+    derivative: DerivativeMethod = "savitzky-golay",
     degree: int = 3,
     input: str | None = None,  # noqa: A002
     target: Literal["acceleration", "height"] = "acceleration",
@@ -160,14 +160,17 @@ def discover(
 
 
 def motion_of(
-    record: PistonRecord, height_map: HeightMap, derivative: Estimator, drive: str | None = None
-) -> Motion:
+    record: PistonRecord,
+    height_map: HeightMap,
+    derivative: DerivativeMethod,
+    drive: str | None = None,
+) -> SmoothedMotion:
     """The motion of a record in z, with estimates of its derivatives and noise."""
-    guess = estimates(record)
+    guess = first_guesses(record)
     smooth = derivatives(record, derivative)
     size = abs(height_map.scale)
     swing = float(record.height.std())
-    return Motion(
+    return SmoothedMotion(
         time=record.time - record.time[0],
         z=np.asarray(height_map.to_law(record.height)),
         smooth=np.asarray(height_map.to_law(smooth.height)),
@@ -207,7 +210,7 @@ def _map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
         return wanted
     if wanted != "auto":
         raise InputError(f"map = {wanted!r}; give 'auto' or a HeightMap")
-    guess = max((estimates(each) for each in records), key=lambda one: one.amplitude)
+    guess = max((first_guesses(each) for each in records), key=lambda one: one.amplitude)
     # Powers of a height that hardly changes could not be told apart.
     if abs(guess.rest) <= guess.amplitude:
         return HeightMap()
@@ -260,7 +263,7 @@ def _eliminated(
 
 def _symbolic_candidates(
     weak: WeakForm, terms: Sequence[Term], method: str, seed: int
-) -> tuple[list[Candidate], Judge]:
+) -> tuple[list[CandidateEquation], Judge]:
     """Expressions of a symbolic regression; of sums of terms also what can be left out of them."""
     expressions = _expressions(weak.motions, method, seed)
     sums = [(one, terms_of(one)) for one in expressions]
@@ -278,7 +281,7 @@ def _symbolic_candidates(
     return candidates, judge
 
 
-def _expressions(motions: Sequence[Motion], method: str, seed: int) -> list[sympy.Expr]:
+def _expressions(motions: Sequence[SmoothedMotion], method: str, seed: int) -> list[sympy.Expr]:
     import sympy
 
     _, v, _ = symbols()
@@ -301,7 +304,7 @@ def _expressions(motions: Sequence[Motion], method: str, seed: int) -> list[symp
     return [one.xreplace(replaced) for one in found]
 
 
-def _search_samples(motion: Motion, motions: int) -> dict[str, np.ndarray]:
+def _search_samples(motion: SmoothedMotion, motions: int) -> dict[str, np.ndarray]:
     """What a symbolic regression sees of one of so many motions, away from its ends."""
     edge = int(_EDGE * len(motion.time))
     inner = len(motion.time) - 2 * edge
@@ -318,12 +321,12 @@ def _search_samples(motion: Motion, motions: int) -> dict[str, np.ndarray]:
     return {name: values[rows] for name, values in found.items()}
 
 
-def _candidate(one: Scored) -> Candidate:
+def _candidate(one: Scored) -> CandidateEquation:
     expression = sum_of(one.terms, list(one.coefficients))
-    return Candidate(expression, complexity(expression), one.misfit, one.criterion)
+    return CandidateEquation(expression, complexity(expression), one.misfit, one.criterion)
 
 
-def _judged(expression: sympy.Expr, judge: Judge) -> Candidate:
+def _judged(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
     """A candidate that is no sum of terms, by its residuals as it stands."""
     import sympy
 
@@ -334,18 +337,20 @@ def _judged(expression: sympy.Expr, judge: Judge) -> Candidate:
     if not math.isfinite(squares):
         squares = math.inf
     misfit = math.sqrt(squares / max(1, judge.rows - count))
-    return Candidate(expression, complexity(expression), misfit, judge.criterion(squares, count))
+    return CandidateEquation(
+        expression, complexity(expression), misfit, judge.criterion(squares, count)
+    )
 
 
 # The choice -------------------------------------------------------------------------------------
 
 
 def _polished(
-    candidates: list[Candidate],
-    polish: Callable[[Candidate], Candidate],
+    candidates: list[CandidateEquation],
+    polish: Callable[[CandidateEquation], CandidateEquation],
     count: int,
     judge: Judge,
-) -> tuple[list[Candidate], int]:
+) -> tuple[list[CandidateEquation], int]:
     """The Pareto front, with all polished candidates, and the place of the chosen one."""
     order = sorted(candidates, key=lambda one: one.criterion)
     near = [one for one in order if one.criterion <= order[0].criterion + _HOPELESS][:count]
@@ -363,8 +368,10 @@ def _polished(
 
 
 def _with_simpler_ones(
-    done: list[Candidate], polish: Callable[[Candidate], Candidate], judge: Judge
-) -> list[Candidate]:
+    done: list[CandidateEquation],
+    polish: Callable[[CandidateEquation], CandidateEquation],
+    judge: Judge,
+) -> list[CandidateEquation]:
     """Polished candidates, and what is left of them without the terms that may be zero."""
     found = list(done)
     for one in found:  # which grows: what is left may have such terms as well
@@ -376,7 +383,7 @@ def _with_simpler_ones(
     return found
 
 
-def _is_among(candidate: Candidate, others: Sequence[Candidate]) -> bool:
+def _is_among(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
     """Whether one of some candidates is that one, or has its structure."""
     terms = candidate.terms
     return any(
@@ -386,7 +393,7 @@ def _is_among(candidate: Candidate, others: Sequence[Candidate]) -> bool:
     )
 
 
-def _needed_terms(candidate: Candidate) -> list[Term]:
+def _needed_terms(candidate: CandidateEquation) -> list[Term]:
     """The terms whose coefficients' intervals leave out zero."""
     if candidate.model is None or candidate.terms is None:
         return []
@@ -396,18 +403,18 @@ def _needed_terms(candidate: Candidate) -> list[Term]:
     return [term for term, (low, high) in terms if not low <= 0.0 <= high]
 
 
-def _simplest(candidates: list[Candidate], criteria: list[float]) -> Candidate:
+def _simplest(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
     """The one with the fewest numbers of those to which no other is strongly preferred."""
     limit = min(criteria) + _STRONG
     near = [(one, value) for one, value in zip(candidates, criteria, strict=True) if value <= limit]
     return min(near, key=lambda pair: (_numbers(pair[0]), pair[1]))[0]
 
 
-def _numbers(candidate: Candidate) -> int:
+def _numbers(candidate: CandidateEquation) -> int:
     return len(parametrised(candidate.expression)[1])
 
 
-def _solution_criteria(fitted: list[Candidate], judge: Judge) -> list[float]:
+def _solution_criteria(fitted: list[CandidateEquation], judge: Judge) -> list[float]:
     """The criterion with the residuals of the solutions instead of the weak ones."""
     weighing = dataclasses.replace(judge, excess=1.0)
     squares = np.zeros(len(fitted))
@@ -422,7 +429,7 @@ def _solution_criteria(fitted: list[Candidate], judge: Judge) -> list[float]:
     ]
 
 
-def _notes(best: Candidate, judge: Judge) -> tuple[str, ...]:
+def _notes(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
     notes = []
     left = best.error
     if best.models:

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.run.record import PistonRecord
+from granular.shared.algebra import function_of
+from granular.shared.errors import InputError
+from reduced_models.discovery.julia import ELLIPTIC
 from reduced_models.discovery.polishing import parametrised
-from reduced_models.discovery.result import Candidate, Discovery, pareto_front
+from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.terms import complexity
-from reduced_models.models.model import HeightMap
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.first_guesses import noise_level
 
 if TYPE_CHECKING:
@@ -47,9 +50,11 @@ def height_equations(
 
         found = pysr_expressions(inputs, z[rows], noise, _FUNCTIONS, elliptic=True, seed=seed)
     fitted = [_fitted(sympy.expand_mul(one), time, z, noise) for one in found]
+    if not found:
+        raise InputError(f"{method!r} found no expression that is finite; try another method")
     excess = max(1.0, min(error for _, error in fitted)) ** 2
     candidates = [
-        Candidate(
+        CandidateEquation(
             one,
             complexity(one),
             error,
@@ -76,20 +81,18 @@ def _fitted(
     t = sympy.Symbol("t", real=True)
     symbols = [sympy.Symbol(name) for name in values]
     start = np.array(list(values.values()))
-    try:
-        function = sympy.lambdify([t, *symbols], template, "numpy")
+    elliptic = {name: function.value for name, function in ELLIPTIC.items()}
+    function = function_of([t, *symbols], template, [elliptic, "numpy"])
 
-        def residual(numbers: np.ndarray) -> np.ndarray:
-            with np.errstate(all="ignore"):
-                found = (function(time, *numbers) - z) / noise
-            return np.where(np.isfinite(found), found, 1e6) * np.ones(len(time))
+    def residual(numbers: np.ndarray) -> np.ndarray:
+        with np.errstate(all="ignore"):
+            found = (function(time, *numbers) - z) / noise
+        return np.where(np.isfinite(found), found, 1e6) * np.ones(len(time))
 
-        if 0 < len(values) <= _MOST_NUMBERS:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                start = least_squares(residual, start, x_scale="jac", max_nfev=50).x
-        error = float(np.sqrt((residual(start) ** 2).mean()))
-    except NameError:  # an elliptic function, which NumPy does not have
-        return expression, math.inf
+    if 0 < len(values) <= _MOST_NUMBERS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            start = least_squares(residual, start, x_scale="jac", max_nfev=50).x
+    error = float(np.sqrt((residual(start) ** 2).mean()))
     numbers = dict(zip(symbols, map(sympy.Float, start), strict=True))
     return template.xreplace(numbers), error

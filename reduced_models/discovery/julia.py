@@ -11,12 +11,14 @@ import importlib.util
 import logging
 import os
 import shutil
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granular.shared.errors import InputError
+from granular.shared.grammar import Function
 from reduced_models.discovery.scaled import scaled
 
 if TYPE_CHECKING:
@@ -39,6 +41,21 @@ _SERIES = {
     "jacobi_dn": _EVEN,
 }
 _RANGE = (1e-6, 0.9999)
+
+
+def _of_scipy(place: int) -> Callable[..., Any]:
+    """SciPy's sn, cn or dn of u and m."""
+
+    def value(u: Any, m: Any) -> Any:
+        from scipy.special import ellipj
+
+        return ellipj(u, m)[place]
+
+    return value
+
+
+ELLIPTIC = {name: Function(_of_scipy(place), 2, 2) for place, name in enumerate(_SERIES)}
+"""Jacobi's functions by the names that PySR knows them by."""
 
 
 def elliptic_operators() -> list[str]:
@@ -94,6 +111,20 @@ def require_julia() -> None:
         )
 
 
+def regressor() -> Any:
+    """The class ``pysr.PySRRegressor``, imported so that Ctrl-C still comes to Python.
+
+    Julia takes the signal over otherwise, and ends the process. Without its signals it may have
+    but one thread, and a search that can be repeated has no more. What the user set stands.
+    """
+    os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
+    os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PySR warns of either setting
+        from pysr import PySRRegressor
+    return PySRRegressor
+
+
 def settings(
     functions: Sequence[str] = (), elliptic: bool = False, seed: int = 0
 ) -> dict[str, Any]:
@@ -132,13 +163,12 @@ def pysr_expressions(
         If PySR or Julia is not there.
     """
     require_julia()
-    from pysr import PySRRegressor
-
     samples = scaled(inputs, target)
-    search = PySRRegressor(
+    search = regressor()(
         # An expression at the noise is good enough.
         early_stop_condition=0.5 * (noise / samples.target_size) ** 2,
         **settings(functions, elliptic, seed),
     )
     search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
-    return [samples.restored(one) for one in search.equations_["sympy_format"]]
+    # Not the column of SymPy's objects: PySR evaluates its texts to make them.
+    return samples.read(search.equations_["equation"], ELLIPTIC if elliptic else {})

@@ -12,12 +12,12 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
-from reduced_models.discovery.result import Candidate
+from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.terms import complexity, symbols, terms_of, text_of
 from reduced_models.fitting.fitting import fit
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.models.model import HeightMap
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 if TYPE_CHECKING:
     import sympy
@@ -31,18 +31,18 @@ NAME = "discovered"
 
 
 def polished(
-    candidate: Candidate,
+    candidate: CandidateEquation,
     records: Sequence[PistonRecord],
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
     name: str = NAME,
-) -> Candidate:
+) -> CandidateEquation:
     """A candidate with its numbers fitted by `fit`, or with a note that says why there are none.
 
     Parameters
     ----------
-    candidate : Candidate
+    candidate : CandidateEquation
         Of z''.
     records : sequence of PistonRecord
         That share all numbers but their initial states.
@@ -115,7 +115,7 @@ def law_of(
     """The law z'' = template, whose fit starts near the given values."""
     import sympy
 
-    def start(_: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         return {
             name: value * (1.0 + _SPREAD * random.normal(size=count))
             for name, value in values.items()

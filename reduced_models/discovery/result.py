@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
 from reduced_models.discovery.terms import Term, terms_of, text_of
-from reduced_models.models.model import HeightMap, ReducedModel
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:
     import sympy
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Candidate:
+class CandidateEquation:
     """An equation on the Pareto front.
 
     Attributes
@@ -66,6 +67,9 @@ class Candidate:
         return f"{left} = {text_of(self.expression.xreplace(numbers))}"
 
 
+Candidate = CandidateEquation  # its former name
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discovery:
     """Equations that were discovered in a record, or in several.
@@ -73,7 +77,7 @@ class Discovery:
     Attributes
     ----------
     method : str
-    candidates : tuple of Candidate
+    candidates : tuple of CandidateEquation
         The Pareto front and close rivals that were polished, from the simplest on.
     chosen : int
         Place of the chosen one.
@@ -86,14 +90,14 @@ class Discovery:
     """
 
     method: str
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[CandidateEquation, ...]
     chosen: int
     map: HeightMap
     inclusion: Mapping[str, float] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> CandidateEquation:
         """The chosen candidate."""
         return self.candidates[self.chosen]
 
@@ -154,9 +158,9 @@ class Discovery:
         }
 
 
-def pareto_front(candidates: list[Candidate]) -> list[Candidate]:
+def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]:
     """Those that no simpler candidate beats in error, from the simplest on."""
-    front: list[Candidate] = []
+    front: list[CandidateEquation] = []
     order = sorted(candidates, key=lambda one: (one.complexity, one.error))
     for one in order:
         if math.isfinite(one.error) and (not front or one.error < front[-1].error):

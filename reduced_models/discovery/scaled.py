@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from granular.shared.algebra import expression
+from granular.shared.grammar import FUNCTIONS, FormulaError, Function, names, parse
 
 if TYPE_CHECKING:
     import sympy
@@ -44,6 +49,21 @@ class Scaled:
         # By name, since searches differ in what they assume of their symbols.
         symbols = {one: back[one.name] for one in expression.free_symbols if one.name in back}
         return sympy.Float(self.target_size) * expression.xreplace(symbols)
+
+    def read(
+        self, texts: Iterable[str], functions: Mapping[str, Function] = MappingProxyType({})
+    ) -> list[sympy.Expr]:
+        """The expressions that a search wrote, restored; those that hold a NaN, say, are left out.
+
+        ``functions`` are those that they may name beside the usual ones.
+        """
+        found = []
+        for text in texts:
+            with contextlib.suppress(FormulaError):
+                tree = parse(text, {**FUNCTIONS, **functions})
+                if {one.name for one in names(tree)} <= set(self.names):
+                    found.append(self.restored(expression(tree)))
+        return found
 
 
 def scaled(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> Scaled:

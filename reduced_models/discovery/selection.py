@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from reduced_models.discovery.terms import Term
-from reduced_models.discovery.weak import WeakForm
+from reduced_models.discovery.weak_form import WeakForm
 
 MOST_TERMS = 8
 _KEPT = 3  # subsets of a size

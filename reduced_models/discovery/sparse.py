@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from reduced_models.discovery.terms import Term, columns
-from reduced_models.discovery.weak import Motion, WeakForm
+from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
 _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)
 """On coefficients of columns of unit size, as shares of the target's size."""
@@ -63,7 +63,7 @@ class Regression:
         return np.asarray(np.mean(np.stack(ensemble.coef_list)[:, 0] != 0.0, axis=0))
 
 
-def strong_regression(motions: Sequence[Motion], terms: Sequence[Term]) -> Regression:
+def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[Term]) -> Regression:
     """The estimates of z'' against the terms, sample by sample, away from the ends."""
     rows = [_inner_rows(motion, terms, len(motions)) for motion in motions]
     matrices, targets = zip(*rows, strict=True)
@@ -71,7 +71,7 @@ def strong_regression(motions: Sequence[Motion], terms: Sequence[Term]) -> Regre
 
 
 def _inner_rows(
-    motion: Motion, terms: Sequence[Term], motions: int
+    motion: SmoothedMotion, terms: Sequence[Term], motions: int
 ) -> tuple[np.ndarray, np.ndarray]:
     count = len(motion.time)
     edge = int(_EDGE * count)

@@ -50,8 +50,6 @@ def operon_expressions(
     InputError
         If pyoperon is not installed.
     """
-    import sympy
-
     try:
         from pyoperon.sklearn import SymbolicRegressor
     except ImportError:
@@ -72,10 +70,6 @@ def operon_expressions(
         n_threads=1,
         random_state=seed + 1,  # it takes 0 for no seed
     ).fit(samples.matrix, samples.target)
-    local = {name: sympy.Symbol(name) for name in samples.names}
     names = list(samples.names)
     texts = [search.get_model_string(one["tree"], 12, names) for one in search.pareto_front_]
-    return [
-        samples.restored(sympy.parse_expr(text.replace("^", "**"), local_dict=local))
-        for text in texts
-    ]
+    return samples.read(texts)

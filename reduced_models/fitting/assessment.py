@@ -1,4 +1,4 @@
-"""From a solution to a model: what was found, how good it is, and what is to be doubted."""
+"""From a fit to a model: what was found, how good it is, and what is to be doubted."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.fitting.refinement import Grid, Solution
-from reduced_models.fitting.search import BLOWN_UP
+from reduced_models.fitting.refinement import JudgedFit
 from reduced_models.fitting.uncertainty import (
     Analysis,
     Information,
@@ -22,7 +21,9 @@ from reduced_models.fitting.uncertainty import (
     marginal,
     profile_intervals,
 )
-from reduced_models.models.model import HeightMap, Quality, ReducedModel
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord
+from reduced_models.models.model import Quality, ReducedModel
 from reduced_models.records.first_guesses import noise_level
 
 FEW = 0.25
@@ -69,9 +70,9 @@ class Training(NamedTuple):
     seed: int = 0
 
 
-def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...]:
-    """The reduced model of each record of a solution, with intervals, quality and notes."""
-    joint, theta = solution.joint, solution.theta
+def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
+    """The reduced model of each record of a fit, with intervals, quality and notes."""
+    joint, theta = found.joint, found.theta
     normal = joint.normal_matrix(theta)
     residuals = tuple(joint.residuals(theta))
     again = None
@@ -81,33 +82,33 @@ def models_of(solution: Solution, training: Training) -> tuple[ReducedModel, ...
         again = replicates(joint, theta, training.replicates, training.seed)
     profiled = None
     if training.profile:
-        whole = Information(normal, residuals, joint.layout.size)
+        whole = Information(normal, residuals, joint.vector.size)
         profiled = profile_intervals(
             joint, theta, whole.variance, whole.freedom, training.confidence
         )
     models = []
-    for k, here in enumerate(joint.layout.places):
-        known = Information(marginal(normal, here), residuals, joint.layout.size)
-        analysis = interval_analysis(joint.problem, theta[here], known, training.confidence)
+    for k, here in enumerate(joint.vector.places):
+        known = Information(marginal(normal, here), residuals, joint.vector.size)
+        analysis = interval_analysis(joint.unknowns, theta[here], known, training.confidence)
         if again is not None:
-            intervals = bootstrap_intervals(joint.problem, again[:, here], training.confidence)
+            intervals = bootstrap_intervals(joint.unknowns, again[:, here], training.confidence)
             analysis = dataclasses.replace(analysis, intervals=intervals)
         if profiled is not None:
             analysis = dataclasses.replace(analysis, intervals=profiled[k])
-        models.append(_model(solution, k, training, analysis))
+        models.append(_model(found, k, training, analysis))
     return tuple(models)
 
 
-def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -> ReducedModel:
-    grid = solution.joint.grids[k]
-    problem, record = grid.problem, grid.record
-    theta = solution.theta[solution.joint.layout.places[k]]
-    values, shift, scale, z0, v0 = problem.physical(theta)
-    height_map = HeightMap(float(shift), float(scale), fitted=problem.map is None)
-    quality = _quality(solution, k, training)
-    parameters = dict(zip(problem.law.parameters, map(float, values), strict=True))
+def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> ReducedModel:
+    grid = found.joint.grids[k]
+    unknowns, record = grid.unknowns, grid.record
+    theta = found.theta[found.joint.vector.places[k]]
+    values, shift, scale, z0, v0 = unknowns.physical(theta)
+    height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
+    quality = _quality(found, k, training)
+    parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
     return ReducedModel(
-        law=problem.law,
+        law=unknowns.law,
         parameters=parameters,
         intervals=analysis.intervals,
         confidence=training.confidence,
@@ -116,11 +117,11 @@ def _model(solution: Solution, k: int, training: Training, analysis: Analysis) -
         at_rest=analysis.at_rest,
         quality=quality,
         undetermined=analysis.undetermined,
-        domain=_domain([one.record for one in solution.joint.grids]),
+        domain=_domain([one.record for one in found.joint.grids]),
         notes=(
             *_notes(quality),
             *_bound_notes(parameters, training.bounds),
-            *_unit_notes(problem.amplitude, problem.speed),
+            *_unit_notes(unknowns.amplitude, unknowns.speed),
         ),
         provenance=provenance(record, training),
     )
@@ -172,17 +173,17 @@ def _unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
     )
 
 
-def _quality(solution: Solution, k: int, training: Training) -> Quality:
-    joint, grid = solution.joint, solution.joint.grids[k]
+def _quality(found: JudgedFit, k: int, training: Training) -> Quality:
+    joint, grid = found.joint, found.joint.grids[k]
     record, samples = grid.record, training.samples[k]
     swing = float(record.height.std())
-    here = joint.layout.places[k]
-    residuals = grid.residuals(solution.theta[here])
-    residual = _rms(residuals) * grid.problem.amplitude
+    here = joint.vector.places[k]
+    residuals = grid.residuals(found.theta[here])
+    residual = _rms(residuals) * grid.unknowns.amplitude
     held_out = len(record) - samples >= 2
     error, resting = None, None
     if held_out:
-        error, resting = _holdout_errors(grid, solution.trained[here], samples)
+        error, resting = _holdout_errors(grid, found.trained[here], samples)
     return Quality(
         residual=residual,
         relative=residual / swing,
@@ -191,14 +192,14 @@ def _quality(solution: Solution, k: int, training: Training) -> Quality:
         starts=training.starts,
         converged=training.converged,
         samples=len(record),
-        solver_error=solution.solver_errors[k],
+        solver_error=found.solver_errors[k],
         holdout_at_rest=resting,
         noise=noise_level(record.height, record.time),
         correlation=autocorrelation_time(residuals),
     )
 
 
-def _holdout_errors(grid: Grid, trained: np.ndarray, training: int) -> tuple[float, float]:
+def _holdout_errors(grid: GriddedRecord, trained: np.ndarray, training: int) -> tuple[float, float]:
     """Errors over the held-out stretch, of the roll-out and of a piston that stays at rest.
 
     Neither has seen that stretch; both count in the rms swing of the record.
@@ -211,7 +212,7 @@ def _holdout_errors(grid: Grid, trained: np.ndarray, training: int) -> tuple[flo
     resting = _rms(record.height[training:] - rest) / swing
     if (np.abs(residuals) >= BLOWN_UP).any():
         return math.inf, resting
-    return _rms(residuals) * grid.problem.amplitude / swing, resting
+    return _rms(residuals) * grid.unknowns.amplitude / swing, resting
 
 
 def _rms(values: np.ndarray) -> float:

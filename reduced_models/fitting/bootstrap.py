@@ -13,19 +13,19 @@ from collections.abc import Callable
 
 import numpy as np
 
-from reduced_models.fitting.refinement import Joint
+from reduced_models.fitting.refinement import JointRecords
 from reduced_models.fitting.uncertainty import autocorrelation_time
 
 REPLICATES = 200
 _BLOCK = 4.0  # in autocorrelation times
 
 
-def replicates(joint: Joint, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
+def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
     """Search vectors (count, p) fitted to resampled records."""
     random = np.random.default_rng(seed)
     residuals = joint.residuals(theta)
     lengths = [len(each) for each in residuals]
-    amplitude = joint.problem.amplitude
+    amplitude = joint.unknowns.amplitude
     # A residual is solution minus data.
     fitted = [
         grid.record.height + each * amplitude

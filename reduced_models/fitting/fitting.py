@@ -20,31 +20,33 @@ from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 from reduced_models.fitting.assessment import Training, models_of
 from reduced_models.fitting.bootstrap import REPLICATES
-from reduced_models.fitting.random_starts import (
+from reduced_models.fitting.joint_vector import JointVector, joint_normal, joint_vector
+from reduced_models.fitting.refinement import JointRecords, judged_fit
+from reduced_models.fitting.start_vectors import (
     free_entries,
     start_vectors,
     started,
     swing_draws,
-    swing_problem,
+    swing_unknowns,
+    unknowns_of,
 )
-from reduced_models.fitting.refinement import Joint, grid_of, problem_equations, solution
-from reduced_models.fitting.search import (
-    BLOWN_UP,
-    TIE,
-    Bounds,
-    Prior,
-    Samples,
-    agreement,
-    means_on_grid,
-    search,
-)
-from reduced_models.fitting.search_vector import Layout, Normal, joint_normal, layout_of
-from reduced_models.fitting.unknowns import Problem, problem_of, theta_bounds
-from reduced_models.laws import law_named
+from reduced_models.laws.catalogue import law_named
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.solution import grid_steps
-from reduced_models.models.model import HeightMap, ReducedModel
-from reduced_models.records.first_guesses import Estimates, estimates
+from reduced_models.least_squares.levenberg_marquardt import (
+    TIE,
+    Bounds,
+    Normal,
+    Prior,
+    agreement,
+    search,
+)
+from reduced_models.least_squares.residuals import BLOWN_UP, gridded, residual_functions
+from reduced_models.least_squares.samples import Samples, means_on_grid
+from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
+from reduced_models.models.model import ReducedModel
+from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.inputs import column_names, drive_on_grid
 
 STARTS = 16
@@ -174,7 +176,7 @@ def fit(
             f"no start led to a solution of {chosen.name!r} that stays finite over the record; try "
             "another law, more starts or a shorter record"
         )
-    found = solution(best.joint, best.theta, case.samples)
+    found = judged_fit(best.joint, best.theta, case.samples)
     training = Training(
         samples=case.samples,
         stops=tuple(data.stop for data in case.data),
@@ -236,7 +238,7 @@ class _Data(NamedTuple):
     record: PistonRecord
     training: PistonRecord
     stop: float
-    guess: Estimates
+    guess: FirstGuesses
 
 
 class _Case(NamedTuple):
@@ -264,10 +266,10 @@ def _case(
 def _split(record: PistonRecord, holdout: float) -> _Data:
     whole = record.from_zero()
     stop = float(whole.time[-1]) * (1.0 - holdout)
-    # Two samples make a record; what is too short to fit is told by its estimates.
+    # Two samples make a record; what is too short to fit is told by its first guesses.
     count = max(2, int(np.searchsorted(whole.time, stop, side="right")))
     training = whole.first(count)
-    return _Data(whole, training, stop, estimates(training))
+    return _Data(whole, training, stop, first_guesses(training))
 
 
 class _Candidate(NamedTuple):
@@ -275,7 +277,7 @@ class _Candidate(NamedTuple):
 
     Attributes
     ----------
-    joint : Joint
+    joint : JointRecords
         Of the whole records.
     theta : float64 (p,)
     samples, converged : int
@@ -286,7 +288,7 @@ class _Candidate(NamedTuple):
         The same of the means on the search's coarse grid.
     """
 
-    joint: Joint
+    joint: JointRecords
     theta: np.ndarray
     samples: int
     converged: int
@@ -312,8 +314,8 @@ def _best(law: Law, wanted: HeightMap | str, case: _Case, starts: int, seed: int
 class _Search(NamedTuple):
     """Where the starts led to on coarse grids: vectors (s, p) and costs (s,)."""
 
-    problem: Problem
-    layout: Layout
+    unknowns: Unknowns
+    vector: JointVector
     bounds: Bounds
     theta: np.ndarray
     costs: np.ndarray
@@ -333,47 +335,47 @@ def _searched(
     """
     # First of all: a record with too many periods is refused before any search.
     _fine_steps(law, case)
-    problem = problem_of(law, height_map, case.leader.guess, case.leader.training)
-    layout = layout_of(problem, len(case.data), case.own)
-    bounds = Bounds(*(layout.joined(edge) for edge in theta_bounds(problem, case.bounds)))
-    coarse = [_coarse(problem, data) for data in case.data]
-    theta = _swung(problem, layout, case, coarse, starts, seed)
+    unknowns = unknowns_of(law, height_map, case.leader.guess, case.leader.training)
+    vector = joint_vector(unknowns, len(case.data), case.own)
+    bounds = Bounds(*(vector.joined(edge) for edge in theta_bounds(unknowns, case.bounds)))
+    coarse = [_coarse(unknowns, data) for data in case.data]
+    theta = _swung(unknowns, vector, case, coarse, starts, seed)
     if theta is None:
-        theta = layout.merged(_start_vectors(problem, case, starts, seed))
-        normal, prior = _coarse_normal(problem, layout, case, coarse, _FIRST_SWINGS)
+        theta = vector.merged(_start_vectors(unknowns, case, starts, seed))
+        normal, prior = _coarse_normal(unknowns, vector, case, coarse, _FIRST_SWINGS)
         trials = _FIRST_TRIALS if math.isinf(limit) else _RIVAL_TRIALS
         theta, costs = search(normal, theta, prior, _FIRST_TOLERANCE, bounds, trials=trials)
         if costs.min() > limit:
-            return _Search(problem, layout, bounds, theta, costs)
-    normal, prior = _coarse_normal(problem, layout, case, coarse, math.inf)
-    return _Search(problem, layout, bounds, *search(normal, theta, prior, bounds=bounds))
+            return _Search(unknowns, vector, bounds, theta, costs)
+    normal, prior = _coarse_normal(unknowns, vector, case, coarse, math.inf)
+    return _Search(unknowns, vector, bounds, *search(normal, theta, prior, bounds=bounds))
 
 
 def _swung(
-    problem: Problem,
-    layout: Layout,
+    unknowns: Unknowns,
+    vector: JointVector,
     case: _Case,
     coarse: Sequence[Samples],
     starts: int,
     seed: int,
 ) -> np.ndarray | None:
     """Start vectors of a mapped law where random starts of its swing form lead to."""
-    form, leader = problem.law.swing_form, case.leader
-    if form is None or problem.map is not None or case.own or case.bounds:
+    form, leader = unknowns.law.swing_form, case.leader
+    if form is None or unknowns.map is not None or case.own or case.bounds:
         return None
     random = np.random.default_rng(seed)
     draws = swing_draws(form, leader.guess, leader.training, starts, random)
     if draws is None:
         return None
-    swinging = swing_problem(problem, form, draws)
+    swinging = swing_unknowns(unknowns, form, draws)
     free = free_entries(swinging, draws)
-    theta = layout.merged([started(swinging, data.guess, free) for data in case.data])
+    theta = vector.merged([started(swinging, data.guess, free) for data in case.data])
     for swings in (_FIRST_SWINGS, math.inf):
-        normal, prior = _coarse_normal(swinging, layout, case, coarse, swings)
+        normal, prior = _coarse_normal(swinging, vector, case, coarse, swings)
         theta, _ = search(normal, theta, prior, _FIRST_TOLERANCE, trials=_FIRST_TRIALS)
-    values = swinging.physical(theta[:, layout.places[0]].T)[0]
+    values = swinging.physical(theta[:, vector.places[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
-    theta[:, : free.shape[1]] = free_entries(problem, mapped)
+    theta[:, : free.shape[1]] = free_entries(unknowns, mapped)
     return theta
 
 
@@ -385,17 +387,17 @@ def _fine_steps(law: Law, case: _Case) -> list[int]:
     ]
 
 
-def _coarse(problem: Problem, data: _Data) -> Samples:
+def _coarse(unknowns: Unknowns, data: _Data) -> Samples:
     """Means of a training stretch on a coarse grid."""
     training = data.training
-    wanted = problem.law.resolution * COARSE_STEPS
+    wanted = unknowns.law.resolution * COARSE_STEPS
     steps = grid_steps(float(training.time[-1]), data.guess.shortest_period, wanted)
-    drive = drive_on_grid(training, problem.law.inputs, steps)
+    drive = drive_on_grid(training, unknowns.law.inputs, steps)
     return means_on_grid(training.time, training.height, steps, drive)
 
 
 def _coarse_normal(
-    problem: Problem, layout: Layout, case: _Case, coarse: Sequence[Samples], swings: float
+    unknowns: Unknowns, vector: JointVector, case: _Case, coarse: Sequence[Samples], swings: float
 ) -> tuple[Normal, Prior]:
     """The normal equations of the first swings, and the prior about the starts."""
     normals, total = [], 0.0
@@ -404,17 +406,17 @@ def _coarse_normal(
         weight = means.weight * seen
         total += float((weight**2).sum())
         seen_means = means._replace(weight=weight)
-        normals.append(problem_equations(problem).of(seen_means, problem.scales))
-    return joint_normal(normals, layout), Prior(layout.joined(problem.prior), total)
+        normals.append(residual_functions(unknowns).of(seen_means, unknowns.scales))
+    return joint_normal(normals, vector), Prior(vector.joined(unknowns.prior), total)
 
 
 def _refined(case: _Case, found: _Search) -> _Candidate:
     """The best start of a search, sharpened on fine grids."""
     grids = [
-        grid_of(found.problem, data.record, steps)
-        for data, steps in zip(case.data, _fine_steps(found.problem.law, case), strict=True)
+        gridded(found.unknowns, data.record, steps)
+        for data, steps in zip(case.data, _fine_steps(found.unknowns.law, case), strict=True)
     ]
-    joint = Joint(tuple(grids), found.layout, found.bounds)
+    joint = JointRecords(tuple(grids), found.vector, found.bounds)
     count = sum(case.samples)
     converged = int((found.costs <= agreement(found.costs, count)).sum())
     best = joint.sharpened(found.theta[int(found.costs.argmin())], case.samples)
@@ -426,16 +428,16 @@ def _refined(case: _Case, found: _Search) -> _Candidate:
     return _Candidate(joint, best, count, converged, cost, float(found.costs.min()))
 
 
-def _start_vectors(problem: Problem, case: _Case, starts: int, seed: int) -> list[np.ndarray]:
+def _start_vectors(unknowns: Unknowns, case: _Case, starts: int, seed: int) -> list[np.ndarray]:
     """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
     found = [
-        start_vectors(problem, data.guess, data.training, starts, np.random.default_rng(seed))
+        start_vectors(unknowns, data.guess, data.training, starts, np.random.default_rng(seed))
         for data in case.data
     ]
     leader = found[case.data.index(case.leader)]
     shared = slice(0, -2)
     found[0] = found[0].copy()
-    keep = [problem.law.parameters.index(name) for name in case.own]
+    keep = [unknowns.law.parameters.index(name) for name in case.own]
     own = found[0][:, keep].copy()
     found[0][:, shared] = leader[:, shared]
     found[0][:, keep] = own

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.refinement import Joint
-from reduced_models.fitting.search import Bounds, Prior, search
-from reduced_models.fitting.search_vector import Normal, joint_normal
+from reduced_models.fitting.joint_vector import joint_normal
+from reduced_models.fitting.refinement import JointRecords
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, search
 
 FAR = math.log(1e6)
 """An entry of the search vector that may go so far is not bounded by the data."""
@@ -52,7 +52,7 @@ class _Sides(NamedTuple):
 
 
 def profile_ends(
-    joint: Joint,
+    joint: JointRecords,
     theta: np.ndarray,
     entries: Sequence[int],
     covariance: np.ndarray,
@@ -63,7 +63,7 @@ def profile_ends(
 
     Parameters
     ----------
-    joint : Joint
+    joint : JointRecords
     theta : float64 (p,)
         The best fit.
     entries : sequence of int
@@ -97,7 +97,7 @@ def profile_ends(
 
 
 def _crossed(
-    joint: Joint,
+    joint: JointRecords,
     theta: np.ndarray,
     sides: _Sides,
     reach: np.ndarray,
@@ -107,7 +107,7 @@ def _crossed(
     quantile: float,
 ) -> np.ndarray:
     """How far each side goes until its profile t is the quantile; infinite where it does not."""
-    normal = joint_normal([grid.normal() for grid in joint.grids], joint.layout)
+    normal = joint_normal([grid.normal() for grid in joint.grids], joint.vector)
     least = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(reach), np.zeros_like(reach)
     far, far_t = np.full_like(reach, np.inf), np.full_like(reach, np.inf)
@@ -168,7 +168,7 @@ def _along(theta: np.ndarray, guide: np.ndarray, sides: _Sides, reach: np.ndarra
 
 
 def _held(
-    joint: Joint, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
+    joint: JointRecords, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack.
 
@@ -180,7 +180,7 @@ def _held(
     high = np.tile(joint.bounds.high, (len(start), 1))
     low[rows, entry] = high[rows, entry] = start[rows, entry]
     size = sum(len(grid.record) for grid in joint.grids)
-    free = Prior(np.zeros(joint.layout.size), float(size))
+    free = Prior(np.zeros(joint.vector.size), float(size))
     for _ in range(_ATTEMPTS):
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
         start, costs = search(normal, start, free, tolerance, Bounds(low, high))

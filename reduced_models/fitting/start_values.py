@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.laws.law import Law, Starts, compiled_field
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.inputs import column, drive_at
 
 _NODES = 160
@@ -21,9 +21,9 @@ _HALF_WINDOW = 0.12  # of the local cubics, in periods
 _SPREAD = 0.05  # of the logarithm of repeated start values
 
 
-def drawn(
+def start_values(
     law: Law,
-    guess: Estimates,
+    guess: FirstGuesses,
     record: PistonRecord,
     random: np.random.Generator,
     count: int,
@@ -45,7 +45,7 @@ def drawn(
 def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
     """Start values of a law about parameters that are known roughly."""
 
-    def start(_: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         return {
             name: value * np.exp(spread * random.normal(size=count))
             for name, value in values.items()
@@ -55,7 +55,7 @@ def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
 
 
 def _random_draws(
-    law: Law, guess: Estimates, random: np.random.Generator, count: int
+    law: Law, guess: FirstGuesses, random: np.random.Generator, count: int
 ) -> np.ndarray:
     """Values (count, p) in powers of the record's own time and lengths."""
     shape = (count, len(law.parameters))
@@ -67,7 +67,7 @@ def _random_draws(
     return np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
 
 
-def _matched(law: Law, guess: Estimates, record: PistonRecord, draws: np.ndarray) -> np.ndarray:
+def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray) -> np.ndarray:
     """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 

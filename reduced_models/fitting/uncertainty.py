@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.law import compiled_field, compiled_slopes
-from reduced_models.models.model import AtRest, Direction
+from reduced_models.laws.small_swing import small_swing
+from reduced_models.models.fitted_law import AtRest
+from reduced_models.models.model import Direction
 
 if TYPE_CHECKING:
-    from reduced_models.fitting.refinement import Joint
-    from reduced_models.fitting.unknowns import Problem
+    from reduced_models.fitting.refinement import JointRecords
+    from reduced_models.least_squares.unknowns import Unknowns
 
 OPEN = 0.25
 """A direction is undetermined if the data leave the logarithm along it this uncertain."""
@@ -93,60 +94,60 @@ def marginal(normal: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def interval_analysis(
-    problem: Problem, theta: np.ndarray, known: Information, confidence: float
+    unknowns: Unknowns, theta: np.ndarray, known: Information, confidence: float
 ) -> Analysis:
     """Intervals of a fit, linearised at its minimum."""
     from scipy.stats import t as student
 
     covariance = _covariance(known.normal, known.variance)
     quantile = float(student.ppf(0.5 + 0.5 * confidence, known.freedom))
-    names, values, logs = _named(problem, theta)
+    names, values, logs = _named(unknowns, theta)
     intervals = {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(covariance[k, k], 0.0))
-        intervals[name] = _interval(values[k], spread, problem, k, logarithmic=logs[k])
-    information = _information(problem, theta, known.normal, known.variance)
+        intervals[name] = _interval(values[k], spread, unknowns, k, logarithmic=logs[k])
+    information = _information(unknowns, theta, known.normal, known.variance)
     return Analysis(
         intervals=intervals,
-        at_rest=_at_rest(problem, theta, covariance, quantile),
+        at_rest=_at_rest(unknowns, theta, covariance, quantile),
         undetermined=open_directions(names, information),
     )
 
 
 def bootstrap_intervals(
-    problem: Problem, replicates: np.ndarray, confidence: float
+    unknowns: Unknowns, replicates: np.ndarray, confidence: float
 ) -> dict[str, tuple[float, float]]:
     """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
     shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    return intervals_between(problem, *np.quantile(replicates, shares, axis=0))
+    return intervals_between(unknowns, *np.quantile(replicates, shares, axis=0))
 
 
 def profile_intervals(
-    joint: Joint, theta: np.ndarray, variance: float, freedom: int, confidence: float
+    joint: JointRecords, theta: np.ndarray, variance: float, freedom: int, confidence: float
 ) -> list[dict[str, tuple[float, float]]]:
     """Profile intervals of each record's parameters and map."""
     from scipy.stats import t as student
 
     from reduced_models.fitting.profile import profile_ends
 
-    problem, places = joint.problem, joint.layout.places
-    count = len(_named(problem, theta[places[0]])[0])
+    unknowns, places = joint.unknowns, joint.vector.places
+    count = len(_named(unknowns, theta[places[0]])[0])
     entries = sorted({int(entry) for here in places for entry in here[:count]})
     covariance = _covariance(joint.normal_matrix(theta), variance)
     quantile = float(student.ppf(0.5 + 0.5 * confidence, freedom))
     low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
-    return [intervals_between(problem, low[here], high[here]) for here in places]
+    return [intervals_between(unknowns, low[here], high[here]) for here in places]
 
 
 def intervals_between(
-    problem: Problem, low: np.ndarray, high: np.ndarray
+    unknowns: Unknowns, low: np.ndarray, high: np.ndarray
 ) -> dict[str, tuple[float, float]]:
     """Intervals between two search vectors (p,)."""
-    names, _, logs = _named(problem, low)
+    names, _, logs = _named(unknowns, low)
     return {
         name: (
-            _interval(low[k], 0.0, problem, k, logarithmic=logs[k])[0],
-            _interval(high[k], 0.0, problem, k, logarithmic=logs[k])[1],
+            _interval(low[k], 0.0, unknowns, k, logarithmic=logs[k])[0],
+            _interval(high[k], 0.0, unknowns, k, logarithmic=logs[k])[1],
         )
         for k, name in enumerate(names)
     }
@@ -162,49 +163,49 @@ def _covariance(normal: np.ndarray, variance: float) -> np.ndarray:
     return np.asarray(found * np.outer(scale, scale))
 
 
-def _named(problem: Problem, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
-    law = problem.law
+def _named(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
+    law = unknowns.law
     names = [*law.parameters]
     logs = [name in law.positive for name in names]
-    if problem.map is None:
+    if unknowns.map is None:
         names += ["shift", "scale"]
         logs += [False, True]
     return names, theta[: len(names)], logs
 
 
-def _unit(problem: Problem, k: int) -> float:
+def _unit(unknowns: Unknowns, k: int) -> float:
     """What one unit of an entry of the search vector that is no logarithm means."""
-    if k < len(problem.units):
-        return problem.units[k]
-    return problem.amplitude
+    if k < len(unknowns.units):
+        return unknowns.units[k]
+    return unknowns.amplitude
 
 
 def _interval(
-    value: float, spread: float, problem: Problem, k: int, *, logarithmic: bool
+    value: float, spread: float, unknowns: Unknowns, k: int, *, logarithmic: bool
 ) -> tuple[float, float]:
     value = float(value)
     if logarithmic:
-        unit = problem.amplitude if k >= len(problem.units) else 1.0
+        unit = unknowns.amplitude if k >= len(unknowns.units) else 1.0
         if spread > _UNKNOWN:
             return 0.0, math.inf
         return unit * math.exp(value - spread), unit * math.exp(value + spread)
-    offset = problem.rest if k >= len(problem.units) else 0.0
-    unit = float(_unit(problem, k))
+    offset = unknowns.rest if k >= len(unknowns.units) else 0.0
+    unit = float(_unit(unknowns, k))
     return offset + unit * (value - spread), offset + unit * (value + spread)
 
 
 def _information(
-    problem: Problem, theta: np.ndarray, normal: np.ndarray, variance: float
+    unknowns: Unknowns, theta: np.ndarray, normal: np.ndarray, variance: float
 ) -> np.ndarray:
     """Fisher information on the logarithms of parameters and map, the initial state left open."""
-    names, values, logs = _named(problem, theta)
+    names, values, logs = _named(unknowns, theta)
     count = len(names)
     relative = np.ones(count)
     for k, log in enumerate(logs):
         if not log:
             value = values[k]
-            if k >= len(problem.units):  # the shift counts from the rest level
-                value += problem.rest / problem.amplitude
+            if k >= len(unknowns.units):  # the shift counts from the rest level
+                value += unknowns.rest / unknowns.amplitude
             # A value near zero is no measure of how well it is known; its unit is.
             relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
     asked, nuisance = normal[:count, :count], normal[count:, count:]
@@ -233,17 +234,17 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
 
 
 def _at_rest(
-    problem: Problem, theta: np.ndarray, covariance: np.ndarray, quantile: float
+    unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray, quantile: float
 ) -> AtRest | None:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
-    figures = _small_motion(problem, theta)
-    if figures is None or abs(figures[0] - problem.rest) > 2.0 * problem.amplitude:
+    figures = _small_motion(unknowns, theta)
+    if figures is None or abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
         return None
     slope = np.zeros((3, len(theta)))
     for k in range(len(theta)):
         step = np.zeros(len(theta))
         step[k] = 1e-6 * max(1.0, abs(theta[k]))
-        sides = [_small_motion(problem, theta + sign * step) for sign in (1.0, -1.0)]
+        sides = [_small_motion(unknowns, theta + sign * step) for sign in (1.0, -1.0)]
         if sides[0] is None or sides[1] is None:
             return None
         slope[:, k] = (sides[0] - sides[1]) / (2.0 * step[k])
@@ -260,25 +261,13 @@ def _at_rest(
     )
 
 
-def _small_motion(problem: Problem, theta: np.ndarray) -> np.ndarray | None:
+def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | None:
     """Rest height, period and damping ratio; None where there is no stable level of rest.
 
     Hidden states and inputs are at zero.
     """
-    values, shift, scale, _, _ = problem.physical(theta)
-    law = problem.law
-    force = compiled_field(law.equation, law.inputs, "numpy")
-    slopes = compiled_slopes(law.equation, law.inputs)
-    still = (0.0,) * (1 + len(law.hidden) + len(law.inputs))
-    z = (problem.rest - shift) / scale
-    with np.errstate(all="ignore"):
-        for _ in range(50):
-            change = force(z, *still, *values)[0] / slopes(z, *still, *values)[0]
-            z -= change
-            if not math.isfinite(z) or abs(change) <= 1e-15 * max(1.0, abs(z)):
-                break
-        stiffness, damping = (-slope for slope in slopes(z, *still, *values))
-    if not math.isfinite(z) or not stiffness > 0.0:
+    values, shift, scale, _, _ = unknowns.physical(theta)
+    found = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
+    if found is None:
         return None
-    omega = math.sqrt(stiffness)
-    return np.array([shift + scale * z, 2.0 * math.pi / omega, damping / (2.0 * omega)])
+    return np.array([shift + scale * found.z, found.period, found.damping_ratio])

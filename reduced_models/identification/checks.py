@@ -6,12 +6,8 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.run.allowed import is_allowed
 from granular.run.record import PistonRecord
-from granular.run.time_step import doubled, halved
 from granular.shared.errors import RecordError
-from granular.studies.measures import piston_columns
-from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -21,7 +17,7 @@ CHECK_SEEDS = 2
 _RESOLVED = 1.0  # step times highest frequency up to which a method shows its order; half the limit
 
 
-class Check(NamedTuple):
+class RunCheck(NamedTuple):
     """A further run of a scene.
 
     Attributes
@@ -48,12 +44,12 @@ class StepCheck(NamedTuple):
 
     Attributes
     ----------
-    check : Check
+    check : RunCheck
     factor : float
         Error of the step that was used, over what the other one changes.
     """
 
-    check: Check
+    check: RunCheck
     factor: float
 
 
@@ -65,32 +61,37 @@ def step_check(run: Trajectory) -> StepCheck:
     Half the step changes 1 - 2^-p of the error.
     """
     from granular.methods import method_named
+    from granular.run.allowed import is_allowed
+    from granular.run.time_step import doubled, halved
 
     settings = run.settings()
     dt, method = settings["dt"], settings["method"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
     if coarser <= _RESOLVED and is_allowed(run.scene, doubled(dt), method):
-        return StepCheck(Check("twice the time step", {"dt": doubled(dt)}), 1.0)
+        return StepCheck(RunCheck("twice the time step", {"dt": doubled(dt)}), 1.0)
     power = 2.0 ** method_named(method).order
-    return StepCheck(Check("half the time step", {"dt": halved(dt)}), power / (power - 1.0))
+    return StepCheck(RunCheck("half the time step", {"dt": halved(dt)}), power / (power - 1.0))
 
 
-def seed_checks(run: Trajectory) -> list[Check]:
+def seed_checks(run: Trajectory) -> list[RunCheck]:
     """The scene of a run from other random starts, all else alike."""
     first = run.scene.arrangement.seed + 1
     return [
-        Check(f"random start {seed}", {"arrangement.seed": seed})
+        RunCheck(f"random start {seed}", {"arrangement.seed": seed})
         for seed in range(first, first + CHECK_SEEDS)
     ]
 
 
 def checked_records(
-    run: Trajectory, checks: Sequence[Check], executor: Executor | None, progress: bool
+    run: Trajectory, checks: Sequence[RunCheck], executor: Executor | None, progress: bool
 ) -> list[PistonRecord | Failure]:
     """The records of further runs, or why there is none, in the order of the checks.
 
     They are run side by side, where `granular.sweep` runs cases or by an executor that is given.
     """
+    from granular.studies.measures import piston_columns
+    from granular.studies.sweep import sweep
+
     settings = run.settings()
     study = sweep(
         run.scene,
@@ -108,7 +109,7 @@ def checked_records(
     ]
 
 
-def _record_of(check: Check, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
+def _record_of(check: RunCheck, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
     if outcome["error"] is not None:
         return Failure(check.what, " ".join(outcome["error"].split()))
     try:

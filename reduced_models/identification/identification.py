@@ -14,20 +14,19 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
-from granular.shared.files import make_directory, write_text
 from reduced_models.fitting.fitting import STARTS, check_options, fit
 from reduced_models.identification.checks import (
-    Check,
     Failure,
+    RunCheck,
     checked_records,
     seed_checks,
     step_check,
 )
 from reduced_models.identification.comparison import Comparison, compare, law_name
-from reduced_models.laws import LAWS as LAWS_OF_PACKAGE
-from reduced_models.laws import law_named
+from reduced_models.identification.data import Figure
+from reduced_models.identification.result import Identification
+from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import (
@@ -36,130 +35,13 @@ from reduced_models.records.sources import (
     prepared,
     record_of,
     run_notes,
-    step_text,
 )
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
+    from granular.scene.scene import Scene
 
 LAWS = ("linear", "van-der-pol-like")
-_UNITS = {"height": "m", "period": "s", "damping_ratio": ""}
-
-
-@dataclasses.dataclass(frozen=True)
-class Figure:
-    """A number with all its uncertainties.
-
-    Attributes
-    ----------
-    value : float
-    interval : (float, float)
-        Confidence interval of the fit.
-    step_error : float or None
-        Estimated error of the simulation's time step, from a run with another step and the same fit
-        of the same law; see `reduced_models.identification.checks.step_check`.
-    seed_spread : float or None
-        Standard deviation over random starts of the bed.
-    """
-
-    value: float
-    interval: tuple[float, float]
-    step_error: float | None = None
-    seed_spread: float | None = None
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Identification:
-    """What was identified.
-
-    Attributes
-    ----------
-    record : PistonRecord
-    models : tuple of ReducedModel
-        One a law, in the order asked for.
-    comparison : Comparison
-        Table of the laws, and the verdict.
-    run : Trajectory or None
-        Where the record comes from a simulation.
-    figures : mapping of str to Figure
-        ``height`` [m], ``period`` [s] and ``damping_ratio`` of the small swing about rest.
-    figures_law : str
-        The law whose fit they come from.
-    notes : tuple of str
-        What is to be doubted in the run or its checks.
-    seconds : mapping of str to float
-        Wall time of each part.
-    """
-
-    record: PistonRecord
-    models: tuple[ReducedModel, ...]
-    comparison: Comparison
-    run: Trajectory | None
-    figures: Mapping[str, Figure]
-    figures_law: str
-    notes: tuple[str, ...]
-    seconds: Mapping[str, float]
-
-    @property
-    def best(self) -> ReducedModel:
-        """The model of the law that the comparison puts first."""
-        first = self.comparison.rows[0].name
-        return next(model for model in self.models if model.law.name == first)
-
-    @property
-    def verdict(self) -> str:
-        """Of the comparison, in plain words."""
-        return self.comparison.verdict
-
-    def save(self, out: str | Path) -> None:
-        """Write report.html, model.json and equations.txt (the best), models/ and record.csv."""
-        from reduced_models.identification.page import identification_page
-
-        out = Path(out)
-        make_directory(out / "models")
-        self.record.to_csv(out / "record.csv")
-        self.best.save(out / "model.json")
-        write_text(out / "equations.txt", self.best.text)
-        for place, model in enumerate(self.models):
-            # The name of a law that was given as an equation is no file name.
-            name = model.law.name if model.law.name in LAWS_OF_PACKAGE else f"own-{place + 1}"
-            model.save(out / "models" / f"{name}.json")
-        identification_page(self).save(out / "report.html")
-
-    def to_plain(self) -> dict[str, Any]:
-        """Figures, verdict and models as plain data."""
-        return {
-            "verdict": self.verdict,
-            "best": self.best.law.name,
-            "comparison": self.comparison.to_plain(),
-            "models": [model.to_plain() for model in self.models],
-            "figures": {name: dataclasses.asdict(figure) for name, figure in self.figures.items()},
-            "figures_law": self.figures_law,
-            "notes": list(self.notes),
-            "time_step": None if self.run is None else step_text(self.run),
-            "seconds": dict(self.seconds),
-        }
-
-    def __str__(self) -> str:
-        lines = [*map(str, self.models), "", str(self.comparison)]
-        if self.figures:
-            lines.append(f"small swing about rest, by {self.figures_law}:")
-        lines += [f"  {_figure_text(name, figure)}" for name, figure in self.figures.items()]
-        if self.run is not None:
-            method = self.run.settings()["method"]
-            lines.append(f"simulated with {method}, time step {step_text(self.run)}")
-        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
-
-
-def _figure_text(name: str, figure: Figure) -> str:
-    low, high = figure.interval
-    text = f"{name.replace('_', ' ')} {figure.value:.5g} {_UNITS[name]}".rstrip()
-    text += f"  [{low:.5g}, {high:.5g}]"
-    if figure.step_error is not None:
-        text += f", step error {figure.step_error:.2g}"
-    if figure.seed_spread is not None:
-        text += f", scatter over random starts {figure.seed_spread:.2g}"
-    return text
 
 
 def identify(
@@ -223,7 +105,7 @@ def identify(
     check_options(starts=starts)
     options = RunOptions(changes or {}, dt, method, threads, progress)
     target = prepared(out)
-    clock = _Clock()
+    clock = _Stopwatch()
     record, run = record_of(source, target, options)
     clock.lap("record" if run is None else "simulation")
     wanted: list[Any] = list(laws)
@@ -280,7 +162,7 @@ def _judged(
     )
 
 
-class _Clock:
+class _Stopwatch:
     """Wall time of the parts."""
 
     def __init__(self) -> None:
@@ -337,7 +219,7 @@ def _checked(
 
 
 def _refitted(
-    check: Check, record: PistonRecord | Failure, original: PistonRecord, model: ReducedModel
+    check: RunCheck, record: PistonRecord | Failure, original: PistonRecord, model: ReducedModel
 ) -> dict[str, float] | Failure:
     """The figures of a check's record, over the same duration and by the same law and map."""
     if isinstance(record, Failure):

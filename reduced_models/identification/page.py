@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.engine.ledger import doubtful
-from granular.run.simulation import versions
-from granular.run.trajectory import StageResult, Trajectory
-from granular.scene.scales import Scales
 from granular.shared.html import Page, number
-from granular.shared.plotting import COLOURS, GREY, STYLES, draw_bed, figure
+from granular.shared.plotting import COLOURS, GREY, STYLES, draw_bed, figure, line_look, plain_label
+from granular.shared.version import versions
 from reduced_models.identification.comparison import Comparison
-from reduced_models.identification.identification import Identification
-from reduced_models.laws.printing import mathml, rounded
+from reduced_models.identification.data import IdentificationData
+from reduced_models.laws.printing import mathml
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import StageResult, Trajectory
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
 _ENERGIES = {
@@ -31,7 +32,7 @@ _ENERGIES = {
 }
 
 
-def identification_page(found: Identification) -> Page:
+def identification_page(found: IdentificationData) -> Page:
     """The report as a page."""
     name = "a record" if found.run is None else f"scene {found.run.scene.name!r}"
     page = Page(f"The equation of {name}", found.verdict)
@@ -74,7 +75,7 @@ def _table(page: Page, table: Comparison) -> None:
     page.figure(table.plot(), "Held-out errors of the laws.")
 
 
-def _equations(page: Page, found: Identification) -> None:
+def _equations(page: Page, found: IdentificationData) -> None:
     for model in found.models:
         _equation(page, model, " (best)" if model is found.best else "")
 
@@ -82,13 +83,14 @@ def _equations(page: Page, found: Identification) -> None:
 def _equation(page: Page, model: ReducedModel, remark: str) -> None:
     page.section(f"{model.law.name}{remark}")
     page.equation(mathml(model.equation))
-    page.equation(mathml(model.law.sympy_equation(rounded(model.parameters))))
+    page.equation(mathml(model.printed_equation))
     for name, rate in model.law.parsed.hidden.items():
         page.text(f"Hidden state: {name}' = {rate}".replace("z_first", "z'"))
     meaning = "z is the height in metres"
     if model.law.mapped:
         how = "fitted" if model.map.fitted else "given, not fitted"
-        meaning = f"{model.map} ({how}), a pure number; the law's time unit is 1 s"
+        height = model.map.text(max(5, model.printed_digits))
+        meaning = f"{height} ({how}), a pure number; the law's time unit is 1 s"
     page.text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
     page.table(
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"),
@@ -123,13 +125,18 @@ def _sentence(words: str) -> str:
 
 
 def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
-    values = dict(model.parameters)
+    values, digits = dict(model.parameters), max(6, model.printed_digits)
     units = dict(model.law.units)
     if model.map.fitted:
         values |= {"shift": model.map.shift, "scale": model.map.scale}
         units |= {"shift": "m", "scale": "m"}
     return [
-        (name, number(value, 6), units.get(name, ""), interval_text(*model.intervals[name], value))
+        (
+            name,
+            number(value, digits),
+            units.get(name, ""),
+            interval_text(*model.intervals[name], value),
+        )
         for name, value in values.items()
     ]
 
@@ -141,11 +148,17 @@ def interval_text(low: float, high: float, value: float) -> str:
     return f"{low:.6g} to {high:.6g}"
 
 
-def _figures(page: Page, found: Identification) -> None:
+def _diameter(run: Trajectory) -> float:
+    from granular.scene.scales import Scales
+
+    return Scales.of(run.scene.grains).length
+
+
+def _figures(page: Page, found: IdentificationData) -> None:
     if not found.figures:
         return
     page.section("The small swing about rest")
-    length = None if found.run is None else Scales.of(found.run.scene.grains).length
+    length = None if found.run is None else _diameter(found.run)
     rows = []
     for name, figure_ in found.figures.items():
         unit, scale = {"height": ("mm", 1e3), "period": ("ms", 1e3)}.get(name, ("", 1.0))
@@ -176,7 +189,7 @@ def _thin(*columns: np.ndarray) -> list[np.ndarray]:
     return [column[::every] for column in columns]
 
 
-def _record(page: Page, found: Identification) -> None:
+def _record(page: Page, found: IdentificationData) -> None:
     page.section("The record and the fits")
     record = found.record
     time = record.time - record.time[0]
@@ -188,9 +201,9 @@ def _record(page: Page, found: Identification) -> None:
             t, height, residual = _thin(
                 time, 1e3 * motion.height, 1e6 * (record.height - motion.height)
             )
-            style = {"color": COLOURS[k], "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.2}
-            top.plot(t, height, label=name, **style)
-            bottom.plot(t, residual, label=name, **style)
+            style = {"linewidth": 1.2, **line_look(k)}
+            top.plot(t, height, label=plain_label(name), **style)
+            bottom.plot(t, residual, label=plain_label(name), **style)
         start = found.best.quality.holdout_from
         if start is not None:
             for axes in (top, bottom):
@@ -213,7 +226,7 @@ def _record(page: Page, found: Identification) -> None:
             assert motion.velocity is not None
             axes.plot(
                 *_thin(1e3 * motion.height, 1e3 * motion.velocity),
-                color=COLOURS[k], linestyle=STYLES[k % len(STYLES)], linewidth=1.0, label=name,
+                linewidth=1.0, label=plain_label(name), **line_look(k),
             )  # fmt: skip
         axes.set_xlabel("height [mm]")
         axes.set_ylabel("velocity [mm/s]")
@@ -253,6 +266,8 @@ def _overlap_note(page: Page, run: Trajectory) -> None:
 
 
 def _ledger(page: Page, run: Trajectory) -> None:
+    from granular.engine.ledger import doubtful
+
     page.section("Energy ledger")
     data = run.dataset
     time = data["time"].values
@@ -297,7 +312,7 @@ def _settings(page: Page, run: Trajectory) -> None:
     page.preformatted(run.scene.to_toml())
 
 
-def _times(page: Page, found: Identification) -> None:
+def _times(page: Page, found: IdentificationData) -> None:
     page.section("What it took")
     rows = [(name, f"{seconds:.2f}") for name, seconds in found.seconds.items()]
     page.table(("part", "seconds"), rows)

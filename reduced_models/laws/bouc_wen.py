@@ -11,18 +11,18 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequencies(random, count)
-    size = 0.5 * np.pi * estimates.frequency * estimates.amplitude
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
+    size = 0.5 * np.pi * guesses.frequency * guesses.amplitude
     return {
         "omega": omega * np.exp(random.uniform(-0.2, 0.0, count)),
-        "friction": estimates.decays(random, count) * size,
-        "rho": np.exp(random.uniform(-1.0, 2.0, count)) / estimates.amplitude,
+        "friction": guesses.decays(random, count) * size,
+        "rho": np.exp(random.uniform(-1.0, 2.0, count)) / guesses.amplitude,
         "sigma": np.exp(random.uniform(-0.7, 1.0, count)),
-        "g0": omega**2 * estimates.levels(random, count),
+        "g0": omega**2 * guesses.levels(random, count),
     }
 
 

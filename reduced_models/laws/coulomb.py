@@ -11,18 +11,18 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequencies(random, count)
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
     # A swing of amplitude A loses as much in a period as by 2 lam v where
     # lam = 2 friction/(pi omega A).
-    size = 0.5 * np.pi * estimates.frequency * estimates.amplitude
+    size = 0.5 * np.pi * guesses.frequency * guesses.amplitude
     return {
-        "friction": estimates.decays(random, count) * size,
+        "friction": guesses.decays(random, count) * size,
         "omega": omega,
-        "g0": omega**2 * estimates.levels(random, count),
+        "g0": omega**2 * guesses.levels(random, count),
     }
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequencies(random, count)
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
     return {
-        "lam": estimates.decays(random, count),
+        "lam": guesses.decays(random, count),
         "omega": omega,
-        "rest": estimates.levels(random, count),
-        "beta": (omega / estimates.amplitude) ** 2 * random.uniform(-0.2, 0.5, count),
+        "rest": guesses.levels(random, count),
+        "beta": (omega / guesses.amplitude) ** 2 * random.uniform(-0.2, 0.5, count),
     }
 
 

@@ -1,10 +1,15 @@
-"""Jacobi's elliptic functions in JAX, the Duffing oscillator that they solve, and a damped ansatz.
+"""Elliptic motions in JAX: Jacobi's functions, the Duffing oscillator, and a damped ansatz.
 
-The parameter is m = k^2, any real number. Within 0 <= m <= 1 the argument is first brought to a
-quarter period about zero; then Landen's transformations shrink whichever of m and 1 - m is the
-smaller one (Abramowitz & Stegun 1964, 16.12 and 16.14), written without differences of nearly equal
-numbers, so that the limits m -> 0 and m -> 1 keep their digits and their derivatives. Other m are
-brought there by the reciprocal and the imaginary transformation (ibid. 16.10, 16.11).
+``scipy.special.ellipj`` has the values for 0 <= m <= 1, and near m = 1 those of small u only. These
+functions do what a fit of a motion needs beyond that: derivatives by u and by m, also at m = 0 and
+m = 1; any real m (that of a spring that softens is negative); and compiled code for many starts.
+
+The parameter is m = k^2. Within 0 <= m <= 1 the argument is first brought to a quarter period about
+zero; then Landen's transformations shrink whichever of m and 1 - m is the smaller one (Abramowitz &
+Stegun 1964, 16.12 and 16.14), written without differences of nearly equal numbers, so that the
+limits m -> 0 and m -> 1 keep their digits and their derivatives. Other m are brought there by the
+reciprocal and the imaginary transformation (ibid. 16.10, 16.11). An argument of many periods is
+rounded as any number is, which costs u eps.
 """
 
 from __future__ import annotations
@@ -19,8 +24,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
-from reduced_models.laws.double_double import less_product, quarter_period_pair
-from reduced_models.records.first_guesses import estimates
+from reduced_models.records.first_guesses import first_guesses
 
 jnp = jax.numpy
 
@@ -45,14 +49,6 @@ def cn(u: Any, m: Any) -> Any:
 def dn(u: Any, m: Any) -> Any:
     """Jacobi's dn(u | m)."""
     return _functions(u, m)[2]
-
-
-def amplitude(u: Any, m: Any) -> Any:
-    """Jacobi's amplitude am(u | m): sn = sin(am), cn = cos(am), continuous in u."""
-    s, c, _, turns = _functions(u, m)
-    # cn has the sign of (-1)^turns, which belongs to the half turns.
-    flip = jnp.where(turns % 2.0 == 0.0, 1.0, -1.0)
-    return jnp.arctan2(flip * s, flip * c) + jnp.pi * turns
 
 
 def quarter_period(m: Any) -> Any:
@@ -83,8 +79,8 @@ def _complete(m1: Any) -> Any:
     return jnp.pi / (2.0 * a)
 
 
-def _functions(u: Any, m: Any) -> tuple[Any, Any, Any, Any]:
-    """sn, cn, dn and the number of half turns of the amplitude, for any real m."""
+def _functions(u: Any, m: Any) -> tuple[Any, Any, Any]:
+    """sn, cn and dn for any real m."""
     u, m = jnp.broadcast_arrays(jnp.asarray(u, jnp.float64), jnp.asarray(m, jnp.float64))
     below, above = m < 0.0, m > 1.0
     # Each branch gets numbers of its own domain, or the derivatives of the others were undefined.
@@ -95,37 +91,27 @@ def _functions(u: Any, m: Any) -> tuple[Any, Any, Any, Any]:
         below, 1.0 / (1.0 - lower), jnp.where(above, (upper - 1.0) / upper, 1.0 - inner)
     )
     stretch = jnp.where(below, jnp.sqrt(1.0 - lower), jnp.where(above, jnp.sqrt(upper), 1.0))
-    s, c, d, turns = _standard(u * stretch, reduced_m, reduced_m1)
+    s, c, d = _standard(u * stretch, reduced_m, reduced_m1)
     safe_d = jnp.where(below, d, 1.0)
     return (
         jnp.where(below, s / (stretch * safe_d), jnp.where(above, s / stretch, s)),
         jnp.where(below, c / safe_d, jnp.where(above, d, c)),
         jnp.where(below, 1.0 / safe_d, jnp.where(above, c, d)),
-        jnp.where(above, 0.0, turns),
     )
 
 
-def _standard(u: Any, m: Any, m1: Any) -> tuple[Any, Any, Any, Any]:
-    """sn, cn, dn and half turns for 0 <= m <= 1, m1 = 1 - m."""
+def _standard(u: Any, m: Any, m1: Any) -> tuple[Any, Any, Any]:
+    """sn, cn and dn for 0 <= m <= 1, m1 = 1 - m."""
     periodic = m1 > 0.0
     quarter = _complete(jnp.where(periodic, m1, 1.0))
     turns = jnp.where(periodic, jnp.round(u / (2.0 * quarter)), 0.0)
-    rest = _remainder(u, jnp.where(periodic, m, 0.0), quarter, turns)
+    rest = u - turns * (2.0 * quarter)
     small = m <= 0.5
     low = _descending(rest, jnp.where(small, m, 0.25))
     high = _ascending(rest, jnp.where(small, 0.25, m1))
     s, c, d = (jnp.where(small, one, other) for one, other in zip(low, high, strict=True))
     sign = jnp.where(turns % 2.0 == 0.0, 1.0, -1.0)
-    return sign * s, sign * c, d, turns
-
-
-def _remainder(u: Any, m: Any, quarter: Any, turns: Any) -> Any:
-    """U less so many half periods, to the last digit; the derivative is that of ``quarter``."""
-    exact = less_product(u, 2.0 * turns, quarter_period_pair(m))
-    slopes = (u - jax.lax.stop_gradient(u)) - 2.0 * turns * (
-        quarter - jax.lax.stop_gradient(quarter)
-    )
-    return exact + slopes
+    return sign * s, sign * c, d
 
 
 def _descending(u: Any, m: Any) -> tuple[Any, Any, Any]:
@@ -195,7 +181,7 @@ def duffing_motion(t: Any, omega: Any, beta: Any, z0: Any, v0: Any) -> Any:
     rate2 = jnp.sqrt(omega**4 + 4.0 * beta * energy)
     rate = jnp.sqrt(rate2)
     amplitude2 = 4.0 * energy / (rate2 + omega**2)
-    s, c, d, _ = _functions(rate * t, 0.5 * beta * amplitude2 / rate2)
+    s, c, d = _functions(rate * t, 0.5 * beta * amplitude2 / rate2)
     left = 0.5 * beta * (amplitude2 - z0**2) / rate2
     return (z0 * c + v0 / rate * s * d) / (1.0 - left * s * s)
 
@@ -322,7 +308,7 @@ def fit_damped_elliptic(record: PistonRecord) -> EllipticFit:
     """
     from scipy.optimize import least_squares
 
-    guess = estimates(record)
+    guess = first_guesses(record)
     time = record.time - record.time[0]
     swing = guess.amplitude
     size = np.array(

@@ -5,28 +5,30 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import re
-from collections.abc import Callable, Collection, Mapping
-from tokenize import TokenError
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.shared import algebra, grammar
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 if TYPE_CHECKING:
     import sympy
 
-    from reduced_models.records.first_guesses import Estimates
+    from reduced_models.records.first_guesses import FirstGuesses
 
-Starts = Callable[["Estimates", np.random.Generator, int], dict[str, np.ndarray]]
+Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 SwingStarts = Callable[
-    [np.ndarray, np.ndarray, "Estimates", np.random.Generator, int], dict[str, np.ndarray] | None
+    [np.ndarray, np.ndarray, "FirstGuesses", np.random.Generator, int], dict[str, np.ndarray] | None
 ]
 
-_ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,'=; ]+")
-_HIDDEN = re.compile(r"\s*([A-Za-z_]\w*)'\s*")
-_FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tanh", "sign", "Abs")
+COMPILED = 64
+"""Functions of laws that are kept in memory; each discovery makes up laws that never come back."""
+
+_RATES = {"z'": "z_first", "z''": "z_second"}
+_MOST_HIDDEN = 8  # states: beyond what any record can tell apart
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Law:
         hidden states, which start at zero, each with an equation of its own behind a semicolon:
         ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``.
     start : callable or None
-        ``start(estimates, random, count)`` gives random start values, an array of ``count`` for
+        ``start(guesses, random, count)`` gives random start values, an array of ``count`` for
         each parameter. None where the accelerations in the record are to tell them.
     positive : tuple of str
         Parameters that are above zero; they are searched for on a logarithmic scale.
@@ -133,7 +135,7 @@ class SwingForm:
     law : Law
         In u.
     start : callable
-        ``start(time, swing, estimates, random, count)`` gives random start values of that law; None
+        ``start(time, swing, guesses, random, count)`` gives random start values of that law; None
         where the record does not tell.
     mapped : callable
         From its parameters, arrays (s,), to those of the mapped law with ``shift`` and ``scale`` of
@@ -168,7 +170,24 @@ class Parsed:
         return [self.symbol_z, self.symbol_v, *map(sympy.Symbol, names)]
 
 
-@functools.cache
+class _Trees(NamedTuple):
+    """The formulas of a law: two sides, and the rate of each hidden state."""
+
+    left: grammar.Node
+    right: grammar.Node
+    hidden: dict[str, grammar.Node]
+
+    @property
+    def all(self) -> tuple[grammar.Node, ...]:
+        return self.left, self.right, *self.hidden.values()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """As they are written, without primes, each once."""
+        return tuple(dict.fromkeys(one.name for one in grammar.names(*self.all)))
+
+
+@functools.lru_cache(maxsize=COMPILED)
 def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     """Take an equation of motion apart.
 
@@ -179,79 +198,94 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     """
     import sympy
 
-    if not _ALLOWED.fullmatch(equation) or "__" in equation:
-        raise InputError(f"the law {equation!r} holds characters that no formula has")
-    first, *others = equation.split(";")
-    hidden = dict(_hidden_texts(equation, others))
-    text = re.sub(r"\bz''", "z_second", first)
-    texts = [re.sub(r"\bz'", "z_first", each) for each in (text, *hidden.values())]
-    if any("'" in each for each in texts) or any("z_second" in each for each in texts[1:]):
-        raise InputError(f"the law {equation!r} has a prime that does not follow z")
-    names = dict.fromkeys(re.findall(r"(?<![\w.])[A-Za-z_]\w*", " ".join(texts)))
-    local: dict[str, Any] = {name: getattr(sympy, name) for name in _FUNCTIONS}
-    local |= {name: sympy.Symbol(name) for name in names if name not in local}
-    sides = texts[0].split("=")
-    if len(sides) != 2:
-        raise InputError(f"the law {equation!r} must have one equals sign")
-    left, right, *rates = (_expression(equation, each, local) for each in (*sides, *texts[1:]))
+    law = f"the law {quoted(equation)}"
+    trees = _trees(equation)
+    for name in inputs:
+        if name not in trees.names:
+            raise InputError(f"{law} does not name its input {quoted(name)}")
+        if name == "z" or name in trees.hidden:
+            raise InputError(f"{law} has the input {name!r}, which it reckons itself; rename it")
+    if "t" in trees.names and "t" not in (*inputs, *trees.hidden):
+        raise InputError(
+            f"{law} names t, which is the time; take another name, or give what changes in time as "
+            "a column of the record"
+        )
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
-    difference = sympy.expand(left - right)
+    symbols = {"z": z, "z'": v, "z''": a}
+    try:
+        left, right, *rates = (algebra.expression(tree, symbols) for tree in trees.all)
+        difference = sympy.expand(left - right)
+    except grammar.FormulaError as error:
+        raise InputError(f"{law} cannot be read: {error}") from None
     factor = difference.coeff(a, 1)
     rest = sympy.expand(difference - factor * a)
     if factor == 0 or rest.has(a) or factor.has(a):
-        raise InputError(f"the law {equation!r} must be linear in z''")
+        raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
     acceleration = -rest / factor
-    for name in inputs:
-        if name not in names:
-            raise InputError(f"the law {equation!r} does not name its input {name!r}")
-    known = {"z", "z_first", "z_second", *_FUNCTIONS, *hidden, *inputs}
-    parameters = tuple(name for name in names if name not in known)
+    known = {"z", *trees.hidden, *inputs}
+    parameters = tuple(name for name in trees.names if name not in known)
     return Parsed(
         left, right, acceleration, parameters, z, v, a,
-        dict(zip(hidden, rates, strict=True)), inputs,
+        dict(zip(trees.hidden, rates, strict=True)), inputs,
     )  # fmt: skip
 
 
-def _hidden_texts(equation: str, texts: list[str]) -> list[tuple[str, str]]:
-    """Name and right-hand side of each further equation."""
-    found = []
-    for text in texts:
-        left, equals, right = text.partition("=")
-        match = _HIDDEN.fullmatch(left)
-        if match is None or not equals or "=" in right or match[1] in ("z", *_FUNCTIONS):
-            raise InputError(
-                f"the law {equation!r}: {text.strip()!r} must have one equals sign behind the rate "
-                "of a hidden state, such as w' = z' - w"
-            )
-        found.append((match[1], right))
-    return found
-
-
-def _expression(equation: str, text: str, local: dict[str, Any]) -> Any:
-    import sympy
-
+def _trees(equation: str) -> _Trees:
+    """The formulas of a law; names and primes mean something in each of them."""
+    law = f"the law {quoted(equation)}"
+    if len(equation) > grammar.MOST_SIGNS:
+        raise InputError(
+            f"{law} has {len(equation)} characters; at most {grammar.MOST_SIGNS} are read"
+        )
+    first, *others = equation.split(";")
+    if len(others) > _MOST_HIDDEN:
+        raise InputError(f"{law} has {len(others)} hidden states; at most {_MOST_HIDDEN} are read")
+    sides = first.split("=")
+    if len(sides) != 2:
+        raise InputError(f"{law} must have one equals sign")
     try:
-        found = sympy.parse_expr(text, local_dict=local, evaluate=True)
-    except (SyntaxError, TypeError, ValueError, AttributeError, TokenError) as error:
-        raise InputError(f"the law {equation!r} cannot be read: {error}") from None
-    if not isinstance(found, sympy.Expr):
-        raise InputError(f"the law {equation!r} cannot be read: {text.strip()!r} is no formula")
+        left, right = map(grammar.parse, sides)
+        hidden = [_hidden(law, text) for text in others]
+    except grammar.FormulaError as error:
+        raise InputError(f"{law} cannot be read: {error}") from None
+    found = _Trees(left, right, dict(hidden))
+    if len(found.hidden) < len(hidden):
+        raise InputError(f"{law} has two equations for one hidden state; write one")
+    for place, tree in enumerate(found.all):
+        for one in grammar.names(tree):
+            if one.primes > (2 if place < 2 else 1) or (one.primes and one.name != "z"):
+                raise InputError(
+                    f"{law} has a prime that does not follow z, {one.text}; write the height as z, "
+                    "with z' and z'', and a hidden state's rate in an equation of its own"
+                )
+            if one.name in _RATES.values():
+                raise InputError(f"{law} names {one.name}; write z' or z'', or take another name")
     return found
 
 
-@functools.cache
+def _hidden(law: str, text: str) -> tuple[str, grammar.Node]:
+    """Name and rate of a hidden state."""
+    left, _, right = text.partition("=")
+    one = grammar.parse(left) if left.strip() and right.strip() and "=" not in right else None
+    if not isinstance(one, grammar.Name) or one.primes != 1 or one.name in ("z", "t"):
+        raise InputError(
+            f"{law}: {quoted(text.strip())} must have one equals sign behind the rate of a hidden "
+            "state, such as w' = z' - w"
+        )
+    return one.name, grammar.parse(right)
+
+
+@functools.lru_cache(maxsize=COMPILED)
 def compiled_field(
     equation: str, inputs: tuple[str, ...] = (), modules: str = "jax"
 ) -> Callable[..., Any]:
     """[z'', rates of the hidden states], of z, z', hidden states, inputs and parameters."""
-    import sympy
-
     parsed = parse(equation, inputs)
     rates = [parsed.acceleration, *parsed.hidden.values()]
-    return sympy.lambdify(parsed.arguments, rates, modules, cse=True)
+    return algebra.function_of(parsed.arguments, rates, modules)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=COMPILED)
 def compiled_slopes(
     equation: str, inputs: tuple[str, ...] = ()
 ) -> Callable[..., tuple[float, float]]:
@@ -264,11 +298,18 @@ def compiled_slopes(
     parsed = parse(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
-    acceleration = parsed.acceleration.subs(real)
-    slopes = [acceleration.diff(real[by]) for by in (parsed.symbol_z, parsed.symbol_v)]
+    acceleration = parsed.acceleration.xreplace(real)
+    z, v = real[parsed.symbol_z], real[parsed.symbol_v]
+    return slopes_of(acceleration, z, v, list(real.values()))
+
+
+def slopes_of(
+    acceleration: sympy.Expr, z: sympy.Symbol, v: sympy.Symbol, arguments: Sequence[sympy.Symbol]
+) -> Callable[..., tuple[float, float]]:
+    """Derivatives by z and by v as a function of real symbols; see `compiled_slopes`."""
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
-    found = sympy.lambdify(list(real.values()), slopes, names, cse=True)
+    found = algebra.function_of(arguments, [acceleration.diff(by) for by in (z, v)], names)
 
     def both(*values: float) -> tuple[float, float]:
         by_height, by_speed = found(*values)
@@ -287,9 +328,15 @@ def law_from_text(equation: str, columns: Collection[str] = ()) -> Law:
     InputError
         If the text is no equation, or has no parameter.
     """
-    names = dict.fromkeys(re.findall(r"(?<![\w.])[A-Za-z_]\w*", equation))
-    inputs = tuple(name for name in names if name in columns and name != "z")
+    trees = _trees(equation)
+    for name in grammar.constants(*trees.all):
+        if name in columns:
+            raise InputError(
+                f"the law {quoted(equation)} names {name}, a number, and the record has a column "
+                "of that name; rename the column"
+            )
+    inputs = tuple(name for name in trees.names if name in columns and name != "z")
     law = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
     if not law.parameters:
-        raise InputError(f"the law {equation!r} has no parameter, so there is nothing to fit")
+        raise InputError(f"the law {quoted(equation)} has no parameter, so there is nothing to fit")
     return law

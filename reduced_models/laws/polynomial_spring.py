@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    k1 = estimates.frequencies(random, count) ** 2
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    k1 = guesses.frequencies(random, count) ** 2
     return {
-        "lam": estimates.decays(random, count),
+        "lam": guesses.decays(random, count),
         "k1": k1,
-        "rest": estimates.levels(random, count),
-        "k2": k1 / estimates.amplitude * random.uniform(-0.3, 0.3, count),
-        "k3": k1 / estimates.amplitude**2 * random.uniform(-0.2, 0.5, count),
+        "rest": guesses.levels(random, count),
+        "k2": k1 / guesses.amplitude * random.uniform(-0.3, 0.3, count),
+        "k3": k1 / guesses.amplitude**2 * random.uniform(-0.2, 0.5, count),
     }
 
 

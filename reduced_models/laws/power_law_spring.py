@@ -10,16 +10,16 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequencies(random, count)
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
     # The law is for heights above the floor; a record about zero has another law.
-    rest = np.maximum(np.abs(estimates.levels(random, count)), estimates.amplitude)
+    rest = np.maximum(np.abs(guesses.levels(random, count)), guesses.amplitude)
     power = np.exp(random.uniform(0.0, 2.0, count))
     return {
-        "lam": estimates.decays(random, count),
+        "lam": guesses.decays(random, count),
         "weight": omega**2 * rest / power,
         "rest": rest,
         "power": power,

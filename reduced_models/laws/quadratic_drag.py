@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequencies(random, count)
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
     # The drag c |v| v takes as much energy from a swing of amplitude A as 2 lam v does where
     # lam = 4/(3 pi) c omega A.
-    size = 3.0 * np.pi / (4.0 * estimates.frequency * estimates.amplitude)
+    size = 3.0 * np.pi / (4.0 * guesses.frequency * guesses.amplitude)
     return {
-        "c": estimates.decays(random, count) * size,
+        "c": guesses.decays(random, count) * size,
         "omega": omega,
-        "g0": omega**2 * estimates.levels(random, count),
+        "g0": omega**2 * guesses.levels(random, count),
     }
 
 

@@ -9,15 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import Estimates
+from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequencies(random, count)
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
     return {
         "mu": omega * np.exp(random.uniform(-3.0, 0.0, count)),
-        "rest": estimates.levels(random, count),
-        "width": 0.5 * estimates.amplitude * np.exp(random.uniform(-0.3, 0.3, count)),
+        "rest": guesses.levels(random, count),
+        "width": 0.5 * guesses.amplitude * np.exp(random.uniform(-0.3, 0.3, count)),
         "omega": omega,
     }
 

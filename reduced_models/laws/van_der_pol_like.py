@@ -16,8 +16,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from reduced_models.laws.law import Law, SwingForm
-from reduced_models.records.first_guesses import Estimates
-from reduced_models.records.weak_form import quadratic_damping
+from reduced_models.records.first_guesses import FirstGuesses
+from reduced_models.records.quadratic_damping import quadratic_damping
 
 _UNEXPLAINED = 0.3
 """Share of the record that its quadratic damping may leave over before it says nothing."""
@@ -25,24 +25,24 @@ _SPREAD = 0.1  # of the start values, in the size of the damping
 _LEAST = 1e-3  # of curvature and depth of a damping, in its size
 
 
-def _start(estimates: Estimates, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = estimates.frequencies(random, count)
-    level = estimates.levels(random, count)
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
+    level = guesses.levels(random, count)
     # Twice the decay is the damping 2 alpha ((level - 1)^2 - 1), where that is positive.
     shape = np.maximum(np.abs((level - 1.0) ** 2 - 1.0), 0.1)
-    alpha = estimates.decays(random, count) / shape
+    alpha = guesses.decays(random, count) / shape
     return {"alpha": alpha, "omega": omega, "g0": omega**2 * level}
 
 
 def _swing_start(
     time: np.ndarray,
     swing: np.ndarray,
-    estimates: Estimates,
+    guesses: FirstGuesses,
     random: np.random.Generator,
     count: int,
 ) -> dict[str, np.ndarray] | None:
     """Start values of the quadratic damping, from its weak form."""
-    found = quadratic_damping(time, swing, estimates.period)
+    found = quadratic_damping(time, swing, guesses.period)
     if not found.unexplained < _UNEXPLAINED or not found.stiffness > 0.0:
         return None
     size = float(np.abs(found.damping).sum())

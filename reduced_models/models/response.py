@@ -8,16 +8,14 @@ harmonics of the force (describing functions; Krylov & Bogoliubov 1943, Gelb & V
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.laws.law import Law, compiled_field
-
-if TYPE_CHECKING:
-    from reduced_models.models.model import ReducedModel
+from reduced_models.models.fitted_law import FittedLaw
 
 _NODES = 256  # of a cycle
 _TURNS = 3  # after which a hidden state is taken to repeat itself
@@ -25,7 +23,7 @@ _AMPLITUDES = 240
 _PER_PERIOD = 64
 
 
-class Cycle(NamedTuple):
+class HarmonicCycle(NamedTuple):
     """A harmonic cycle.
 
     Attributes
@@ -53,7 +51,7 @@ class Cycle(NamedTuple):
         return self.damping / (2.0 * math.sqrt(self.stiffness))
 
 
-class FrequencyResponse(NamedTuple):
+class SteadyAmplitudes(NamedTuple):
     """Steady amplitudes under a harmonic force, by describing functions.
 
     Attributes
@@ -70,7 +68,10 @@ class FrequencyResponse(NamedTuple):
     high: np.ndarray
 
 
-def decay(model: ReducedModel, amplitude: float, periods: float = 10.0) -> PistonRecord:
+Cycle, FrequencyResponse = HarmonicCycle, SteadyAmplitudes  # their former names
+
+
+def decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
     """The motion of a piston let go so far above its level of rest [m], over so many periods.
 
     Raises
@@ -84,7 +85,7 @@ def decay(model: ReducedModel, amplitude: float, periods: float = 10.0) -> Pisto
     return model.simulate(time, height + amplitude, 0.0, still)
 
 
-def cycle(model: ReducedModel, amplitude: float, frequency: float | None = None) -> Cycle:
+def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
     """A harmonic cycle of a model.
 
     Parameters
@@ -125,12 +126,14 @@ def cycle(model: ReducedModel, amplitude: float, frequency: float | None = None)
         if abs(omega - before) <= 1e-12 * omega:
             break
     energy = math.pi * amplitude**2 * omega * float(damping[0])
-    return Cycle(amplitude, omega, float(centre[0]), float(stiffness[0]), float(damping[0]), energy)
+    return HarmonicCycle(
+        amplitude, omega, float(centre[0]), float(stiffness[0]), float(damping[0]), energy
+    )
 
 
 def frequency_response(
-    model: ReducedModel, force: float, frequencies: np.ndarray, largest: float | None = None
-) -> FrequencyResponse:
+    model: FittedLaw, force: float, frequencies: np.ndarray, largest: float | None = None
+) -> SteadyAmplitudes:
     """Steady amplitudes under a force of so many newtons per kilogram, by describing functions.
 
     Parameters
@@ -164,7 +167,7 @@ def frequency_response(
         roots = _crossings(np.log(amplitude), np.log(needed[:, k] / force))
         if len(roots):
             low[k], high[k] = math.exp(roots[0]), math.exp(roots[-1])
-    return FrequencyResponse(omega, low, high)
+    return SteadyAmplitudes(omega, low, high)
 
 
 def forced_law(law: Law, name: str = "drive") -> Law:
@@ -177,13 +180,7 @@ def forced_law(law: Law, name: str = "drive") -> Law:
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
         raise InputError(f"the law {law.name!r} has a {name!r} already; give another name")
-    parsed = law.parsed
-    motion = {str(parsed.symbol_v): "z'"}
-    texts = [f"z'' = {parsed.acceleration} + {name}"]
-    texts += [f"{state}' = {rate}" for state, rate in parsed.hidden.items()]
-    text = "; ".join(texts)
-    for symbol, prime in motion.items():
-        text = text.replace(symbol, prime)
+    text = law.equation.replace("z''", f"(z'' - {name})")
     return Law(
         name=f"{law.name}, driven",
         equation=text,
@@ -196,7 +193,7 @@ def forced_law(law: Law, name: str = "drive") -> Law:
     )
 
 
-def _rest(model: ReducedModel) -> tuple[float, float]:
+def _rest(model: FittedLaw) -> tuple[float, float]:
     """Height [m] and small period [s] at rest."""
     if model.at_rest is None:
         raise InputError(
@@ -215,7 +212,7 @@ def _crossings(place: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def _centred(
-    model: ReducedModel, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
+    model: FittedLaw, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
 ) -> np.ndarray:
     """Centres of cycles, moved by a Newton step towards no mean force."""
     step = 1e-4 * amplitude
@@ -228,7 +225,7 @@ def _centred(
 
 
 def _harmonics(
-    model: ReducedModel, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
+    model: FittedLaw, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean force [m/s^2], stiffness [1/s^2] and damping [1/s] of cycles."""
     law = model.law

@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.fitting.refinement import grid_of
-from reduced_models.fitting.search import BLOWN_UP, Bounds, Prior, search
-from reduced_models.fitting.unknowns import Problem
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.solution import grid_steps
-from reduced_models.models.model import HeightMap, ReducedModel
-from reduced_models.records.first_guesses import estimates
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
+from reduced_models.least_squares.residuals import BLOWN_UP, gridded
+from reduced_models.least_squares.unknowns import Unknowns
+from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.records.first_guesses import first_guesses
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -42,7 +43,7 @@ class RollOut(NamedTuple):
     at_rest: float
 
 
-def roll_out(model: ReducedModel, record: PistonRecord) -> RollOut:
+def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """Predict a record from its initial state alone.
 
     Height and velocity at the start are fitted to the record's first period, with the parameters of
@@ -54,7 +55,7 @@ def roll_out(model: ReducedModel, record: PistonRecord) -> RollOut:
         If the record is too short, does not move, or lacks an input of the law.
     """
     whole = record.from_zero()
-    guess = estimates(whole)
+    guess = first_guesses(whole)
     law, height_map = model.law, HeightMap(model.map.shift, model.map.scale)
     values = [model.parameters[name] for name in law.parameters]
     logs = [name in law.positive for name in law.parameters]
@@ -62,7 +63,7 @@ def roll_out(model: ReducedModel, record: PistonRecord) -> RollOut:
         1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True)
     )
     speed = guess.amplitude * guess.frequency
-    problem = Problem(law, height_map, units, guess.rest, guess.amplitude, speed)
+    unknowns = Unknowns(law, height_map, units, guess.rest, guess.amplitude, speed)
     start = [
         math.log(value) if log else value / unit
         for log, value, unit in zip(logs, values, units, strict=True)
@@ -70,11 +71,11 @@ def roll_out(model: ReducedModel, record: PistonRecord) -> RollOut:
     start += [(guess.height - guess.rest) / guess.amplitude, guess.velocity / speed]
     theta = np.array(start)
     steps = grid_steps(float(whole.time[-1]), guess.period, _STEPS * law.resolution)
-    grid = grid_of(problem, whole, steps)
+    grid = gridded(unknowns, whole, steps)
     edges = np.where(np.arange(len(theta)) < len(values), theta, np.inf)
     bounds = Bounds(np.where(np.isinf(edges), -np.inf, edges), edges)
     first = max(4, int(np.searchsorted(whole.time, START_PERIODS * guess.period)))
-    prior = Prior(problem.prior, float(first))
+    prior = Prior(unknowns.prior, float(first))
     theta = search(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
     residuals = grid.residuals(theta)
     lost = ~(np.abs(residuals) < BLOWN_UP)

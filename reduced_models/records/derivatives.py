@@ -17,8 +17,12 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.records.first_guesses import noise_level
 
-Estimator = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]
-ESTIMATORS: tuple[Estimator, ...] = ("savitzky-golay", "smoothing-spline", "finite-differences")
+DerivativeMethod = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]
+DERIVATIVE_METHODS: tuple[DerivativeMethod, ...] = (
+    "savitzky-golay",
+    "smoothing-spline",
+    "finite-differences",
+)
 
 LEAST_SAMPLES = 20
 _DEGREE = 5  # of the local polynomials
@@ -66,7 +70,7 @@ class Derivatives(NamedTuple):
     noise: Noise
 
 
-def derivatives(record: PistonRecord, method: Estimator = "savitzky-golay") -> Derivatives:
+def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay") -> Derivatives:
     """Smooth a record and differentiate it twice.
 
     Parameters
@@ -86,8 +90,8 @@ def derivatives(record: PistonRecord, method: Estimator = "savitzky-golay") -> D
     RecordError
         If the record has fewer than 20 samples.
     """
-    if method not in ESTIMATORS:
-        raise InputError(f"derivative = {method!r}; give one of {', '.join(ESTIMATORS)}")
+    if method not in DERIVATIVE_METHODS:
+        raise InputError(f"derivative = {method!r}; give one of {', '.join(DERIVATIVE_METHODS)}")
     if len(record) < LEAST_SAMPLES:
         raise RecordError(
             f"the record has {len(record)} samples; at least {LEAST_SAMPLES} are needed to "

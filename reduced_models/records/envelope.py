@@ -15,7 +15,9 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
-from reduced_models.records.derivatives import Derivatives, Estimator, derivatives
+from reduced_models.records.derivatives import DerivativeMethod, Derivatives, derivatives
+
+__all__ = ["Envelope", "envelope"]
 
 _NOISE_TIMES = 5.0  # a half swing must exceed so many standard deviations of the smoothed height
 _LEAST_SHARE = 1e-4  # and this share of the greatest one
@@ -53,7 +55,7 @@ class Envelope:
         return self.damping / self.frequency
 
 
-def envelope(record: PistonRecord, derivative: Estimator = "savitzky-golay") -> Envelope:
+def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-golay") -> Envelope:
     """Amplitude, frequency and damping of a record's swing in the course of time.
 
     Parameters

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.record import PistonRecord
-from granular.scene.loading import load_scene
-from granular.scene.scene import Scene
 from granular.shared.errors import InputError, StoreError
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
+    from granular.scene.scene import Scene
 
-METHOD = "stormer-verlet"
+METHOD, STEP = "stormer-verlet", "auto"
 
 
 class RunOptions(NamedTuple):
@@ -40,12 +39,15 @@ def record_of(
     """
     check_run_options(options)
     found = opened(source) if isinstance(source, str | Path) else source
+    if isinstance(found, PistonRecord):  # needs nothing of what simulates
+        _refuse_run_options(options)
+        return found, None
+    from granular.scene.scene import Scene
+
     if isinstance(found, Scene):
         run = _simulated(found, out, options)
         return run.piston(), run
     _refuse_run_options(options)
-    if isinstance(found, PistonRecord):
-        return found, None
     missing = {"dt", "method", "steps"} - set(found.settings())
     if missing:
         raise StoreError(
@@ -93,15 +95,17 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
     InputError
         If it cannot be read.
     """
-    from granular.run.directory import is_run
-
     path = Path(source)
     try:
-        if is_run(path):
-            from granular.run.trajectory import load_trajectory
+        if path.is_file() and path.suffix != ".toml":
+            return PistonRecord.from_file(path)
+        from granular.run.directory import is_run
+        from granular.run.trajectory import load_trajectory
+        from granular.scene.loading import load_scene
 
+        if is_run(path):
             return load_trajectory(path)
-        if path.suffix not in ("", ".toml") or (path.is_file() and path.suffix != ".toml"):
+        if path.suffix not in ("", ".toml"):
             return PistonRecord.from_file(path)
         return load_scene(source)
     except OSError as error:
@@ -112,6 +116,8 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
 
 def check_run_options(options: RunOptions) -> None:
     """Raise `InputError` unless method and time step are such."""
+    if (options.method, options.dt) == (METHOD, STEP):
+        return
     from granular.methods import method_named
     from granular.run.time_step import checked_step
 
@@ -123,7 +129,7 @@ def _refuse_run_options(options: RunOptions) -> None:
     """Say that nothing is simulated, rather than ignore what was asked for."""
     if options.changes:
         raise InputError("only a scene can be changed; this is a run or a record")
-    defaults = {"dt": "auto", "method": METHOD, "threads": None}
+    defaults = {"dt": STEP, "method": METHOD, "threads": None}
     for name, value in defaults.items():
         given = getattr(options, name)
         if given != value:

@@ -88,10 +88,10 @@ def test_absent_effects_allocate_nothing() -> None:
         return {name for name, value in state._asdict().items() if value is not None}
 
     bare = arrays()
-    assert system.constants.charge is None
-    assert bare == {"x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "totals",
-                    "label", "push"}  # fmt: skip
+    assert system.constants.masses is None
+    assert bare == {"x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces",
+                    "label", "scratch"}  # fmt: skip
     assert arrays(**{"effects.friction": True}) - bare == {"load"}
-    assert arrays(**{"effects.contact": {"modulus": 1e7}}) - bare == {"close"}
+    assert arrays(**{"effects.contact": {"modulus": 1e7}}) - bare == {"close_pairs"}
     slab = {"law": "slab"}
-    assert arrays(**{"effects.walls.bottom": slab}) - bare == {"shove"}
+    assert arrays(**{"effects.walls.bottom": slab}) - bare == {"slab_scratch"}

@@ -462,7 +462,9 @@ def main() -> None:
         case = Case(number)
         if case.common or not options.common:
             if options.show:
-                print(json.dumps({"scene": case.plain, **case.arguments}, indent=1), file=sys.stderr)
+                print(
+                    json.dumps({"scene": case.plain, **case.arguments}, indent=1), file=sys.stderr
+                )
             begun = time.monotonic()
             outcome, what = tried(case, options.seconds)
             line = {"case": number, "outcome": outcome, "what": what}

@@ -309,7 +309,7 @@ def test_second_start_compiles_nothing(command: Command, tmp_path: Path) -> None
     caches = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
 
     def compiled() -> dict[str, int]:
-        return {str(one): one.stat().st_mtime_ns for one in (tmp_path / "numba").rglob("*.nb*")}
+        return {str(one): one.stat().st_mtime_ns for one in (tmp_path / "numba").rglob("*.kernel")}
 
     assert command(*words, **caches).returncode == 0
     first = compiled()

@@ -9,8 +9,12 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from granular import Scene, evaluate, load_scene, simulate
-from granular.pairs.cells import close_pairs_room, find_close_pairs
+from granular.compiled import entry
+from granular.pairs import cells
+from granular.pairs.cells import close_pairs_room
 from granular.pairs.direct import padded_coordinates
+
+find_close_pairs = entry(cells.find_close_pairs)
 
 
 def head_on(speed: float, restitution: float, **changes: object) -> Scene:

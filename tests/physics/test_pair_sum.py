@@ -14,14 +14,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from granular.compiled import entry
+from granular.pairs import direct
 from granular.pairs.direct import (
     PARTED_FROM,
-    direct_sum,
     padded_coordinates,
     padded_values,
     part_buffers,
 )
 from granular.pairs.plain import plain_direct_sum
+
+direct_sum = entry(direct.direct_sum)
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,13 +36,13 @@ def arrangement(count: int, seed: int) -> np.ndarray:
     return 1.7 * place + random.uniform(-0.6, 0.6, (count, 2))
 
 
-def sums(function, positions: np.ndarray, charge, *, full: bool) -> list[np.ndarray]:
+def sums(function, positions: np.ndarray, moments, *, full: bool) -> list[np.ndarray]:
     x, y = padded_coordinates(positions)
     out = [np.zeros_like(x) for _ in range(4)]
     extremes = np.zeros(2)
     weight = padded_values(np.linspace(0.2, 1.0, len(positions)))
     function(
-        x, y, out[0], out[1], charge,
+        x, y, out[0], out[1], moments,
         out[2] if full else None, extremes if full else None,
         out[3] if full else None, weight if full else None,
         part_buffers(x.size), None,
@@ -49,24 +52,27 @@ def sums(function, positions: np.ndarray, charge, *, full: bool) -> list[np.ndar
 
 @settings(max_examples=25, deadline=None)
 @given(
-    count=st.integers(1, 60), seed=st.integers(0, 10**6), charged=st.booleans(), full=st.booleans()
+    count=st.integers(1, 60),
+    seed=st.integers(0, 10**6),
+    differing=st.booleans(),
+    full=st.booleans(),
 )
-def test_fast_sum_is_its_slow_twin(count: int, seed: int, charged: bool, full: bool) -> None:
+def test_fast_sum_is_its_slow_twin(count: int, seed: int, differing: bool, full: bool) -> None:
     positions = arrangement(count, seed)
-    charge = padded_values(np.linspace(0.3, 1.0, count)) if charged else None
-    fast = sums(direct_sum, positions, charge, full=full)
-    slow = sums(plain_direct_sum, positions, charge, full=full)
+    moments = padded_values(np.linspace(0.3, 1.0, count)) if differing else None
+    fast = sums(direct_sum, positions, moments, full=full)
+    slow = sums(plain_direct_sum, positions, moments, full=full)
     for one, other in zip(fast, slow, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max() + 1e-150)
 
 
-def exact(positions: np.ndarray, charge: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
+def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
     """Forces, their magnitudes' sum and the friction load, in extended precision."""
     place = positions.astype(np.longdouble)
     delta = place[:, None] - place[None]
     r2 = (delta**2).sum(axis=2)
     np.fill_diagonal(r2, np.inf)
-    pairs = charge[:, None] * charge[None]
+    pairs = moments[:, None] * moments[None]
     force = 0.75 * pairs * r2**-2.5
     np.fill_diagonal(force, 0.0)
     return [
@@ -77,14 +83,14 @@ def exact(positions: np.ndarray, charge: np.ndarray, weight: np.ndarray) -> list
     ]
 
 
-@pytest.mark.parametrize("charged", [False, True])
+@pytest.mark.parametrize("differing", [False, True])
 @pytest.mark.parametrize("count", [7, 92, 368, PARTED_FROM + 3])
-def test_error_against_long_double(count: int, charged: bool) -> None:
+def test_error_against_long_double(count: int, differing: bool) -> None:
     """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
     positions = arrangement(count, 3)
-    charge = np.linspace(0.3, 1.0, count) if charged else np.ones(count)
-    fast = sums(direct_sum, positions, padded_values(charge) if charged else None, full=True)
-    fx, fy, magnitudes, load = exact(positions, charge, np.linspace(0.2, 1.0, count))
+    moments = np.linspace(0.3, 1.0, count) if differing else np.ones(count)
+    fast = sums(direct_sum, positions, padded_values(moments) if differing else None, full=True)
+    fx, fy, magnitudes, load = exact(positions, moments, np.linspace(0.2, 1.0, count))
     assert (np.abs(fast[0] - fx) <= 1e-13 * magnitudes).all()
     assert (np.abs(fast[1] - fy) <= 1e-13 * magnitudes).all()
     assert (np.abs(fast[3] - load) <= 1e-13 * load).all()
@@ -93,10 +99,12 @@ def test_error_against_long_double(count: int, charged: bool) -> None:
 PORTABLE = """
 import json, sys
 import numpy as np
+from granular.compiled import entry
 from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
 positions = np.array(json.loads(sys.argv[1]))
 x, y = padded_coordinates(positions)
 fx, fy, load = np.zeros((3, x.size))
+direct_sum = entry(direct_sum)
 weight = padded_values(np.ones(len(positions)))
 direct_sum(x, y, fx, fy, None, None, None, load, weight, None, None)
 (code,) = direct_sum.inspect_asm().values()

@@ -21,7 +21,8 @@ def compression(count: int, seed: int, **changes: object) -> Scene:
     scene = mono_bed(count, speed=0.033, relaxation=relaxation, seed=seed)
     kinds = ("descend", "move")
     stages = [
-        {**stage.plain(), "kind": kind} for stage, kind in zip(scene.protocol, kinds, strict=False)
+        {**stage.to_plain(), "kind": kind}
+        for stage, kind in zip(scene.protocol, kinds, strict=False)
     ]
     return scene.replace(protocol=stages, **changes)
 

@@ -113,7 +113,7 @@ def test_result_survives_json() -> None:
     problem = exact_problem("oscillation")
     result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
     assert result.fit is None  # less than half a decade
-    again = ConvergenceResult.from_dict(json.loads(json.dumps(result.to_dict())))
+    again = ConvergenceResult.from_plain(json.loads(json.dumps(result.to_plain())))
     assert again == result
     assert len(summary([result]).rows[0]) == len(summary([result]).header)
     assert len(result.table().rows) == len(counts)

@@ -77,5 +77,5 @@ def test_every_ending_is_told(one: HardCase, kind: str, allowed: bool) -> None:
     found = outcome(one)
     assert found.kind == kind
     assert found.allowed is allowed
-    again = Outcome.from_dict(json.loads(json.dumps(found.to_dict())))
-    assert again.to_dict() == found.to_dict()
+    again = Outcome.from_plain(json.loads(json.dumps(found.to_plain())))
+    assert again.to_plain() == found.to_plain()

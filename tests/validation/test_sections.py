@@ -107,7 +107,7 @@ def test_source_section_tells_slope_scatter_and_peaks() -> None:
     assert one.slope_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
     assert one.scatter_to_finest(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
     page = Page("page")
-    source_section(page, [one.to_dict()])
+    source_section(page, [one.to_plain()])
     assert "slope 2.0000" in page.render()
     assert "makes a slope of 2.322" in page.render()
     assert "difference of two peaks is 3.0e-09 m" in page.render()

@@ -62,7 +62,7 @@ def test_peaks_and_path_are_those_of_the_exact_motion(coarse: SourceExperiment) 
 
 
 def test_experiment_survives_json(coarse: SourceExperiment) -> None:
-    again = SourceExperiment.from_dict(json.loads(json.dumps(coarse.to_dict())))
+    again = SourceExperiment.from_plain(json.loads(json.dumps(coarse.to_plain())))
     assert again == coarse
     assert len(again.table().rows) == 8
 

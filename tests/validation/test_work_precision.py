@@ -22,7 +22,7 @@ from validation.cost import (
     work_precisions,
 )
 from validation.exact import bounce
-from validation.quantities import QUANTITIES, Quantity, small_swing
+from validation.quantities import QUANTITIES, MeasuredQuantity, small_swing
 
 
 def point(method: str, steps: int, error: float, seconds: float) -> Point:
@@ -106,12 +106,12 @@ def test_choice_is_a_command_and_keywords() -> None:
         "python -m granular run scene --set effects.friction.scheme=velocity --dt 'auto*2' "
         "--method stormer-verlet"
     )
-    json.dumps(found.to_dict(), allow_nan=False)
+    json.dumps(found.to_plain(), allow_nan=False)
 
 
 def test_study_survives_json() -> None:
     one = study(point("a", 10, 1e-2, 1.0), FAILED, floor=0.1)
-    again = WorkPrecision.from_dict(json.loads(json.dumps(one.to_dict(), allow_nan=False)))
+    again = WorkPrecision.from_plain(json.loads(json.dumps(one.to_plain(), allow_nan=False)))
     assert again.table() == one.table()
     assert again.points[1].failed
     assert math.isnan(again.points[1].error)
@@ -136,7 +136,7 @@ def test_study_of_the_lone_grain() -> None:
 
 
 def test_floor_is_the_scatter_over_seeds() -> None:
-    drawn = Quantity("seed", "1", lambda run: float(run.scene.arrangement.seed))
+    drawn = MeasuredQuantity("seed", "1", lambda run: float(run.scene.arrangement.seed))
     scene = load_scene("single-particle")
     found = work_precision(
         scene, drawn, [Setting("stormer-verlet", 1e-4)], reference=1.0, until=0.001, seeds=3

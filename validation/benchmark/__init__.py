@@ -11,6 +11,7 @@ PARTS = {
     "absent": "what effects that are left out cost",
     "memory": "peak memory against N",
     "start": "cold and warm start",
+    "package": "size of the wheel, and what imports take",
     "protocol": "the published compression of 368 grains, from start to end",
     "fits": "fits of laws: cold, later, and again",
 }

@@ -8,12 +8,13 @@ from typing import Any
 import numba
 import numpy as np
 
-from granular.engine.loop import COLUMNS, Window, advance
-from granular.engine.run import Run
+from granular.engine.columns import COLUMNS
+from granular.engine.loop import Window, advance
 from granular.engine.step_size import Pace, Step
 from granular.engine.system import natural_system
 from granular.methods import method_named
 from granular.pairs.section import METHODS
+from granular.run.run import Run
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from validation.benchmark.hand import Bed

@@ -13,7 +13,7 @@ from granular.shared.plotting import figure
 from validation.benchmark.compression import PUBLISHED
 from validation.benchmark.sums import exponent
 from validation.parts import FAILED, Plain
-from validation.table import Table, table
+from validation.table import TextTable, table
 
 LINEAR_FROM = 1000
 """Grains from which the growth of the time is fitted."""
@@ -112,6 +112,10 @@ SHEETS: dict[str, Sheet] = {
          ("bytes a grain", _bytes_a_grain)),
     ),
     "start": Sheet("Start on the command line", (_plain("start"), _number("seconds", ".2f", "s"))),
+    "package": Sheet(
+        "The wheel, and imports in processes of their own",
+        (_plain("what"), _number("bytes", ".0f", "kB", 1e-3), _number("seconds", ".0f", "ms", 1e3)),
+    ),
     "protocol": Sheet(
         "The published protocol, 368 grains: relaxation 5 T, compression, expansion, relaxation",
         (_plain("seed"), _number("speed", ".4g", "speed [m/s]"),
@@ -164,7 +168,7 @@ def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
     return found
 
 
-def _table(sheet: Sheet, rows: Sequence[Row]) -> Table:
+def _table(sheet: Sheet, rows: Sequence[Row]) -> TextTable:
     return table(
         [header for header, _ in sheet.columns],
         [[cell(row) for _, cell in sheet.columns] for row in rows],

@@ -51,7 +51,7 @@ def plain_loop_with_load(
             load[j] += weight[i] * cube
 
 
-class VerletList(NamedTuple):
+class PlainVerletList(NamedTuple):
     """Partners j > i of every grain i, within radius and skin where the list was made.
 
     Attributes
@@ -67,9 +67,9 @@ class VerletList(NamedTuple):
     built: np.ndarray
 
 
-def verlet_list_room(count: int, partners: int) -> VerletList:
+def verlet_list_room(count: int, partners: int) -> PlainVerletList:
     """Room for that many partners a grain, on the mean."""
-    return VerletList(
+    return PlainVerletList(
         np.zeros(count + 1, dtype=np.int64),
         np.zeros(max(1, count * partners), dtype=np.int32),
         np.full((2, count), np.nan),
@@ -77,7 +77,7 @@ def verlet_list_room(count: int, partners: int) -> VerletList:
 
 
 @_plain
-def _fill(known: VerletList, x: np.ndarray, y: np.ndarray, count: int, reach: float) -> None:
+def _fill(known: PlainVerletList, x: np.ndarray, y: np.ndarray, count: int, reach: float) -> None:
     """List partners, found with a grid of cells as wide as the reach."""
     left, low = x[:count].min(), y[:count].min()
     columns = int((x[:count].max() - left) / reach) + 1
@@ -111,8 +111,8 @@ def _fill(known: VerletList, x: np.ndarray, y: np.ndarray, count: int, reach: fl
 
 @_plain
 def plain_verlet_list(
-    known: VerletList, radius: float, skin: float, x: np.ndarray, y: np.ndarray, fx: np.ndarray,
-    fy: np.ndarray, count: int,
+    known: PlainVerletList, radius: float, skin: float, x: np.ndarray, y: np.ndarray,
+    fx: np.ndarray, fy: np.ndarray, count: int,
 ) -> None:  # fmt: skip
     """Forces [F*] of pairs within the radius; the list is made anew where half the skin is used."""
     stale = False

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.files import make_directory, write_json
-from validation.benchmark import PARTS, c_kernel, lammps, openmm
+from validation.benchmark import PARTS, c_kernel
+from validation.benchmark.others import NAMES, why_not
 from validation.parts import Part, Piece, machine, measured
 
 _Rows = list[dict[str, Any]]
@@ -96,6 +97,12 @@ def _start(full: bool) -> _Work:
     yield {}, starts
 
 
+def _package(full: bool) -> _Work:
+    from validation.benchmark.package import package_figures
+
+    yield {}, package_figures
+
+
 def _protocol(full: bool) -> _Work:
     from validation.benchmark.compression import SPEED, compression
 
@@ -117,6 +124,7 @@ _WORK: dict[str, Callable[[bool], _Work]] = {
     "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "rest": _rest,
     "threads": _threads,
     "effects": _effects, "absent": _absent, "memory": _memory, "start": _start,
+    "package": _package,
     "protocol": _protocol, "fits": _fits,
 }  # fmt: skip
 
@@ -141,8 +149,7 @@ def _missing() -> list[dict[str, str]]:
 
     reasons = {
         "C kernel": c_kernel.missing(),
-        "OpenMM": openmm.missing(),
-        "LAMMPS": lammps.missing(),
+        **{title: why_not(name) for name, title in NAMES.items()},
         "plain JAX": None if find_spec("jax") else "JAX is not installed",
     }
     return [{"what": what, "why": why} for what, why in reasons.items() if why is not None]
@@ -181,6 +188,8 @@ def benchmark(
     from validation.benchmark.page import growth
 
     where = None if out is None else Path(out)
+    if where is not None:
+        make_directory(where)
     results = {
         name: measured(part_named(name), where, full=full, progress=progress) for name in parts
     }
@@ -196,6 +205,5 @@ def benchmark(
 def _save(found: dict[str, Any], where: Path) -> None:
     from validation.benchmark.page import page
 
-    make_directory(where)
     page(found).save(where / "benchmark.html")
     write_json(where / "benchmark.json", found)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from granular.compiled import entry
 from granular.pairs.direct import (
     PARTED_FROM,
     direct_sum,
@@ -18,9 +19,10 @@ from granular.pairs.direct import (
 )
 from granular.pairs.stripes import Stripes, cut_sum, stripes_room
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
-from validation.benchmark import c_kernel, lammps, openmm
+from validation.benchmark import c_kernel
+from validation.benchmark.others import engine
 from validation.benchmark.peers import (
-    VerletList,
+    PlainVerletList,
     jax_forces,
     plain_loop,
     plain_loop_with_load,
@@ -28,6 +30,8 @@ from validation.benchmark.peers import (
     verlet_list_room,
 )
 from validation.benchmark.timing import least_seconds
+
+_direct_sum = entry(direct_sum)
 
 DENSITY = 0.307
 """Grains on a square diameter: packing fraction 0.241, as in the source's compressed bed."""
@@ -56,7 +60,7 @@ def arrangement(count: int, seed: int = 1) -> np.ndarray:
     return spacing * (place + random.uniform(-0.25, 0.25, (count, 2)))
 
 
-class Entry(NamedTuple):
+class TimedSum(NamedTuple):
     """One way to sum.
 
     Attributes
@@ -70,7 +74,7 @@ class Entry(NamedTuple):
     force: Callable[[], np.ndarray]
 
 
-class Grains:
+class PaddedGrains:
     """Padded arrays of one arrangement."""
 
     def __init__(self, positions: np.ndarray) -> None:
@@ -82,40 +86,43 @@ class Grains:
         """Room for three sums."""
         return np.zeros((3, self.x.size))
 
-    def entry(self, sums: np.ndarray, call: Callable[[], Any]) -> Entry:
-        return Entry(call, sums[:2, : self.count].T.copy)
+    def timed(self, sums: np.ndarray, call: Callable[[], Any]) -> TimedSum:
+        return TimedSum(call, sums[:2, : self.count].T.copy)
 
 
-def direct(grains: Grains, *, load: bool = False, threaded: bool = False) -> Entry:
+Entry, Grains = TimedSum, PaddedGrains  # their former names
+
+
+def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) -> TimedSum:
     sums, x = grains.sums(), grains.x
     third, weight = (sums[2], grains.weight) if load else (None, None)
     buffers = part_buffers(x.size)
     thread = True if threaded and buffers is not None else None
-    return grains.entry(
+    return grains.timed(
         sums,
-        lambda: direct_sum(
+        lambda: _direct_sum(
             x, grains.y, sums[0], sums[1], None, None, None, third, weight, buffers, thread
         ),
     )
 
 
-def plain(grains: Grains, *, load: bool = False) -> Entry:
+def plain(grains: PaddedGrains, *, load: bool = False) -> TimedSum:
     sums, count = grains.sums(), grains.count
     if load:
-        return grains.entry(
+        return grains.timed(
             sums, lambda: plain_loop_with_load(grains.x, grains.y, *sums, grains.weight, count)
         )
-    return grains.entry(sums, lambda: plain_loop(grains.x, grains.y, *sums[:2], count))
+    return grains.timed(sums, lambda: plain_loop(grains.x, grains.y, *sums[:2], count))
 
 
-def in_c(grains: Grains) -> Entry:
+def in_c(grains: PaddedGrains) -> TimedSum:
     sums = grains.sums()
-    return grains.entry(sums, c_kernel.pair_forces(grains.x, grains.y, sums[0], sums[1]))
+    return grains.timed(sums, c_kernel.pair_forces(grains.x, grains.y, sums[0], sums[1]))
 
 
-def in_jax(grains: Grains) -> Entry:
+def in_jax(grains: PaddedGrains) -> TimedSum:
     call = jax_forces(grains.positions)
-    return Entry(call, lambda: np.asarray(call()))
+    return TimedSum(call, lambda: np.asarray(call()))
 
 
 @numba.njit(error_model="numpy")
@@ -142,7 +149,7 @@ def _cut_off_steps(
 
 @numba.njit(error_model="numpy")
 def _list_steps(
-    known: VerletList, radius: float, x: np.ndarray, y: np.ndarray, sums: np.ndarray,
+    known: PlainVerletList, radius: float, x: np.ndarray, y: np.ndarray, sums: np.ndarray,
     start: np.ndarray, way: np.ndarray, at: int,
 ) -> None:  # fmt: skip
     for step in range(BATCH):
@@ -156,24 +163,24 @@ def _ways(count: int) -> np.ndarray:
     return STEP * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> Entry:
-    grains = Grains(positions)
+def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> TimedSum:
+    grains = PaddedGrains(positions)
     sums, at = grains.sums(), iter(range(0, 10**12, BATCH))
     start = np.stack([grains.x, grains.y])[:, : grains.count].copy()
     way = _ways(grains.count).T.copy()
-    return grains.entry(
+    return grains.timed(
         sums,
         lambda: steps(lists, SOURCE_RADIUS, grains.x, grains.y, sums, start, way, next(at)),
     )
 
 
-def by_cut_off(positions: np.ndarray) -> Entry:
+def by_cut_off(positions: np.ndarray) -> TimedSum:
     """`BATCH` sums of moving grains a call."""
-    size = Grains(positions).x.size
-    return _in_motion(positions, _cut_off_steps, stripes_room(size, charged=False, loaded=False))
+    size = PaddedGrains(positions).x.size
+    return _in_motion(positions, _cut_off_steps, stripes_room(size, moments=False, loaded=False))
 
 
-def by_plain_list(positions: np.ndarray) -> Entry:
+def by_plain_list(positions: np.ndarray) -> TimedSum:
     """`BATCH` sums of moving grains a call."""
     return _in_motion(positions, _list_steps, verlet_list_room(len(positions), 200))
 
@@ -191,21 +198,17 @@ def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return force, magnitude
 
 
-def in_openmm(grains: Grains, platform: str) -> Entry:
-    """A step, which is little more than the sum."""
-    return Entry(*openmm.steps(grains.positions, platform))
-
-
 def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     """All pairs, summed by each: time [s], and largest error over a grain's sum of |f|."""
-    grains = Grains(arrangement(count))
+    grains = PaddedGrains(arrangement(count))
     entries = {"plain numba loop": plain(grains), "direct sum": direct(grains)}
     if c_kernel.missing() is None:
         entries["C kernel with intrinsics"] = in_c(grains)
     if count <= _JAX_MOST and importlib.util.find_spec("jax") is not None:
         entries["plain JAX"] = in_jax(grains)
-    if openmm.missing() is None:
-        entries |= {f"OpenMM, {one}": in_openmm(grains, one) for one in openmm.PLATFORMS}
+    if openmm := engine("openmm"):  # a step, which is little more than the sum
+        for one in openmm.PLATFORMS:
+            entries[f"OpenMM, {one}"] = TimedSum(*openmm.steps(grains.positions, one))
     entries["plain numba loop, with friction load"] = plain(grains, load=True)
     entries["direct sum, with friction load"] = direct(grains, load=True)
     if count >= PARTED_FROM and numba.config.NUMBA_NUM_THREADS > 1:
@@ -213,7 +216,7 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     calls = {name: one.call for name, one in entries.items()}
     seconds = least_seconds(calls, rounds=rounds, seconds=0.002)
     forces = {name: one.force() for name, one in entries.items()}
-    if lammps.missing() is None:
+    if lammps := engine("lammps"):
         for style in (lammps.TABLE, lammps.EXACT):
             steps = max(5, round(_LAMMPS_PAIRS / count**2))
             seconds[style], forces[style] = lammps.steps(grains.positions, style, count=steps)
@@ -241,7 +244,7 @@ def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     calls = {name: one.call for name, one in entries.items()}
     found = least_seconds(calls, rounds=rounds, seconds=0.0)
     seconds = {name: time / BATCH for name, time in found.items()}
-    if lammps.missing() is None:
+    if lammps := engine("lammps"):
         seconds[lammps.TABLE] = lammps.steps(
             positions, lammps.TABLE, count=BATCH, cut=SOURCE_RADIUS, velocities=_ways(count) / 0.02,
             dt=0.02,

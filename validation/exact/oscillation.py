@@ -17,6 +17,8 @@ from validation.exact.bounce import bounce_scene, moment
 from validation.exact.constants import DIGITS, Number, natural_units
 from validation.exact.problem import Problem
 
+__all__ = ["harmonic_period", "problem", "rest_height"]
+
 AMPLITUDE = 0.05
 """Start above the place of rest, in units of its height."""
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from validation.published.entry import Finding
+from validation.published.finding import Finding
 from validation.published.plan import ASPECTS, RADII, mixture_name
 from validation.published.protocols import BEST_FIRST
 from validation.published.results import Results
 
 
-class Comparison(NamedTuple):
+class ChangedFigure(NamedTuple):
     """A figure of one bed with and without a change.
 
     Attributes
@@ -110,9 +110,9 @@ def changes() -> list[Change]:
     ]  # fmt: skip
 
 
-def comparisons(results: Results) -> list[Comparison]:
+def comparisons(results: Results) -> list[ChangedFigure]:
     """Shorter protocols, and all changes, whose runs are there."""
-    found: list[Comparison | None] = []
+    found: list[ChangedFigure | None] = []
     for name in ("direct 368", "direct 736"):
         found += _lengths(results, name, _BED_FIGURES)
     for name in _MIXTURES:
@@ -122,7 +122,7 @@ def comparisons(results: Results) -> list[Comparison]:
     return [one for one in found if one is not None]
 
 
-def _lengths(results: Results, name: str, figures: tuple[str, ...]) -> list[Comparison | None]:
+def _lengths(results: Results, name: str, figures: tuple[str, ...]) -> list[ChangedFigure | None]:
     """Every shorter protocol against the longest one that was run."""
     there = [p for p in BEST_FIRST if results.sample(name, "force", p) is not None]
     if len(there) < 2:
@@ -136,7 +136,7 @@ def _lengths(results: Results, name: str, figures: tuple[str, ...]) -> list[Comp
     ]  # fmt: skip
 
 
-def _changed(results: Results, change: Change) -> list[Comparison | None]:
+def _changed(results: Results, change: Change) -> list[ChangedFigure | None]:
     """A changed bed beside the usual one, under the same protocol."""
     protocol = results.best(change.bed, change.changed)
     if protocol is None:
@@ -156,8 +156,8 @@ def _finding(results: Results, name: str, figure: str, protocol: str) -> Finding
 
 def _comparison(
     change: str, name: str, figure: str, without: Finding | None, with_it: Finding | None
-) -> Comparison | None:
+) -> ChangedFigure | None:
     if without is None or with_it is None:
         return None
     bed = name.replace("direct ", "N = ")
-    return Comparison(change, bed, *_FIGURES[figure], without, with_it)
+    return ChangedFigure(change, bed, *_FIGURES[figure], without, with_it)

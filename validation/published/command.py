@@ -11,11 +11,8 @@ from granular.shared.errors import InputError
 DIRECTORY = "out/published"
 
 
-def add_published(commands: Any) -> None:
-    """Add the command to the parser's commands."""
-    one: argparse.ArgumentParser = commands.add_parser(
-        "published", help="the source's published values beside ours, with a verdict each"
-    )
+def add_published(one: argparse.ArgumentParser) -> None:
+    """Add the command's options to its parser."""
     one.add_argument(
         "-o", "--out", metavar="DIR", default=DIRECTORY,
         help="directory for cases, results and report; what was run is found again "

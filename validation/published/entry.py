@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-if TYPE_CHECKING:
-    from validation.published.results import Results
+from validation.published.finding import Finding
+from validation.published.results import Results
 
 WITHIN_SCATTER = "agrees within scatter"
 DIFFERS = "differs"
@@ -18,28 +18,6 @@ NOT_RUN = "not run yet"
 DEVIATIONS = 2.0
 """Ours agrees within scatter up to so many standard deviations of single starts: for means of three
 starts each that is about Student's interval of 95 % of their difference."""
-
-
-class Finding(NamedTuple):
-    """What the toolkit finds.
-
-    Attributes
-    ----------
-    value : float
-        The mean over the starts.
-    spread : float or None
-        Standard deviation of single starts; None for one start.
-    starts : int
-        0 where nothing is random.
-    protocol : str
-    step : str
-    """
-
-    value: float
-    spread: float | None = None
-    starts: int = 0
-    protocol: str = "exact"
-    step: str = ""
 
 
 class Rule(NamedTuple):

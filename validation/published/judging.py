@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from validation.published.catalogue import entries
-from validation.published.entry import DIFFERS, NOT_COMPARABLE, NOT_RUN, Entry, Finding, Verdict
+from validation.published.entry import DIFFERS, NOT_COMPARABLE, NOT_RUN, Entry, Verdict
 from validation.published.entry import verdict as verdict_of
+from validation.published.finding import Finding
 from validation.published.results import Results
 from validation.published.values import published_value
 
@@ -33,7 +34,7 @@ class Judged(NamedTuple):
         """Why ours differs or cannot be compared."""
         return self.entry.note if self.verdict.words in (DIFFERS, NOT_COMPARABLE) else ""
 
-    def plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Any]:
         """For JSON."""
         found = self.found
         return {

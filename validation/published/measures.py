@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from granular.shared.errors import InputError
-from validation.published.entry import Finding
+from validation.published.finding import Finding
 from validation.published.results import Results, Sample
 
 Measure = Callable[[Results], Finding | None]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from granular.shared.html import Page
 from validation.published import plots
-from validation.published.causes import Comparison, comparisons
-from validation.published.entry import Finding
+from validation.published.causes import ChangedFigure, comparisons
+from validation.published.finding import Finding
 from validation.published.judging import Judged, counts, judged
 from validation.published.results import Results
 from validation.published.statements import statements
@@ -136,7 +136,7 @@ def _statements(made: Page, results: Results) -> None:
     made.table(("statement", "section", "", "figures"), rows)
 
 
-def _causes(made: Page, found: Sequence[Comparison]) -> None:
+def _causes(made: Page, found: Sequence[ChangedFigure]) -> None:
     made.section("Causes")
     made.text(
         "The same bed with one thing changed: what matters moves a mean beyond Student's interval "

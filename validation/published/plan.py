@@ -30,7 +30,7 @@ WIDE_CELL = 0.36
 MASSES = (7.5, 6.24)
 """Pistons [kg]: that of the packaged damper, and the one that rests where the source's does."""
 MIXTURE_PERIOD = 400.0
-"""T of a mixture at 1 mm/s, within 7 % for every R [s]."""
+"""Duration of the compression of a mixture at 1 mm/s [s], within 7 % for every size ratio."""
 VARIANTS: dict[str, dict[str, Any]] = {
     "dry and viscous": {"effects__drag": DRAG},
     "no gravity": {"effects__gravity": None},

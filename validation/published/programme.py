@@ -90,8 +90,8 @@ def _full(where: Path) -> Results:
 
 
 def _write_results(results: Results, where: Path) -> None:
-    rows = [row.plain() for row in judged(results)]
-    text = json.dumps(finite(results.plain() | {"entries": rows}), separators=(",", ":"))
+    rows = [row.to_plain() for row in judged(results)]
+    text = json.dumps(finite(results.to_plain() | {"entries": rows}), separators=(",", ":"))
     # One line a series and an entry, so that changes of the file can be read.
     text = text.replace('},"', '},\n"').replace('},{"', '},\n{"')
     write_text(where / "results.json", text + "\n")
@@ -114,7 +114,7 @@ def summary(results: Results) -> dict[str, Any]:
     return {
         "made": dict(results.made),
         "summary": counts(rows),
-        "entries": [row.plain() for row in rows],
+        "entries": [row.to_plain() for row in rows],
         "statements": [
             {"source": one.source, "words": one.words,
              "holds": None if check is None else check.holds,

@@ -53,6 +53,6 @@ BEST_FIRST = (PUBLISHED.name, SHORT.name, QUICK.name)
 
 
 def duration(count: int, speed: float) -> float:
-    """T of a bed of equal 6 mm grains [s]: its compression."""
+    """Duration of the compression of a bed of equal 6 mm grains [s]."""
     size = math.sqrt(count / REFERENCE_COUNT)
     return (max(START * size, LOWEST_START) - END * size) * 0.006 / speed

@@ -14,8 +14,8 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from validation.published.calculations import kept
-from validation.published.entry import Finding
 from validation.published.figures import figures_of
+from validation.published.finding import Finding
 from validation.published.plan import Group
 from validation.published.protocols import BEST_FIRST
 from validation.published.running import outcomes_of
@@ -103,13 +103,18 @@ class Results:
         count = len(one["figures"].get("steps", []))
         return count >= (one["planned"] if whole else 1)
 
-    def plain(self) -> Plain:
+    def to_plain(self) -> Plain:
         """For JSON."""
         return {
             "made": dict(self.made),
             "calculations": {name: dict(one) for name, one in self.calculations.items()},
             "series": dict(self.series),
         }
+
+    @classmethod
+    def from_plain(cls, plain: Plain) -> Results:
+        """From what `to_plain` made, also by way of JSON."""
+        return cls(plain["series"], plain["calculations"], plain["made"])
 
     def with_others(self, others: Results) -> Results:
         """These results, and series and calculations of others where these have none."""
@@ -152,8 +157,7 @@ def read(path: Path) -> Results:
         If the file holds something else.
     """
     try:
-        plain = json.loads(path.read_text(encoding="utf-8"))
-        return Results(plain["series"], plain["calculations"], plain["made"])
+        return Results.from_plain(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         return EMPTY
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -191,7 +195,7 @@ def _wanted(figure: str, series: Series) -> bool:
 
 
 def _made(command: str) -> dict[str, str]:
-    from granular.run.simulation import versions
+    from granular.shared.version import versions
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
     return {"command": command, "date": now} | versions()

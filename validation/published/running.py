@@ -75,7 +75,7 @@ def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
     for one in series:
         for seed in one.seeds:
             scene = one.scene(seed)
-            cases[scene.digest(), one.step] = scene.plain() | {"dt": one.step}
+            cases[scene.digest(), one.step] = scene.to_plain() | {"dt": one.step}
     return list(cases.values())
 
 

@@ -110,7 +110,7 @@ def fall(name: str, mass: float, *, seeds: Sequence[int] = (1, 2, 3)) -> Series:
 def _recorded(scene: Scene, stages: int, changes: dict[str, Any]) -> Scene:
     """The scene with its first stages, and as many records as the figures need."""
     period = 2000.0 * scene.output.scalars
-    protocol = scene.plain()["protocol"][:stages]
+    protocol = scene.to_plain()["protocol"][:stages]
     output = {"scalars": period / RECORDS, "frames": period / FRAMES}
     dotted = {name.replace("__", "."): value for name, value in changes.items()}
     return scene.replace(protocol=protocol, output=output, **dotted)

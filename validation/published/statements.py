@@ -19,7 +19,7 @@ from validation.published.plan import (
 from validation.published.results import Results
 
 
-class Check(NamedTuple):
+class StatementCheck(NamedTuple):
     """Whether a statement holds, and the figures that say so."""
 
     holds: bool
@@ -39,7 +39,7 @@ class Statement(NamedTuple):
 
     source: str
     words: str
-    test: Callable[[Results], Check | None]
+    test: Callable[[Results], StatementCheck | None]
 
 
 def statements() -> tuple[Statement, ...]:
@@ -64,7 +64,7 @@ def statements() -> tuple[Statement, ...]:
     )  # fmt: skip
 
 
-def _speeds(results: Results) -> Check | None:
+def _speeds(results: Results) -> StatementCheck | None:
     names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
     found = together(names, "force", results)
     if found is None:
@@ -73,7 +73,7 @@ def _speeds(results: Results) -> Check | None:
     worst = max(abs(one / means[0] - 1.0) for one in means)
     speeds = [SPEEDS[1], *SPEEDS[2:]]
     listed = ", ".join(f"{m:.2f} N at {v:g}" for v, m in zip(speeds, means, strict=True))
-    return Check(bool(worst <= 0.03), f"{listed} mm/s")
+    return StatementCheck(bool(worst <= 0.03), f"{listed} mm/s")
 
 
 def _pair(results: Results, figure: str, first: str, second: str) -> tuple[float, float] | None:
@@ -86,7 +86,7 @@ def _reference(results: Results) -> str:
     return "starts" if results.best("starts") == results.best("second order") else "direct 368"
 
 
-def _second_order(results: Results) -> Check | None:
+def _second_order(results: Results) -> StatementCheck | None:
     """The source compares forces over their greatest."""
     pair = _pair(results, "force", _reference(results), "second order")
     names = (_reference(results), "second order")
@@ -94,7 +94,7 @@ def _second_order(results: Results) -> Check | None:
     if pair is None or courses[0] is None or courses[1] is None:
         return None
     worst = float(np.abs(courses[0] - courses[1]).max())
-    return Check(
+    return StatementCheck(
         worst <= 0.05,
         f"F/F_max differs by at most {worst:.3f}; F_max itself is {pair[0]:.2f} N to first and "
         f"{pair[1]:.2f} N to second order",
@@ -118,23 +118,25 @@ def _hysteresis(results: Results, name: str, protocol: str | None) -> float | No
     return float(start.values.mean() - end.values.mean())
 
 
-def _high_friction(results: Results) -> Check | None:
+def _high_friction(results: Results) -> StatementCheck | None:
     usual, high = _reference(results), "second order, 0.8"
     protocol = results.best(usual, high)
     before, after = (_hysteresis(results, name, protocol) for name in (usual, high))
     if before is None or after is None:
         return None
-    return Check(after > 1.2 * before, f"{before:.2f} D with 0.6 and 0.45, {after:.2f} D with 0.8")
+    return StatementCheck(
+        after > 1.2 * before, f"{before:.2f} D with 0.6 and 0.45, {after:.2f} D with 0.8"
+    )
 
 
-def _friction_force(results: Results) -> Check | None:
+def _friction_force(results: Results) -> StatementCheck | None:
     names = ["drag", _reference(results), "second order, 0.8"]
     found = together(names, "force", results)
     if found is None:
         return None
     means = [float(one.values.mean()) for one in found]
     words = "without friction (drag), usual, 0.8: " + ", ".join(f"{one:.2f} N" for one in means)
-    return Check(means == sorted(means), words)
+    return StatementCheck(means == sorted(means), words)
 
 
 def _scan(results: Results, aspect: float, figure: str, big: float = 0.005) -> np.ndarray | None:
@@ -142,7 +144,7 @@ def _scan(results: Results, aspect: float, figure: str, big: float = 0.005) -> n
     return None if found is None else np.array([one.values.mean() for one in found])
 
 
-def _grows_with_ratio(results: Results) -> Check | None:
+def _grows_with_ratio(results: Results) -> StatementCheck | None:
     scans = [_scan(results, a, "force") for a in ASPECTS]
     if any(one is None for one in scans):
         return None
@@ -150,7 +152,9 @@ def _grows_with_ratio(results: Results) -> Check | None:
     words = "; ".join(
         f"a = {a:g}: {one[0]:.1f} to {one[-1]:.1f} N" for a, one in zip(ASPECTS, known, strict=True)
     )
-    return Check(all(bool((np.diff(one) > -0.01 * one[:-1]).all()) for one in known), words)
+    return StatementCheck(
+        all(bool((np.diff(one) > -0.01 * one[:-1]).all()) for one in known), words
+    )
 
 
 def _halves(results: Results, figure: str) -> list[float] | None:
@@ -163,36 +167,38 @@ def _listed(values: Sequence[float], form: str, unit: str = "") -> str:
     return ", ".join(f"{value:{form}}{unit} (a = {a:g})" for a, value in pairs)
 
 
-def _grows_as_aspect_falls(results: Results) -> Check | None:
+def _grows_as_aspect_falls(results: Results) -> StatementCheck | None:
     forces = _halves(results, "force")
     if forces is None:
         return None
-    return Check(forces == sorted(forces), _listed(forces, ".1f", " N"))
+    return StatementCheck(forces == sorted(forces), _listed(forces, ".1f", " N"))
 
 
-def _nearest(results: Results) -> Check | None:
+def _nearest(results: Results) -> StatementCheck | None:
     shares = _halves(results, "nearest_species")
     if shares is None:
         return None
-    return Check(min(shares) > 0.5, f"share of starts: {_listed(shares, '.2f')}")
+    return StatementCheck(min(shares) > 0.5, f"share of starts: {_listed(shares, '.2f')}")
 
 
-def _hexagons_by_aspect(results: Results) -> Check | None:
+def _hexagons_by_aspect(results: Results) -> StatementCheck | None:
     shares = _halves(results, "hexagons_full")
     if shares is None:
         return None
-    return Check(shares == sorted(shares, reverse=True), _listed(shares, ".2f"))
+    return StatementCheck(shares == sorted(shares, reverse=True), _listed(shares, ".2f"))
 
 
-def _least_order(results: Results) -> Check | None:
+def _least_order(results: Results) -> StatementCheck | None:
     scans = [_scan(results, a, "hexagons_full") for a in ASPECTS]
     if any(one is None for one in scans):
         return None
     least = [RATIOS[int(one.argmin())] for one in scans if one is not None]
-    return Check(all(0.3 <= one <= 0.7 for one in least), f"least at R = {_listed(least, 'g')}")
+    return StatementCheck(
+        all(0.3 <= one <= 0.7 for one in least), f"least at R = {_listed(least, 'g')}"
+    )
 
 
-def _variant_forces(results: Results) -> Check | None:
+def _variant_forces(results: Results) -> StatementCheck | None:
     usual = [mixture_name(0.6, r) for r in VARIANT_RATIOS]
     others = [[f"{name}, R = {r:g}" for r in VARIANT_RATIOS] for name in VARIANTS]
     found = together([*usual, *(one for some in others for one in some)], "force", results)
@@ -202,20 +208,20 @@ def _variant_forces(results: Results) -> Check | None:
     normal = means / means[:, -1:]
     worst = np.abs(normal[1:] - normal[0]).max(axis=1)
     words = ", ".join(f"{w:.3f} ({name})" for name, w in zip(VARIANTS, worst, strict=True))
-    return Check(bool(worst.max() <= 0.05), f"greatest difference of F(R)/F(1): {words}")
+    return StatementCheck(bool(worst.max() <= 0.05), f"greatest difference of F(R)/F(1): {words}")
 
 
-def _two_mixtures(results: Results) -> Check | None:
+def _two_mixtures(results: Results) -> StatementCheck | None:
     scans = [_scan(results, 0.75, "force", big) for big in (0.005, 0.008)]
     if scans[0] is None or scans[1] is None:
         return None
     worst = float(np.abs(scans[0] / scans[0][-1] - scans[1] / scans[1][-1]).max())
-    return Check(worst <= 0.05, f"greatest difference {worst:.3f}")
+    return StatementCheck(worst <= 0.05, f"greatest difference {worst:.3f}")
 
 
-def _grain_forces(results: Results) -> Check | None:
+def _grain_forces(results: Results) -> StatementCheck | None:
     big, small = _halves(results, "big_force"), _halves(results, "small_force")
     if big is None or small is None:
         return None
     ratios = [s / b for s, b in zip(small, big, strict=True)]
-    return Check(max(ratios) < 1.0, f"small over big: {_listed(ratios, '.2f')}")
+    return StatementCheck(max(ratios) < 1.0, f"small over big: {_listed(ratios, '.2f')}")

@@ -8,11 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, simulate
+from granular.compiled import entry
 from granular.engine.state import kept_lists, put_lists
-from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
+from granular.pairs import direct, stripes
+from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.stripes import BUILDS, Stripes, cut_sum, stripes_room
+from granular.pairs.stripes import BUILDS, Stripes, stripes_room
 from granular.shared.errors import SceneError
+
+cut_sum = entry(stripes.cut_sum)
 
 
 def scattered(count: int, seed: int) -> np.ndarray:
@@ -28,37 +32,37 @@ class Bed:
     smooth: bool | None = None
     threaded: bool | None = None
 
-    def __init__(self, positions: np.ndarray, radius: float, *, charged: bool) -> None:
+    def __init__(self, positions: np.ndarray, radius: float, *, differing: bool) -> None:
         self.count, self.radius = len(positions), radius
         self.x, self.y = padded_coordinates(positions)
-        self.charge = padded_values(np.linspace(0.3, 1.0, self.count)) if charged else None
+        self.moments = padded_values(np.linspace(0.3, 1.0, self.count)) if differing else None
         self.weight = padded_values(np.linspace(0.2, 1.0, self.count))
-        self.near = self.room()
+        self.stripes = self.room()
 
     def room(self) -> Stripes:
-        return stripes_room(self.x.size, charged=self.charge is not None, loaded=True)
+        return stripes_room(self.x.size, moments=self.moments is not None, loaded=True)
 
     def sums(self, function=cut_sum) -> np.ndarray:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
         function(
-            self.near, self.radius, self.smooth, self.threaded, self.count, self.x, self.y,
-            out[0], out[1], self.charge, out[2], extremes, out[3], self.weight,
+            self.stripes, self.radius, self.smooth, self.threaded, self.count, self.x, self.y,
+            out[0], out[1], self.moments, out[2], extremes, out[3], self.weight,
         )  # fmt: skip
         return np.concatenate([out[:, : self.count].ravel(), extremes])
 
 
 @settings(max_examples=30, deadline=None)
 @given(
-    count=st.integers(1, 150), seed=st.integers(0, 10**6), charged=st.booleans(),
+    count=st.integers(1, 150), seed=st.integers(0, 10**6), differing=st.booleans(),
     smooth=st.sampled_from([None, True]), radius=st.floats(0.5, 12.0),
     stretch=st.sampled_from([(1.0, 1.0), (30.0, 0.1), (0.05, 20.0)]),
 )  # fmt: skip
 def test_sum_is_its_slow_twin_while_grains_move(
-    count: int, seed: int, charged: bool, smooth: bool | None, radius: float,
+    count: int, seed: int, differing: bool, smooth: bool | None, radius: float,
     stretch: tuple[float, float],
 ) -> None:  # fmt: skip
     """Slow grains, one fast grain that crosses many skins in a step, and a bed that jumps."""
-    bed = Bed(scattered(count, seed) * stretch, radius, charged=charged)
+    bed = Bed(scattered(count, seed) * stretch, radius, differing=differing)
     bed.smooth = smooth
     random = np.random.default_rng(seed)
     for move in (0.0, 0.01, 0.1, 0.0, 3.0):
@@ -71,27 +75,27 @@ def test_sum_is_its_slow_twin_while_grains_move(
 
 
 def test_wide_radius_is_the_direct_sum() -> None:
-    bed = Bed(scattered(200, 2), 1e3, charged=False)
+    bed = Bed(scattered(200, 2), 1e3, differing=False)
     found = bed.sums()[:400].reshape(2, 200)
     fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
-    direct_sum(bed.x, bed.y, fx, fy, None, None, None, None, None, None, None)
+    entry(direct.direct_sum)(bed.x, bed.y, fx, fy, None, None, None, None, None, None, None)
     np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
 
 
 def test_lists_last_while_grains_stay() -> None:
     """They are made again only where a grain has moved by half the skin."""
-    bed = Bed(scattered(150, 4), 6.0, charged=False)
+    bed = Bed(scattered(150, 4), 6.0, differing=False)
     for _ in range(20):
         bed.sums()
-    assert bed.near.memory[BUILDS] == 1.0
+    assert bed.stripes.memory[BUILDS] == 1.0
     bed.x[7] += 3.0
     bed.sums()
-    assert bed.near.memory[BUILDS] == 2.0
+    assert bed.stripes.memory[BUILDS] == 2.0
 
 
 def test_lists_made_again_give_the_same_bits() -> None:
     """What a checkpoint keeps of them fixes the order of the sums."""
-    bed = Bed(scattered(300, 9), 6.0, charged=True)
+    bed = Bed(scattered(300, 9), 6.0, differing=True)
     random = np.random.default_rng(1)
     drift = random.normal(0.0, 2e-2, (2, 300))
     kept, kept_place, at = {}, None, []
@@ -100,10 +104,10 @@ def test_lists_made_again_give_the_same_bits() -> None:
         bed.y[:300] += drift[1]
         at.append(bed.sums())
         if step == 20:
-            kept, kept_place = kept_lists(bed.near), (bed.x.copy(), bed.y.copy())
-    assert bed.near.memory[BUILDS] > 5.0
-    bed.near = bed.room()
-    put_lists(bed.near, kept)
+            kept, kept_place = kept_lists(bed.stripes), (bed.x.copy(), bed.y.copy())
+    assert bed.stripes.memory[BUILDS] > 5.0
+    bed.stripes = bed.room()
+    put_lists(bed.stripes, kept)
     assert kept_place is not None
     bed.x, bed.y = kept_place
     for wanted in at[21:]:
@@ -113,7 +117,7 @@ def test_lists_made_again_give_the_same_bits() -> None:
 
 
 def test_threads_give_the_same_bits() -> None:
-    one, several = (Bed(scattered(3000, 5), 6.0, charged=True) for _ in range(2))
+    one, several = (Bed(scattered(3000, 5), 6.0, differing=True) for _ in range(2))
     several.threaded = True
     np.testing.assert_array_equal(several.sums(), one.sums())
 
@@ -121,14 +125,14 @@ def test_threads_give_the_same_bits() -> None:
 def test_memory_is_linear() -> None:
     sizes = []
     for count in (10_000, 100_000):
-        arrays = stripes_room(count, charged=True, loaded=True)
+        arrays = stripes_room(count, moments=True, loaded=True)
         sizes.append(sum(one.nbytes for one in arrays if one is not None) / count)
     assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
     assert sizes[1] < 1500.0
 
 
 def test_no_number_gives_no_number() -> None:
-    bed = Bed(scattered(30, 9), 6.0, charged=False)
+    bed = Bed(scattered(30, 9), 6.0, differing=False)
     bed.y[3] = np.nan
     assert np.isnan(bed.sums()[:60]).all()
 

@@ -10,14 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular import Scene, evaluate, simulate
+from granular.compiled import entry
+from granular.pairs import far_field, mesh
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_field import FarField, FarForces, far_forces_room, find_far_forces
-from granular.pairs.mesh import spread
+from granular.pairs.far_field import FarField, FarForces, far_forces_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
 from granular.pairs.split import far_cube, far_fifth
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
+
+spread = entry(mesh.spread)
+find_far_forces = entry(far_field.find_far_forces)
 
 
 @given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))
@@ -46,7 +50,7 @@ class Bed:
 
     threaded: bool | None = None
 
-    def __init__(self, count: int, *, charged: bool = False, seed: int = 1) -> None:
+    def __init__(self, count: int, *, differing: bool = False, seed: int = 1) -> None:
         self.width, self.height = 60.0 * (count / 368) ** 0.5, 20.0 * (count / 368) ** 0.5
         apart = (2.0 / 3.0**0.5 * self.width * self.height / count) ** 0.5
         across, up = int(self.width / apart), int(self.height / (apart * 0.75**0.5))
@@ -59,8 +63,8 @@ class Bed:
         self.count = len(places)
         self.x, self.y = padded_coordinates(self.places)
         moments = random.choice([0.36, 1.0], self.count)
-        self.charge = padded_values(moments) if charged else None
-        self.weight = padded_values(0.3 + 0.5 * moments if charged else np.full(self.count, 0.7))
+        self.moments = padded_values(moments) if differing else None
+        self.weight = padded_values(0.3 + 0.5 * moments if differing else np.full(self.count, 0.7))
 
     def room(self) -> FarForces:
         field = FarField(RADIUS, self.width + 6.0, self.height + 6.0, None)
@@ -68,24 +72,24 @@ class Bed:
 
     def far(self) -> FarForces:
         far = self.room()
-        charge, weight = self.charge, self.weight
-        assert find_far_forces(far, self.threaded, self.count, self.x, self.y, charge, weight) == 0
+        moments, weight = self.moments, self.weight
+        assert find_far_forces(far, self.threaded, self.count, self.x, self.y, moments, weight) == 0
         return far
 
     @property
     def moments(self) -> np.ndarray:
-        return np.ones(self.count) if self.charge is None else self.charge[: self.count]
+        return np.ones(self.count) if self.moments is None else self.moments[: self.count]
 
     def differences(self) -> tuple[np.ndarray, np.ndarray]:
         apart = self.places[:, None] - self.places[None]
         return apart, (apart**2).sum(axis=2)
 
 
-@pytest.mark.parametrize("charged", [False, True])
+@pytest.mark.parametrize("differing", [False, True])
 @pytest.mark.parametrize("count", [30, 92, 1472])
-def test_mesh_is_the_sum_over_all_pairs(count: int, charged: bool) -> None:
+def test_mesh_is_the_sum_over_all_pairs(count: int, differing: bool) -> None:
     """Forces to the tolerance that the radius of 7 D stands for."""
-    bed = Bed(count, charged=charged)
+    bed = Bed(count, differing=differing)
     far, q, n = bed.far(), bed.moments, bed.count
     apart, square = bed.differences()
     products = q[:, None] * q[None]
@@ -102,10 +106,10 @@ def test_mesh_is_the_sum_over_all_pairs(count: int, charged: bool) -> None:
     np.testing.assert_allclose(far.load[:n], load, atol=1e-3 * load.max())
 
 
-@pytest.mark.parametrize("charged", [False, True])
-def test_force_is_the_exact_gradient_of_the_mesh_s_energy(charged: bool) -> None:
+@pytest.mark.parametrize("differing", [False, True])
+def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> None:
     """To the rounding of the difference: energy is conserved whatever the mesh's own error is."""
-    bed = Bed(92, charged=charged)
+    bed = Bed(92, differing=differing)
     far, step = bed.far(), 1e-4
     for grain in (0, 17, bed.count - 1):
         for places, force in ((bed.x, far.fx), (bed.y, far.fy)):
@@ -131,7 +135,7 @@ def test_lattice_stands_still() -> None:
 
 
 def test_threads_give_the_same_bits() -> None:
-    bed = Bed(1472, charged=True)
+    bed = Bed(1472, differing=True)
     one = bed.far()
     bed.threaded = True
     several = bed.far()
@@ -140,9 +144,9 @@ def test_threads_give_the_same_bits() -> None:
 
 
 def test_all_that_is_spread_arrives() -> None:
-    bed = Bed(92, charged=True)
+    bed = Bed(92, differing=True)
     far = bed.far()
-    spread(far.mesh, bed.x, bed.y, bed.charge, bed.count)
+    spread(far.mesh, bed.x, bed.y, bed.moments, bed.count)
     points = far.mesh.windows[0, 2] * far.mesh.windows[0, 3]
     assert far.mesh.source[:points].sum() == pytest.approx(bed.moments.sum(), rel=1e-13)
 

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from granular import Scene, simulate
+from granular.compiled import entry
 from granular.engine.state import kept_lists, put_lists
+from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.verlet_list import BUILDS, Listing, VerletList, list_sum, verlet_list_room
+from granular.pairs.verlet_list import BUILDS, Listing, VerletList, verlet_list_room
 from granular.shared.errors import SceneError
+
+list_sum = entry(verlet_list.list_sum)
 
 LISTING = Listing(6.0, 2.0)
 
@@ -24,9 +28,9 @@ def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    charge = padded_values(np.linspace(0.3, 1.0, count))
+    moments = padded_values(np.linspace(0.3, 1.0, count))
     out, extremes = np.zeros((4, x.size)), np.zeros(2)
-    function(first, second, count, x, y, out[0], out[1], charge, out[2], extremes, out[3], charge)
+    function(first, second, count, x, y, out[0], out[1], moments, out[2], extremes, out[3], moments)
     return np.concatenate([out[:, :count].ravel(), extremes])
 
 

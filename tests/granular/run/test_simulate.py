@@ -192,7 +192,7 @@ def test_too_long_a_step_is_stopped(scene: Scene) -> None:
 
 
 def test_interrupted_run_keeps_what_was_done(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    from granular.engine.run import Run
+    from granular.run.run import Run
 
     plain, calls = Run.advance, []
 

@@ -47,13 +47,13 @@ def test_table_of_the_source(
     aspect: float, big: float, ratio: Decimal, height: Decimal, way: Decimal
 ) -> None:
     scene = bidisperse(aspect, float(ratio), big=big)
-    compress = scene.protocol[1].plain()
+    compress = scene.protocol[1].to_plain()
     assert round(compress["to"] / big, 9) == float(height)
-    expand = scene.protocol[2].plain()
+    expand = scene.protocol[2].to_plain()
     assert round(expand["to"] - compress["to"], 12) == float(way)
     assert compress["speed"] == 1e-3
     assert scene.cell.width == 0.33
-    relaxation = scene.protocol[0].plain()["duration"]
+    relaxation = scene.protocol[0].to_plain()["duration"]
     assert relaxation == pytest.approx(5.0 * float(way) / 1e-3, rel=1e-12)
 
 
@@ -101,7 +101,7 @@ def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
         **{"grains.count": count, "cell.width": 100.0, "piston.height": 100.0,
            "arrangement.height": 99.0}
     )  # fmt: skip
-    mixed = base.replace(**{"grains.species": [one.plain() for one in species]})
+    mixed = base.replace(**{"grains.species": [one.to_plain() for one in species]})
     height = final_height(0.07, species)
     first = count * np.pi / 4.0 * species[0].diameter ** 2 / (mixed.cell.width * 0.07)
     assert packing_fraction(mixed, height) == pytest.approx(first, rel=1e-12)
@@ -110,9 +110,11 @@ def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
 def test_mono_bed_scales_with_its_number_of_grains() -> None:
     one, four = mono_bed(368), mono_bed(4 * 368)
     assert four.cell.width == pytest.approx(2.0 * one.cell.width)
-    assert four.protocol[1].plain()["to"] == pytest.approx(2.0 * one.protocol[1].plain()["to"])
+    assert four.protocol[1].to_plain()["to"] == pytest.approx(
+        2.0 * one.protocol[1].to_plain()["to"]
+    )
     assert packing_fraction(one, 0.12) == pytest.approx(0.241, abs=5e-4)
-    assert mono_bed(92).protocol[0].plain()["to"] > 37.5 * 0.006
+    assert mono_bed(92).protocol[0].to_plain()["to"] > 37.5 * 0.006
 
 
 def test_damper_is_the_packaged_one() -> None:

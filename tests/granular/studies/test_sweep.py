@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,9 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import InputError, SceneError
+from granular.studies.cases import make_cases, measure_name
 from granular.studies.file import load_study
-from granular.studies.measures import last_values
+from granular.studies.measures import last_values, piston_columns
 
 ROOT = Path(__file__).parents[3]
 
@@ -28,6 +31,13 @@ def falling(**changes: Any) -> Scene:
            "protocol": [{"kind": "hold", "name": "fall", "duration": 0.01}],
            "output.scalars": 1e-3, "output.frames": 1e-2, **changes}
     )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def here() -> Iterator[Executor]:
+    """A thread of this process, where it does not matter which process computes a case."""
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
 
 
 def measured(run: Trajectory) -> dict[str, float]:
@@ -52,7 +62,7 @@ def test_grid_and_cases_make_a_tidy_table() -> None:
     assert study.reused == 0
 
 
-def test_a_failing_case_does_not_lose_the_others(tmp_path: Path) -> None:
+def test_a_failing_case_does_not_lose_the_others(tmp_path: Path, here: Executor) -> None:
     # The second grain is beside the wall when it starts and is shot into it at a step too long.
     scene = load_scene("single-particle").replace(
         **{"protocol": [{"kind": "hold", "name": "fall", "duration": 0.05}], "output.scalars": 1e-3,
@@ -61,7 +71,7 @@ def test_a_failing_case_does_not_lose_the_others(tmp_path: Path) -> None:
     study = sweep(
         scene, cases=[{"arrangement.velocities": [[0.0, 0.0]]},
                       {"arrangement.velocities": [[0.0, -50.0]]}],
-        dt=1e-3, out=tmp_path, workers=1, progress=False,
+        dt=1e-3, out=tmp_path, executor=here, progress=False,
     )  # fmt: skip
     assert [outcome["error"] is None for outcome in study.outcomes] == [True, False]
     assert "Error: step" in study.outcomes[1]["error"]
@@ -69,14 +79,19 @@ def test_a_failing_case_does_not_lose_the_others(tmp_path: Path) -> None:
     again = sweep(
         scene, cases=[{"arrangement.velocities": [[0.0, 0.0]]},
                       {"arrangement.velocities": [[0.0, -50.0]]}],
-        dt=1e-3, out=tmp_path, workers=1, progress=False,
+        dt=1e-3, out=tmp_path, executor=here, progress=False,
     )  # fmt: skip
     assert again.reused == 2
     pandas.testing.assert_frame_equal(study.table, again.table, check_exact=True)
 
 
-def test_another_measure_or_step_is_another_case(tmp_path: Path) -> None:
-    arguments: dict[str, Any] = {"cases": [{}], "out": tmp_path, "workers": 1, "progress": False}
+def test_another_measure_or_step_is_another_case(tmp_path: Path, here: Executor) -> None:
+    arguments: dict[str, Any] = {
+        "cases": [{}],
+        "out": tmp_path,
+        "executor": here,
+        "progress": False,
+    }
     keys = {
         sweep(falling(), dt=dt, measure=measure, **arguments).cases[0].key
         for dt in (1e-4, 2e-4)
@@ -86,11 +101,68 @@ def test_another_measure_or_step_is_another_case(tmp_path: Path) -> None:
     assert sweep(falling(), dt=1e-4, measure=measured, **arguments).reused == 1
 
 
-def test_kept_runs_can_be_loaded(tmp_path: Path) -> None:
+def test_cases_have_steps_methods_and_ends_of_their_own(tmp_path: Path, here: Executor) -> None:
+    """They are the cases that a sweep with these settings for all of them has."""
+    arguments: dict[str, Any] = {"out": tmp_path, "executor": here, "progress": False}
+    mixed = sweep(
+        falling(), {"dt": [1e-4, "auto/2"], "method": ["stormer-verlet", "pefrl"]},
+        cases=[{"t_end": 0.005, "arrangement.seed": 2}], dt=2e-4, **arguments,
+    )  # fmt: skip
+    table = mixed.table
+    assert list(table["dt"][:4]) == [1e-4, 1e-4, "auto/2", "auto/2"]
+    assert table["error"].isna().all()
+    assert table["kinetic_energy"][4] == pytest.approx(0.25 * table["kinetic_energy"][0])
+    alike = sweep(falling(), cases=[{}], dt="auto/2", method="pefrl", **arguments)
+    assert alike.reused == 1
+    assert alike.outcomes[0] == mixed.outcomes[3]
+    short = {"dt": 2e-4, "t_end": 0.005}
+    assert sweep(falling(), cases=[{"arrangement.seed": 2}], **short, **arguments).reused == 1
+
+
+def test_a_study_file_gives_cases_steps_of_their_own(tmp_path: Path) -> None:
+    falling().save(tmp_path / "fall.toml")
+    (tmp_path / "study.toml").write_text(
+        'scene = "fall.toml"\ndt = 1e-4\n[grid]\ndt = ["auto", "auto/2"]\n'
+        '[[cases]]\n"arrangement.seed" = 2\n[[cases]]\nmethod = "pefrl"\nt_end = 0.005\n'
+    )
+    study = load_study(tmp_path / "study.toml")
+    settings = {"dt": study["dt"], "t_end": None, "method": "stormer-verlet"}
+    made = make_cases(study["scene"], study["grid"], study["cases"], settings, last_values)
+    assert [case.settings["dt"] for case in made] == ["auto", "auto/2", 1e-4, 1e-4]
+    assert made[3].settings == {"dt": 1e-4, "t_end": 0.005, "method": "pefrl"}
+    assert [case.scene.arrangement.seed for case in made] == [1, 1, 2, 1]
+
+
+def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> None:
+    arguments: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": tmp_path, "executor": here}
+    first = sweep(falling(), **arguments, progress=False)
+    (kept,) = (tmp_path / "cases").iterdir()
+    whole = kept.read_bytes()
+    kept.write_bytes(whole[:-5])
+    with pytest.warns(UserWarning, match="damaged; what it held is made anew"):
+        again = sweep(falling(), **arguments, progress=False)
+    assert again.reused == 0
+    assert again.outcomes == first.outcomes
+    assert kept.read_bytes() == whole
+
+
+def test_studies_kept_before_go_on() -> None:
+    """Their cases are known by keys that no move of code may change."""
+    from reduced_models.designs.figures import damper_figures
+
+    settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
+    (case,) = make_cases(
+        load_scene("bed"), {}, [{"grains.density": 7000.0}], settings, piston_columns
+    )
+    assert case.key == "1b0fba2a0173aa53a35b"
+    assert measure_name(damper_figures) == "reduced_models.designs.figures:damper_figures#8b0ef787"
+
+
+def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:
     from granular import load_trajectory
 
     study = sweep(
-        falling(), cases=[{}], dt=1e-4, out=tmp_path, keep_runs=True, workers=1, progress=False
+        falling(), cases=[{}], dt=1e-4, out=tmp_path, keep_runs=True, executor=here, progress=False
     )
     run = load_trajectory(tmp_path / "runs" / study.cases[0].key)
     assert run.complete
@@ -104,6 +176,8 @@ def test_kept_runs_can_be_loaded(tmp_path: Path) -> None:
         ({"grid": {"arrangement.seed": 3}}, "must be a list"),
         ({"cases": [{"piston.mas": 1.0}]}, "unknown key"),
         ({"cases": [{}], "keep_runs": True}, "needs out"),
+        ({"cases": [{"dt": "atuo"}]}, "give seconds, 'auto'"),
+        ({"grid": {"method": ["stormer-verlett"]}}, "did you mean 'stormer-verlet'"),
     ],
 )
 def test_bad_sweeps(arguments: dict[str, Any], words: str) -> None:
@@ -129,7 +203,7 @@ def command(study: Path, out: Path, *more: str) -> list[str]:
 
 
 def outcomes(out: Path) -> dict[str, float]:
-    return {one.name: one.stat().st_mtime_ns for one in (out / "cases").glob("*.json")}
+    return {one.name: one.stat().st_mtime_ns for one in (out / "cases").glob("[!.]*.json")}
 
 
 def children(pid: int) -> list[int]:

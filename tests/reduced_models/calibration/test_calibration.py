@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -11,8 +12,9 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -20,11 +22,13 @@ import pytest
 from granular import PistonRecord, Scene, damper, load_scene, simulate
 from granular.shared.console import BAD_INPUT, INTERRUPTED, launch
 from granular.shared.errors import InputError, SceneError
+from granular.studies.cases import Case
 from reduced_models import Calibration, calibrate
 from reduced_models.__main__ import main
+from reduced_models.calibration.calibration import calibrated
 from reduced_models.calibration.features import Features, features
 from reduced_models.calibration.gauss_newton import RADIUS
-from reduced_models.calibration.simulations import Bench, Point
+from reduced_models.calibration.simulations import SceneSimulator, SimulatedPoint, parameter
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 NAMES = ("height", "period", "damping_ratio", "force")
@@ -43,48 +47,70 @@ def made_features(mass: float, drag: float, remanence: float, bed: np.ndarray) -
     return np.array([-0.35 * load, period, damping - 4.0, math.log(9.8 * mass)]) + SCATTER * bed
 
 
-class MadeUp:
-    """Takes the place of the simulations and of the fit to the record."""
+@dataclasses.dataclass(frozen=True)
+class MadeUp(SceneSimulator):
+    """A formula takes the place of the simulations.
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, force: bool = False) -> None:
-        self.used = slice(None if force else 3)
-        self.calls = 0
+    Attributes
+    ----------
+    shift : int
+        Added to the seeds: other beds than those of another calibration.
+    fails : callable
+        Whether the simulations of a mass fail.
+    asked : list of float64 (p,)
+        The places that were asked for.
+    """
 
-        def points(bench: Bench, places: Sequence[np.ndarray]) -> list[Point]:
-            return self.points(bench, places)
+    shift: int = 0
+    fails: Callable[[float], bool] = lambda mass: False
+    asked: list[np.ndarray] = dataclasses.field(default_factory=list)
 
-        monkeypatch.setattr(Bench, "points", points)
-        monkeypatch.setattr(
-            "reduced_models.calibration.calibration.features", lambda *_, **__: self.wanted
-        )
+    def points(self, places: Sequence[np.ndarray]) -> list[SimulatedPoint]:
+        self.asked.extend(places)
+        return [self.point(place) for place in places]
 
-    def lab(self, seed: int, **values: float) -> None:
-        """The features of a record of a bed with a random start of its own."""
-        random = np.random.default_rng(seed)
-        truth = {"mass": 7.5, "drag": 0.1, "remanence": 1.3} | values
-        logs = made_features(**truth, bed=random.normal(size=4)) + NOISE * random.normal(size=4)
-        values_seen = np.exp(logs[self.used])
-        self.wanted = Features(NAMES[self.used], values_seen, NOISE[self.used], ())
-        self.shift = int(random.integers(1, 10**6))
-
-    def points(self, bench: Bench, places: Sequence[np.ndarray]) -> list[Point]:
-        self.calls += len(places)
-        return [self.point(bench, place) for place in places]
-
-    def point(self, bench: Bench, place: np.ndarray) -> Point:
-        plain = bench.scene.replace(**bench.changes(place))
+    def point(self, place: np.ndarray) -> SimulatedPoint:
+        if self.fails(math.exp(place[0])):
+            return SimulatedPoint(
+                place, (), np.empty((0, 0)), "the simulation with it failed: boom"
+            )
+        plain = self.scene.replace(**self.changes(place))
         rows = []
-        for seed in bench.seeds:
+        for seed in self.seeds:
             bed = np.random.default_rng(seed + self.shift).normal(size=4)
             drag = plain.effects.drag.coefficient
             rows.append(made_features(plain.piston.mass, drag, plain.grains.remanence, bed))
         records = (RECORD.from_zero(),) * len(rows)
-        return Point(place, records, np.array(rows)[:, self.used])
+        return SimulatedPoint(place, records, np.array(rows)[:, : 4 if self.force else 3])
 
 
-@pytest.fixture
-def made_up(monkeypatch: pytest.MonkeyPatch) -> MadeUp:
-    return MadeUp(monkeypatch)
+class Lab(NamedTuple):
+    """The features of a record of a bed with a random start of its own."""
+
+    wanted: Features
+    shift: int
+
+    @classmethod
+    def of(cls, seed: int, *, force: bool = False, **values: float) -> Lab:
+        random = np.random.default_rng(seed)
+        truth = {"mass": 7.5, "drag": 0.1, "remanence": 1.3} | values
+        logs = made_features(**truth, bed=random.normal(size=4)) + NOISE * random.normal(size=4)
+        used = slice(4 if force else 3)
+        wanted = Features(NAMES[used], np.exp(logs[used]), NOISE[used], ())
+        return cls(wanted, int(random.integers(1, 10**6)))
+
+    def simulator(self, *keys: str, scene: Scene | None = None, **options: Any) -> MadeUp:
+        """Where its features are looked for."""
+        scene = scene or load_scene("damper")
+        return MadeUp(
+            scene=scene, parameters=tuple(parameter(scene, key) for key in keys or (MASS, DRAG)),
+            seeds=(1, 2, 3, 4), law="linear", duration=3.0,
+            force=len(self.wanted.names) == 4, settings={}, shift=self.shift, **options,
+        )  # fmt: skip
+
+    def calibrated(self, *keys: str, **options: Any) -> Calibration:
+        simulator = self.simulator(*keys, **options)
+        return calibrated(simulator, RECORD, self.wanted, 0.95, checks=False)
 
 
 def quiet(*parameters: str, scene: Scene | None = None, **options: Any) -> Calibration:
@@ -96,12 +122,11 @@ def quiet(*parameters: str, scene: Scene | None = None, **options: Any) -> Calib
         )  # fmt: skip
 
 
-def test_intervals_cover_the_truth(made_up: MadeUp) -> None:
+def test_intervals_cover_the_truth() -> None:
     """Of 300 records of beds of their own, from other starts; 95 % intervals."""
     covered, halves = [], []
     for seed in range(300):
-        made_up.lab(seed, mass=6.0, drag=0.15)
-        found = quiet()
+        found = Lab.of(seed, mass=6.0, drag=0.15).calibrated()
         assert found.undetermined == ()
         covered.append([
             found.intervals[key][0] <= value <= found.intervals[key][1]
@@ -114,21 +139,20 @@ def test_intervals_cover_the_truth(made_up: MadeUp) -> None:
     assert np.median(halves) < 0.03
 
 
-def test_a_start_far_away(made_up: MadeUp) -> None:
+def test_a_start_far_away() -> None:
     """A third of the drag, twice the mass: in steps no longer than the radius."""
-    made_up.lab(3, mass=3.75, drag=0.3)
-    found = quiet()
+    lab = Lab.of(3, mass=3.75, drag=0.3)
+    simulator = lab.simulator()
+    found = calibrated(simulator, RECORD, lab.wanted, 0.95, checks=False)
     assert found.values == pytest.approx({MASS: 3.75, DRAG: 0.3}, rel=0.05)
     assert found.notes == ()
-    assert made_up.calls <= 3 + math.ceil(math.log(3.0) / RADIUS) + 3
+    assert len(simulator.asked) <= 3 + math.ceil(math.log(3.0) / RADIUS) + 3
     assert found.scene.piston.mass == found.values[MASS]
 
 
-def test_what_cannot_be_told_apart_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_told_apart_is_named() -> None:
     """A free swing tells mass over remanence squared; the force tells the mass."""
-    made_up = MadeUp(monkeypatch)
-    made_up.lab(1, mass=6.0)
-    found = quiet(MASS, DRAG, REMANENCE)
+    found = Lab.of(1, mass=6.0).calibrated(MASS, DRAG, REMANENCE)
     assert len(found.undetermined) == 1
     powers = found.undetermined[0].powers
     assert powers[REMANENCE] / powers[MASS] == pytest.approx(0.5, abs=0.02)
@@ -141,9 +165,7 @@ def test_what_cannot_be_told_apart_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     assert told == pytest.approx(6.1 / 1.3**2, rel=0.03)
     assert "open: the data do not notice when" in str(found)
 
-    with_force = MadeUp(monkeypatch, force=True)
-    with_force.lab(1, mass=6.0)
-    found = quiet(MASS, DRAG, REMANENCE)
+    found = Lab.of(1, mass=6.0, force=True).calibrated(MASS, DRAG, REMANENCE)
     assert found.undetermined == ()
     for key, value in ((MASS, 6.0), (DRAG, 0.1), (REMANENCE, 1.3)):
         low, high = found.intervals[key]
@@ -151,31 +173,63 @@ def test_what_cannot_be_told_apart_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         assert high / low < 1.3
 
 
-def test_a_scene_that_lacks_something_is_noted(made_up: MadeUp) -> None:
-    made_up.lab(1)
-    wrong = made_up.wanted.values * np.array([1.0, 1.3, 1.0])
-    made_up.wanted = made_up.wanted._replace(values=wrong)
-    with pytest.warns(UserWarning, match="no values give the record's"):
-        found = calibrate(RECORD, load_scene("damper"), progress=False, checks=False)
-    assert any("standard deviations away" in note for note in found.notes)
+def test_a_scene_that_lacks_something_is_noted() -> None:
+    lab = Lab.of(1)
+    wrong = lab.wanted._replace(values=lab.wanted.values * np.array([1.0, 1.3, 1.0]))
+    notes = lab._replace(wanted=wrong).calibrated().notes
+    assert notes
+    for note in notes:
+        assert note.startswith("no values give the record's")
+        assert "standard deviations away" in note
 
 
-def test_simulations_that_fail_on_the_way_shorten_the_step(
-    made_up: MadeUp, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def swing(mass: float, drag: float, seed: int, slower: float = 1.0) -> PistonRecord:
+    """A piston on springs that are a little different from bed to bed."""
+    time = np.linspace(0.0, 6.0, 1500)
+    random = np.random.default_rng(seed)
+    rest = 0.059 * (7.5 / mass) ** 0.35 * (1.0 + 1e-3 * random.normal())
+    omega = 21.8 * (7.5 / mass) ** 0.1 * (1.0 + 1e-3 * random.normal()) / slower
+    decay = 4.0 * drag / mass * 7.5 * (1.0 + 1e-2 * random.normal())
+    height = rest + 1e-3 * np.exp(-decay * time) * np.cos(omega * time)
+    return PistonRecord(time, height + random.normal(0.0, 3e-6, len(time)))
+
+
+class Springs(Executor):
+    """Answers a case with the swing of its mass and drag."""
+
+    def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
+        scene, future = case.scene, Future[Any]()
+        drag = scene.effects.drag.coefficient
+        columns = swing(scene.piston.mass, drag, scene.arrangement.seed).columns
+        figures = {name: values.tolist() for name, values in columns.items()}
+        future.set_result({"figures": figures, "error": None})
+        return future
+
+
+def test_simulations_run_where_they_are_told_to(tmp_path: Path) -> None:
+    """Those of an executor that is given; what does not fit is said, and all of it saved."""
+    record = swing(7.0, 0.11, 100, slower=1.05)
+    with pytest.warns(UserWarning, match="no values give the record's period"):
+        found = calibrate(
+            record, load_scene("damper"), seeds=3, executor=Springs(), out=tmp_path,
+            checks=False, progress=False,
+        )  # fmt: skip
+    assert found.notes
+    assert found.values[DRAG] == pytest.approx(0.11, rel=0.1)
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_simulations_that_fail_on_the_way_shorten_the_step() -> None:
     """And those at the start end the calibration in one line."""
-    made_up.lab(3, mass=3.75)
-    sound = made_up.point
+    lab = Lab.of(3, mass=3.75)
 
-    def fails_far(bench: Bench, place: np.ndarray) -> Point:
-        if not 3.6 < math.exp(place[0]) < 8.5:
-            return Point(place, (), np.empty((0, 0)), "the simulation with it failed: boom")
-        return sound(bench, place)
+    def far(mass: float) -> bool:
+        return not 3.6 < mass < 8.5
 
-    monkeypatch.setattr(made_up, "point", fails_far)
-    assert quiet().values[MASS] == pytest.approx(3.75, rel=0.03)
+    assert lab.calibrated(fails=far).values[MASS] == pytest.approx(3.75, rel=0.03)
+    heavy = load_scene("damper").replace(**{MASS: 20.0})
     with pytest.raises(InputError, match="boom; start from other values"):
-        quiet(scene=load_scene("damper").replace(**{MASS: 20.0}))
+        lab.calibrated(scene=heavy, fails=far)
 
 
 def small(**changes: Any) -> Scene:

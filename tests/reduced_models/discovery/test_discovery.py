@@ -13,12 +13,12 @@ import sympy
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, discover
-from reduced_models.discovery.result import Candidate, Discovery, pareto_front
+from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import all_subsets, scored
 from reduced_models.discovery.terms import Term, library, sum_of, symbols, terms_of
-from reduced_models.discovery.weak import Motion, weak_form
+from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 from reduced_models.laws.law import Law
-from reduced_models.laws.solution import motion
+from reduced_models.laws.solution import solution
 
 TIME = np.linspace(0.0, 40.0, 2000)
 VELOCITY = {"speed": 1, "odd": True}
@@ -45,7 +45,7 @@ LAWS = {
 @functools.cache
 def clean(name: str) -> np.ndarray:
     equation, values, start, _ = LAWS[name]
-    return motion(Law(name, equation), TIME, start, 0.0, values, 1.0).z
+    return solution(Law(name, equation), TIME, start, 0.0, values, 1.0).z
 
 
 def made(name: str, seed: int, level: float = 0.01) -> PistonRecord:
@@ -119,7 +119,7 @@ def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
     equation, values, _, _ = LAWS[name]
     time, records = TIME[:1000], []
     for seed, start in enumerate(starts):
-        z = motion(Law(name, equation), time, start, 0.0, values, 1.0).z
+        z = solution(Law(name, equation), time, start, 0.0, values, 1.0).z
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
         records.append(PistonRecord(5.0 * seed + time, z + noise))
     return records
@@ -236,7 +236,9 @@ def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
     v = np.gradient(z, TIME)
     for seed in range(40):
         record = made("van-der-pol-like", seed).height
-        weak = weak_form(Motion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0))
+        weak = weak_form(
+            SmoothedMotion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0)
+        )
         whitening = weak.whitening(terms, np.array(values))
         left = whitening @ (weak.target - weak.matrix(terms) @ np.array(values))
         squares.append((left**2).mean())
@@ -247,7 +249,9 @@ def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> 
     terms = library(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
-    weak = weak_form(Motion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
+    weak = weak_form(
+        SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0)
+    )
     ranked, judge = scored(weak, terms, terms, all_subsets(len(terms)))
     assert set(ranked[0].terms) == set(LAWS["van-der-pol"][3])
     assert judge.excess < 1.5
@@ -276,7 +280,7 @@ def test_terms_are_unique_and_go_there_and_back() -> None:
 def test_the_pareto_front_holds_no_dominated_candidate() -> None:
     z = symbols()[0]
     sizes = [(3, 2.0), (3, 1.5), (5, 1.6), (7, 1.0), (9, 1.0), (9, float("inf"))]
-    front = pareto_front([Candidate(z, *size, criterion=0.0) for size in sizes])
+    front = pareto_front([CandidateEquation(z, *size, criterion=0.0) for size in sizes])
     assert [(one.complexity, one.error) for one in front] == [(3, 1.5), (7, 1.0)]
 
 

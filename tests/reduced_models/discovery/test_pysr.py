@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -31,8 +32,8 @@ stub = Anything()
 stub.AnyValue = type("AnyValue", (), {}); stub.VectorValue = type("VectorValue", (), {})
 sys.modules["juliacall"] = stub
 import warnings; warnings.simplefilter("ignore")
-from pysr import PySRRegressor
-from reduced_models.discovery.julia import settings
+from reduced_models.discovery.julia import regressor, settings
+PySRRegressor = regressor()
 for options in (dict(), dict(functions=("sin", "exp"), elliptic=True, seed=3)):
     wanted = settings(**options)
     made = PySRRegressor(early_stop_condition=1e-3, **wanted)
@@ -91,6 +92,33 @@ def test_settings_suit_the_real_constructor() -> None:
     assert "tea" in done.stdout
 
 
+PROBE = """
+import os, sys
+def PySRRegressor(): pass
+seen = [os.environ.get(f"PYTHON_JULIACALL_{name}") for name in ("HANDLE_SIGNALS", "THREADS")]
+import warnings; warnings.warn("of PySR, at these settings")
+"""
+
+
+@pytest.mark.parametrize(("given", "seen"), [({}, ["no", "1"]), ({"THREADS": "4"}, ["no", "4"])])
+def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_path: Path) -> None:
+    """The settings stand before PySR is imported, which imports Julia; the user's own go first."""
+    (tmp_path / "pysr.py").write_text(PROBE)
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from reduced_models.discovery.julia import regressor\n"
+        "regressor(); import pysr; print(pysr.seen)"
+    )
+    kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
+    environment = kept | {f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True, text=True, check=False, env=environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(seen)
+
+
 def python_of(operator: str) -> str:
     """The right side of one of the Julia operators in Python, by rewriting its few idioms."""
     body = operator.split("= ", 1)[1]
@@ -113,7 +141,7 @@ def test_julia_operators_are_the_elliptic_functions(name: str) -> None:
     """Their text, carried over to Python, against the functions in JAX."""
     import math
 
-    from reduced_models import elliptic
+    from reduced_models.laws import elliptic
 
     def fold(a: float, b: float) -> float:
         for _ in range(9):
@@ -138,17 +166,15 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
     import types
 
     import pandas as pd
-    import sympy
 
     class Search:
         def __init__(self, **settings: object) -> None:
             assert settings["deterministic"] is True
 
         def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
-            symbols = sympy.symbols(variable_names)
             numbers, *_ = np.linalg.lstsq(matrix[:, :2], target)
-            best = sum(float(c) * s for c, s in zip(numbers, symbols[:2], strict=True))
-            self.equations_ = pd.DataFrame({"sympy_format": [symbols[0] * -1.0, best]})
+            best = " + ".join(f"({c} * {s})" for c, s in zip(numbers, variable_names, strict=False))
+            self.equations_ = pd.DataFrame({"equation": ["x0 * -1.0", "x0 * NaN", best]})
 
     monkeypatch.setattr(julia, "missing", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
@@ -161,3 +187,32 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
     coefficients = {term.text: value for term, value in found.best.terms.items()}
     assert coefficients["z"] == pytest.approx(-(1.4**2 + 0.05**2), rel=0.01)
     assert coefficients["z'"] == pytest.approx(-0.1, rel=0.1)
+
+
+def test_elliptic_motions_are_fitted_and_scored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A swing on a hardening spring is a cn; the numbers of the search are only near the best."""
+    import types
+
+    import pandas as pd
+
+    from reduced_models.laws import elliptic
+
+    swing = np.asarray(elliptic.duffing_motion(TIME, 1.2, 0.9, 0.8, 0.0))
+    rate = (1.2**2 + 0.9 * 0.8**2) ** 0.5
+    m = 0.5 * 0.9 * 0.8**2 / rate**2
+
+    class Search:
+        def __init__(self, **settings: object) -> None:
+            assert any("jacobi_cn" in str(one) for one in settings["binary_operators"])
+
+        def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
+            scales = TIME[-1] / matrix[-1, 0], swing.std() / target.std()
+            text = f"{0.8 / scales[1]} * jacobi_cn({1.01 * rate * scales[0]} * x0, {0.9 * m})"
+            self.equations_ = pd.DataFrame({"equation": ["0.3 * x0", text]})
+
+    monkeypatch.setattr(julia, "missing", lambda: None)
+    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
+    noise = np.random.default_rng(0).normal(0.0, 1e-3, len(TIME))
+    found = discover(PistonRecord(TIME, swing + noise), "pysr", target="height")
+    assert "jacobi_cn" in found.best.text
+    assert found.best.error == pytest.approx(1.0, abs=0.1)

@@ -16,11 +16,11 @@ from reduced_models import HeightMap, ReducedModel, fit, load_model
 from reduced_models.fitting.refinement import SOLVER_LIMIT
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.law import Law, parse
-from reduced_models.laws.solution import Motion, motion
+from reduced_models.laws.solution import Solution, solution
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
-CLEAN = motion(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0).z
+CLEAN = solution(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0).z
 
 
 def noisy(seed: int, level: float = 0.01) -> PistonRecord:
@@ -96,7 +96,7 @@ def test_map_and_law_are_found_together_in_noise(
 ) -> None:
     """Records in metres at 1 % noise, also of a motion whose rest is unstable."""
     shift, scale = 0.06, 0.002
-    clean = motion(LAWS["van-der-pol-like"], TIME, start, 0.0, tuple(true.values()), 1.0).z
+    clean = solution(LAWS["van-der-pol-like"], TIME, start, 0.0, tuple(true.values()), 1.0).z
     truth = true | {"shift": shift, "scale": scale}
     covered, wrong = [], []
     for seed in range(seeds):
@@ -115,7 +115,7 @@ def test_map_and_law_are_found_together_in_noise(
 
 
 def test_the_weak_form_finds_a_quadratic_damping() -> None:
-    from reduced_models.records.weak_form import quadratic_damping
+    from reduced_models.records.quadratic_damping import quadratic_damping
 
     found = quadratic_damping(TIME, CLEAN, 6.0)
     assert found.damping == pytest.approx([0.0, -4.0 * 0.17, 2.0 * 0.17], abs=2e-3)
@@ -231,8 +231,8 @@ def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -
 def test_a_solution_that_the_judge_cannot_follow_is_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lost = Motion(np.full(1500, np.nan), np.full(1500, np.nan), "steps")
-    monkeypatch.setattr("reduced_models.fitting.refinement.motion", lambda *_: lost)
+    lost = Solution(np.full(1500, np.nan), np.full(1500, np.nan), "steps")
+    monkeypatch.setattr("reduced_models.fitting.refinement.solution", lambda *_: lost)
     with pytest.raises(InputError, match="cannot be followed by the adaptive solver"):
         fit(linear_record(), "linear")
 
@@ -258,17 +258,17 @@ def test_simulate_continues_and_starts_elsewhere() -> None:
 def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("reduced_models.laws.solution.STEP_BUDGETS", (2**11, 2**12))
 
-    def start(estimates, random, count):  # type: ignore[no-untyped-def]
-        return {"k": estimates.frequencies(random, count) ** 2, "b": np.full(count, 1.0)}
+    def start(guesses, random, count):  # type: ignore[no-untyped-def]
+        return {"k": guesses.frequencies(random, count) ** 2, "b": np.full(count, 1.0)}
 
     softening = Law("softening", "z'' = -k*z + b*z**3", start, positive=("k", "b"))
-    swing = motion(softening, TIME, 0.5, 0.0, (1.0, 0.4), 1.0)
+    swing = solution(softening, TIME, 0.5, 0.0, (1.0, 0.4), 1.0)
     assert swing.ending == "complete"
     model = fit(PistonRecord(TIME, swing.z), softening)
     assert list(model.parameters.values()) == pytest.approx([1.0, 0.4], rel=1e-6)
     with pytest.raises(InputError, match="blows up behind t = "):
         model.simulate(np.linspace(0, 40, 200), z0=3.0, v0=0.0)
-    assert motion(softening, TIME, 3.0, 0.0, (1.0, 0.4), 1.0).ending == "blow-up"
+    assert solution(softening, TIME, 3.0, 0.0, (1.0, 0.4), 1.0).ending == "blow-up"
     model = fit(PistonRecord(TIME, CLEAN), starts=8)
     with pytest.raises(InputError, match=r"needs more than .* steps behind t = .*stiff"):
         model.simulate(np.linspace(0, 40, 200), z0=1.0, v0=-1e9)
@@ -334,8 +334,8 @@ def test_bad_laws(equation: str, words: str) -> None:
 def test_own_law(tmp_path: Path) -> None:
     """A law of one's own is fitted like those of the package."""
 
-    def start(estimates, random, count):  # type: ignore[no-untyped-def]
-        return {"k": np.full(count, estimates.frequency**2), "level": np.full(count, 0.058),
+    def start(guesses, random, count):  # type: ignore[no-untyped-def]
+        return {"k": np.full(count, guesses.frequency**2), "level": np.full(count, 0.058),
                 "c": np.full(count, 2.0)}  # fmt: skip
 
     law = Law("spring", "z'' = -k*(z - level) - c*z'", start, positive=("k", "c"))

@@ -188,9 +188,9 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
 SCRIPT = """
 import sys
 from granular import load_trajectory
-from reduced_models.identification.checks import Check, checked_records
+from reduced_models.identification.checks import RunCheck, checked_records
 print("started")
-checks = [Check(f"step {dt}", {"dt": dt}) for dt in (4e-3, "auto")]
+checks = [RunCheck(f"step {dt}", {"dt": dt}) for dt in (4e-3, "auto")]
 for outcome in checked_records(load_trajectory(sys.argv[1]), checks, None, False):
     print(type(outcome).__name__, getattr(outcome, "cause", ""))
 """

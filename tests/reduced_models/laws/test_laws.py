@@ -14,7 +14,7 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models import ReducedModel, fit, forced_law, load_model
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.law import compiled_slopes, law_from_text, parse
-from reduced_models.laws.solution import motion
+from reduced_models.laws.solution import solution
 
 
 def errors(model: ReducedModel, true: dict[str, float]) -> list[float]:
@@ -71,7 +71,7 @@ def test_intervals_cover_the_truth(made: Any, name: str) -> None:
 def test_friction_lets_the_swing_fall_in_a_straight_line() -> None:
     """By 4 friction/omega^2 a period, until it is as small as friction/omega^2."""
     time = np.linspace(0.0, 60.0, 6001)
-    found = motion(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
+    found = solution(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
     peaks = [found.z[round(100 * 2.0 * math.pi * k)] for k in range(8)]
     assert np.diff(peaks) == pytest.approx([-0.24] * 7, rel=0.02)
 
@@ -122,7 +122,7 @@ def test_inputs_are_columns_of_the_record(tmp_path: Any) -> None:
     drive = 0.5 * np.cos(1.3 * time) + 0.2 * np.sign(np.sin(0.4 * time))
     law = forced_law(LAWS["duffing"], "push")
     true = {"lam": 0.05, "omega": 1.05, "rest": 0.5, "beta": 0.8}
-    found = motion(law, time, 0.5, 0.0, [true[key] for key in law.parameters], 1.0, [drive])
+    found = solution(law, time, 0.5, 0.0, [true[key] for key in law.parameters], 1.0, [drive])
     assert found.ending == "complete"
     noise = np.random.default_rng(0).normal(0.0, 0.01 * found.z.std(), len(time))
     record = PistonRecord(time, found.z + noise, extra={"push": drive})
@@ -152,7 +152,7 @@ def test_driven_solutions_agree_with_scipy() -> None:
     drive = np.cos(2.0 * time)
     law = law_from_text("z'' + c*z' + k*z + f*w = u; w' = z' - Abs(z')*w", ["u"])
     assert law.hidden == ("w",)
-    found = motion(law, time, 1.0, 0.0, (0.1, 1.0, 0.2), 1.0, [drive])
+    found = solution(law, time, 1.0, 0.0, (0.1, 1.0, 0.2), 1.0, [drive])
 
     def rates(t: float, state: np.ndarray) -> list[float]:
         z, v, w = state
@@ -166,7 +166,7 @@ def test_driven_solutions_agree_with_scipy() -> None:
 def test_a_driven_solution_that_blows_up_says_so() -> None:
     time = np.linspace(0.0, 40.0, 400)
     law = law_from_text("z'' = k*z**3 + u", ["u"])
-    found = motion(law, time, 1.0, 0.0, (1.0,), 1.0, [np.zeros(400)])
+    found = solution(law, time, 1.0, 0.0, (1.0,), 1.0, [np.zeros(400)])
     assert found.ending == "blow-up"
     assert np.isnan(found.z[-1])
 

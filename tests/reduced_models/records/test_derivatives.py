@@ -7,7 +7,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models.records.derivatives import ESTIMATORS, Derivatives, derivatives
+from reduced_models.records.derivatives import DERIVATIVE_METHODS, Derivatives, derivatives
 
 TIME = np.linspace(0.0, 30.0, 1500)
 INNER = slice(150, -150)
@@ -31,7 +31,7 @@ def errors(found: Derivatives) -> list[float]:
     ]
 
 
-@pytest.mark.parametrize("method", ESTIMATORS)
+@pytest.mark.parametrize("method", DERIVATIVE_METHODS)
 def test_parabolas_are_differentiated_exactly(method: str) -> None:
     found = derivatives(PistonRecord(TIME, 0.3 + 0.2 * TIME - 0.05 * TIME**2), method)
     np.testing.assert_allclose(found.velocity[INNER], (0.2 - 0.1 * TIME)[INNER], atol=1e-7)

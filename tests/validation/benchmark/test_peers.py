@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
-from validation.benchmark import lammps, openmm
+from validation.benchmark import others
+from validation.benchmark.other_engines import lammps, openmm
 from validation.benchmark.process import ProcessError, finished
 from validation.benchmark.sums import arrangement, exact_forces
 
@@ -52,6 +55,13 @@ def test_openmm_sums_the_same(positions: np.ndarray, platform: str) -> None:
     step, forces = openmm.steps(positions, platform)
     step()
     assert error(forces(), positions) < (1e-13 if platform == "Reference" else SINGLE)
+
+
+def test_engines_that_the_wheel_leaves_out_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in others.NAMES:
+        monkeypatch.setitem(sys.modules, f"{others.FOLDER}.{name}", None)  # as if not there
+        assert others.engine(name) is None
+        assert "from the sources only" in str(others.why_not(name))
 
 
 def test_process_that_fails_is_a_typed_error() -> None:

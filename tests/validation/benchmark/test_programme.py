@@ -33,6 +33,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "absent": {"effects": "dipole", "grains": 92, "by hand": 1e-6, "engine": 1e-6, "ratio": 1.0},
     "memory": {"method": "direct", "grains": 5888, "bytes": 3e8, "of 92 grains": 2e8},
     "start": {"start": "cold run", "seconds": 20.0},
+    "package": {"what": "the wheel", "bytes": 700_000},
     "protocol": {"seed": 1, "speed": 8.33e-3, "seconds": 40.0, "simulated": 316.9,
                  "steps": 633800, "ledger": 3e-3, "force": 15.3, "half distance": 10.9},
     "fits": {"law": "linear", "samples": 1000, "cold": 9.0, "next process": 3.0, "warm": 0.1,
@@ -112,8 +113,9 @@ def test_every_method_of_pairs_takes_part() -> None:
 
 def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="cannot be made"):
         programme.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
+    assert measured == []
 
 
 def test_command_line_chooses_parts() -> None:

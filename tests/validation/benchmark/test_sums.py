@@ -8,7 +8,7 @@ import pytest
 from validation.benchmark import c_kernel
 from validation.benchmark.peers import plain_verlet_list, verlet_list_room
 from validation.benchmark.sums import (
-    Grains,
+    PaddedGrains,
     arrangement,
     by_cut_off,
     by_plain_list,
@@ -28,7 +28,7 @@ def test_every_way_sums_the_same(way) -> None:
     if way is in_c and c_kernel.missing():
         pytest.skip(c_kernel.missing())
     positions = arrangement(93)
-    entry = way(Grains(positions))
+    entry = way(PaddedGrains(positions))
     entry.call()
     force, magnitude = exact_forces(positions)
     assert (np.abs(entry.force() - force).max(axis=1) < 1e-13 * magnitude).all()
@@ -46,7 +46,7 @@ def test_lists_of_moving_grains_agree() -> None:
 
 
 def test_full_list_is_refused() -> None:
-    grains = Grains(arrangement(200))
+    grains = PaddedGrains(arrangement(200))
     sums = grains.sums()
     with pytest.raises(ValueError, match="the list is full"):
         plain_verlet_list(

@@ -38,7 +38,7 @@ def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     file = tmp_path / "file"
     file.write_text("", encoding="utf-8")
     assert launch(main, ["published", "-o", str(file / "below")]) == 2
-    assert "give another -o" in capsys.readouterr().err
+    assert "give another place" in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -153,7 +153,7 @@ def test_a_change_matters_beyond_the_error_of_the_means() -> None:
 def test_results_survive_their_file(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     whole = results(*scan(0.6, 1))
-    path.write_text(json.dumps(whole.plain()), encoding="utf-8")
+    path.write_text(json.dumps(whole.to_plain()), encoding="utf-8")
     assert summary(read(path)) == summary(whole)
     assert read(tmp_path / "none.json") == EMPTY
     path.write_text("[]", encoding="utf-8")

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from validation.published.entry import Finding, Rule, verdict
+from validation.published.entry import Rule, verdict
+from validation.published.finding import Finding
 
 FORCE = Rule(relative=0.03)
 

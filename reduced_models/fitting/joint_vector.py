@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.unknowns import Problem
-
-Normal = Callable[[np.ndarray], Any]
-"""From search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
+from reduced_models.least_squares.levenberg_marquardt import Normal
+from reduced_models.least_squares.unknowns import Unknowns
 
 
-class Layout(NamedTuple):
+class JointVector(NamedTuple):
     """Where the search vector of each record lies in the joint one.
 
     Attributes
@@ -39,10 +37,10 @@ class Layout(NamedTuple):
         return found
 
 
-def layout_of(problem: Problem, records: int, own: Sequence[str]) -> Layout:
-    """The layout of some records that share all parameters but their ``own`` and the start."""
-    names = problem.law.parameters
-    free = len(names) + (2 if problem.map is None else 0)
+def joint_vector(unknowns: Unknowns, records: int, own: Sequence[str]) -> JointVector:
+    """The vector of some records that share all parameters but their ``own`` and the start."""
+    names = unknowns.law.parameters
+    free = len(names) + (2 if unknowns.map is None else 0)
     length = free + 2
     private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
     shared = [k for k in range(length) if k not in private]
@@ -52,17 +50,17 @@ def layout_of(problem: Problem, records: int, own: Sequence[str]) -> Layout:
         here[shared] = np.arange(len(shared))
         here[private] = len(shared) + record * len(private) + np.arange(len(private))
         places.append(here)
-    return Layout(len(shared) + records * len(private), tuple(places))
+    return JointVector(len(shared) + records * len(private), tuple(places))
 
 
-def joint_normal(normals: Sequence[Normal], layout: Layout) -> Normal:
+def joint_normal(normals: Sequence[Normal], vector: JointVector) -> Normal:
     """The normal equations of all records as those of the joint search vector."""
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count = len(theta)
-        cost, gradient = np.zeros(count), np.zeros((count, layout.size))
-        matrix = np.zeros((count, layout.size, layout.size))
-        for each, here in zip(normals, layout.places, strict=True):
+        cost, gradient = np.zeros(count), np.zeros((count, vector.size))
+        matrix = np.zeros((count, vector.size, vector.size))
+        for each, here in zip(normals, vector.places, strict=True):
             own_cost, own_gradient, own_matrix = each(theta[:, here])
             cost += np.asarray(own_cost)
             gradient[:, here] += np.asarray(own_gradient)

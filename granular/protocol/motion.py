@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.compiled import compiled
+from granular.compiled import compiled, entry
 
 STRAIGHT, DESCENT, SINE, TABLE = range(4)
 _NO_TABLE = np.zeros(2)
@@ -55,7 +55,7 @@ class Motion(NamedTuple):
     heights: np.ndarray = _NO_TABLE
 
 
-@compiled(inline=True)
+@entry(inline=True)
 def path(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
     if motion.kind == DESCENT:
@@ -81,7 +81,7 @@ def _descent(motion: Motion, time: float) -> tuple[float, float]:
 
 @compiled
 def _table(motion: Motion, time: float) -> tuple[float, float]:
-    """Straight lines from row to row; the last height behind the last."""
+    """Straight lines from row to row; behind the last row its height."""
     times, heights = motion.times, motion.heights
     k = np.searchsorted(times, time, "right") - 1
     if k >= times.size - 1:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.shared.algebra import function_of
 from reduced_models.discovery.terms import Term
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _LEAST_SAMPLES = 8  # in a bump
 _RANK = 1e-10
 
 
-class Motion(NamedTuple):
+class SmoothedMotion(NamedTuple):
     """What the equations are made of.
 
     Attributes
@@ -37,7 +38,7 @@ class Motion(NamedTuple):
     time, z : float64 (n,)
         Times, and z as recorded.
     smooth, velocity, acceleration : float64 (n,)
-        Estimates of z, z', z''.
+        FirstGuesses of z, z', z''.
     drive : float64 (n,) or None
         The input.
     noise : float
@@ -64,14 +65,14 @@ class Integrals:
 
     Attributes
     ----------
-    motion : Motion
+    motion : SmoothedMotion
     bump, slope, curvature : sparse float64 (r, n)
         Bumps and their derivatives at the samples, times the weights of the quadrature.
     target : float64 (r,)
         The integrals of z''.
     """
 
-    motion: Motion
+    motion: SmoothedMotion
     bump: Any
     slope: Any
     curvature: Any
@@ -140,7 +141,7 @@ class WeakForm:
     parts: tuple[Integrals, ...]
 
     @property
-    def motions(self) -> tuple[Motion, ...]:
+    def motions(self) -> tuple[SmoothedMotion, ...]:
         """The motions."""
         return tuple(part.motion for part in self.parts)
 
@@ -169,12 +170,12 @@ class WeakForm:
         return np.asarray(block_diag(*(part.whitening(terms, coefficients) for part in self.parts)))
 
 
-def weak_form(*motions: Motion) -> WeakForm:
+def weak_form(*motions: SmoothedMotion) -> WeakForm:
     """The weak form of some motions."""
     return WeakForm(tuple(map(_integrals, motions)))
 
 
-def _integrals(motion: Motion) -> Integrals:
+def _integrals(motion: SmoothedMotion) -> Integrals:
     """The integrals of a motion, with bumps that overlap all along it."""
     from scipy.sparse import csr_array
 
@@ -208,13 +209,11 @@ def _integrals(motion: Motion) -> Integrals:
     return Integrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
-def evaluated(expression: sympy.Expr, motion: Motion) -> np.ndarray:
+def evaluated(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     """Values (n,) of an expression along a motion."""
-    import sympy
-
     from reduced_models.discovery.terms import symbols
 
-    function = sympy.lambdify(symbols(), expression, "numpy", cse=True)
+    function = function_of(symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):
         found = function(motion.smooth, motion.velocity, drive)

@@ -10,17 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from granular.engine import columns
 from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
+from granular.engine.columns import COLUMNS
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import countless, misplaced, restless, unbalanced
 from granular.engine.far import find_far_field, hold_far_field
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.ledger import Ledger, is_coarse
 from granular.engine.loop import (
-    CLOSEST,
-    COLUMNS,
-    FASTEST,
-    LEFT,
+    DEPARTED,
+    HIGHEST,
+    LATEST,
+    LOWEST,
     OUTSIDE,
     REACHED,
     RESTING,
@@ -32,8 +34,15 @@ from granular.engine.loop import (
     advance,
     measure,
 )
-from granular.engine.motion import Motion, drive_frequency, greatest_speed, path
-from granular.engine.state import WORK, Measurement, State, new_measurement, new_state
+from granular.engine.state import (
+    HEIGHT,
+    SPEED,
+    WORK,
+    Measurement,
+    State,
+    new_measurement,
+    new_state,
+)
 from granular.engine.step import Plan
 from granular.engine.step_size import (
     MOST_COUNT,
@@ -50,6 +59,7 @@ from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_densit
 from granular.methods import Method
 from granular.pairs.far_field import FarField
 from granular.protocol import Stage
+from granular.protocol.motion import Motion, drive_frequency, greatest_speed, path
 from granular.protocol.stage import Timed
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
@@ -144,7 +154,7 @@ class Run:
         # What is not kept follows from the positions; what is kept has the bits of the pass that
         # made it, which may have been a measuring one.
         compute_forces(state, self.constants, self.time)
-        find_far_field(state.far, state, self.constants)
+        find_far_field(state.far_forces, state, self.constants)
         put_arrays(state, kept)
         self._check_end()
 
@@ -220,7 +230,7 @@ class Run:
         """Forces and a record of the present moment."""
         outside = measure_forces(self.state, self.constants, self.time, self.measurement)
         measure(self.time, self.state, self.constants, self.motion, self.measurement, self._row)
-        self._row[TURNED] = self.seen[2]
+        self._row[columns.TURNED] = self.seen[TURNED]
         if outside:
             raise self._misplaced(remedy)
         return self._row
@@ -232,18 +242,18 @@ class Run:
         progress.pace = None
         self.state.clock[TIME] = 0.0
         self._open_ledger()
-        by = stage.jump(float(self.state.piston[0]) * scales.length)
+        by = stage.jump(float(self.state.piston[HEIGHT]) * scales.length)
         if by:
             self._jump(by / scales.length)
-        progress.height = float(self.state.piston[0]) * scales.length
+        progress.height = float(self.state.piston[HEIGHT]) * scales.length
         self.motion = stage.motion(progress.height, scales)
         if not self.motion.free:
             self._take_hold(path(self.motion, 0.0)[1])
         row = self._look(_PLACE)
         hold_far_field(self.state)
         self._set_pace(row)
-        self.band[:] = (0.0, row[1], row[1])
-        self.seen[:2] = 0.0
+        self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
+        self.seen[STIFFEST] = self.seen[LATEST] = 0.0
         progress.begun = True
         # Where nothing jumped, the last record of the stage before is the first one of this.
         if by or not progress.results:
@@ -257,20 +267,20 @@ class Run:
 
     def _jump(self, by: float) -> None:
         before = self._energy(self._look(_PLACE))
-        self.state.piston[0] += by
+        self.state.piston[HEIGHT] += by
         moved = f"stage {self._stage.name!r} sets the piston into the bed; let it end higher"
         self.state.ledger[WORK] += self._energy(self._look(moved)) - before
 
     @staticmethod
     def _energy(row: np.ndarray) -> float:
-        return float(row[COLUMNS.index("kinetic") : COLUMNS.index("piston") + 1].sum())
+        return float(row[columns.KINETIC : columns.PISTON + 1].sum())
 
     def _take_hold(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
-        mass, piston = self.constants.mass, self.state.piston
+        mass, piston = self.constants.piston_mass, self.state.piston
         if math.isfinite(mass):
-            self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[1] ** 2)
-        piston[1] = speed
+            self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[SPEED] ** 2)
+        piston[SPEED] = speed
 
     def _set_pace(self, row: np.ndarray) -> None:
         """Cut the stage into ticks, by the speeds that the bed can reach from its start."""
@@ -278,11 +288,12 @@ class Run:
         gravity = self.constants.acting.gravity or 0.0
         # A grain may still gain what it loses in height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
-        speed = math.sqrt(row[FASTEST] ** 2 + 2.0 * gravity * top)
-        speed += greatest_speed(self.motion, self.constants.mass, gravity, *self.state.piston[:2])
+        speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
+        height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
+        speed += greatest_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
         if self.constants.acting.shaking is not None:
             speed += self.constants.acting.shaking.greatest_speed
-        frequency = max(float(row[STIFFEST]), collision_frequency(self.constants, speed))
+        frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
         pace = self.step.pace(
             output.scalars / scales.time,
             output.frames / scales.time,
@@ -396,7 +407,7 @@ class Run:
         return self._ticks_to(self.t_end - self.progress.start) - spared
 
     def _rest_of_stage(self, least: float = 1e-6) -> float:
-        """What is left of the stage behind its last whole tick [tau], if at least so many steps."""
+        """Time [tau] left of the stage behind its last whole tick; 0 below ``least`` steps."""
         total = self.total
         if math.isinf(total):
             return 0.0
@@ -444,7 +455,7 @@ class Run:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
         on_record = progress.ticks % pace.every == 0
         last = rows[-2] if on_record else rows[-1]
-        progress.stiffest = max(progress.stiffest, last[STIFFEST] * pace.h)
+        progress.stiffest = max(progress.stiffest, last[columns.STIFFEST] * pace.h)
         self._keep(rows[:-1])
         if progress.ticks % pace.frames_every == 0:
             self._frame()
@@ -453,16 +464,16 @@ class Run:
                 self._keep(last[None])
             reason = "rest" if status == RESTING else "force"
             self._end_stage(reason, new_frame=progress.ticks % pace.frames_every != 0)
-        elif status == LEFT:
+        elif status == DEPARTED:
             self._let_go()
         elif status == STIFF:
-            self._set_steps(self.seen[1])
+            self._set_steps(self.seen[LATEST])
         elif progress.ticks % REVIEW == 0:
             if self.step.automatic and self._dissipates:
-                self._set_steps(self.seen[0])
+                self._set_steps(self.seen[STIFFEST])
             if self._dissipates:
                 hold_far_field(self.state)
-            self.seen[0] = 0.0
+            self.seen[STIFFEST] = 0.0
 
     @property
     def _dissipates(self) -> bool:
@@ -522,18 +533,18 @@ class Run:
         progress, stage = self.progress, self._stage
         if reason == "duration" and isinstance(stage, Timed) and stage.until == "rest":
             seconds = self.system.scales.time
-            spread = float(self.band[2] - self.band[1]) * self.system.scales.length
+            spread = float(self.band[HIGHEST] - self.band[LOWEST]) * self.system.scales.length
             raise restless(
                 stage.name, stage.span(0.0) or 0.0, spread, self.steps, self.time * seconds
             )
         end = progress.last
         final = stage.final_height() if reason == "duration" else None
         if final is not None:
-            self.state.piston[0] = final / self.system.scales.length
-        height, spread = float(self.state.piston[0]), 0.0
+            self.state.piston[HEIGHT] = final / self.system.scales.length
+        height, spread = float(self.state.piston[HEIGHT]), 0.0
         if reason == "rest":
-            height = 0.5 * (self.band[1] + self.band[2])
-            spread = self.band[2] - self.band[1]
+            height = 0.5 * (self.band[LOWEST] + self.band[HIGHEST])
+            spread = self.band[HIGHEST] - self.band[LOWEST]
         if new_frame:
             self._frame(end)
         progress.results.append(self._result(reason, end, height, spread))
@@ -559,7 +570,7 @@ class Run:
         """The finished stages, and the present one, cut at the time ``until`` [tau]."""
         if not self.progress.begun:
             return list(self.progress.results)
-        cut = self._result("cut", until, float(self.state.piston[0]), 0.0)
+        cut = self._result("cut", until, float(self.state.piston[HEIGHT]), 0.0)
         return [*self.progress.results, cut]
 
     # Records and failures ----------------------------------------------------------------------
@@ -569,13 +580,13 @@ class Run:
             return
         assert self.ledger is not None
         wrong = self.ledger.check(rows)
-        self.progress.closest = min(self.progress.closest, float(rows[:, CLOSEST].min()))
-        self.progress.last = float(rows[-1, 0])
+        self.progress.closest = min(self.progress.closest, float(rows[:, columns.CLOSEST].min()))
+        self.progress.last = float(rows[-1, columns.TIME])
         good = len(rows) if wrong is None else wrong[0] + 1
         self.recorder.add_rows(rows[:good], self.progress.stage)
         if wrong is not None:
             seconds = self.system.scales.time
-            moment = float(rows[wrong[0], 0]) * seconds
+            moment = float(rows[wrong[0], columns.TIME]) * seconds
             raise unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self._shorter)
 
     def _frame(self, at: float | None = None) -> None:

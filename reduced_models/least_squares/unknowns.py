@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
-from reduced_models.fitting.start_values import drawn
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.models.model import HeightMap
-from reduced_models.records.first_guesses import LEAST_CROSSINGS, Estimates
 
 _PRIOR_SPREAD = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
+class Unknowns:
     """A law, a way to map the height, and the scales in which the search works.
 
     The search vector holds the parameters (logarithms of the positive ones, multiples of a unit
@@ -73,49 +69,21 @@ class Problem:
         return physical(theta, self.scales, self.logarithmic, self.map is None, np)
 
 
-def problem_of(
-    law: Law, height_map: HeightMap | None, guess: Estimates, record: PistonRecord
-) -> Problem:
-    """The problem of a law, scaled by what a glance at the record tells."""
-    given = height_map or HeightMap(guess.rest, guess.amplitude)
-    seen = guess.seen_as(given.shift, given.scale)
-    # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
-    away = dataclasses.replace(
-        seen, rest=abs(seen.rest) + seen.amplitude, crossings=max(seen.crossings, LEAST_CROSSINGS)
-    )
-    seen_record = record.mapped(given.shift, given.scale)
-    typical = drawn(law, away, seen_record, np.random.default_rng(0), 1)
-    units = tuple(
-        1.0 if name in law.positive else abs(float(typical[name][0])) or 1.0
-        for name in law.parameters
-    )
-    speed = guess.amplitude * guess.frequency
-    return Problem(law, height_map, units, guess.rest, guess.amplitude, speed)
-
-
 def theta_bounds(
-    problem: Problem, bounds: Mapping[str, tuple[float, float]]
+    unknowns: Unknowns, bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest entries (p,) of the search vector."""
-    length = len(problem.prior)
+    length = len(unknowns.prior)
     edges = np.full((2, length), [[-np.inf], [np.inf]])
-    for k, name in enumerate(problem.law.parameters):
+    for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
             continue
         for side, value in enumerate(bounds[name]):
-            if name in problem.law.positive:
+            if name in unknowns.law.positive:
                 edges[side, k] = math.log(value) if value > 0.0 else -np.inf
             else:
-                edges[side, k] = value / problem.units[k]
+                edges[side, k] = value / unknowns.units[k]
     return edges[0], edges[1]
-
-
-@functools.cache
-def compiled_physical(logarithmic: tuple[bool, ...], fits_map: bool) -> Callable[..., Any]:
-    """`physical` for JAX, the same function for the same problem."""
-    from reduced_models.jax_setup import jax
-
-    return lambda theta, scales: physical(theta, scales, logarithmic, fits_map, jax.numpy)
 
 
 def physical(

@@ -1,0 +1,145 @@
+"""Compiled kernels on disk: one file for each kernel, types of arguments, and processor.
+
+Numba's own cache looks at the file of the function that is called alone, keeps an index that two
+processes may write at once, names its files by line numbers, and loads whatever it finds. Here
+
+- one digest of all kernels' sources stands for them all, since kernels call each other: editing one
+  compiles all afresh, and nothing stale is ever run (see `granular.compiled.source`);
+- a file is loaded only if it is the user's own and whole (see `granular.shared.caches`), and what
+  cannot be written is not kept: the worst that a cache can do to a run is to cost it time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import pickle
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from granular.compiled.source import PACKAGE, raw_digest, source_files, syntax_digest
+from granular.shared.caches import own_folder, read_sealed, toolkit_cache, write_sealed
+
+ABANDONED = 86400.0
+"""Age [s] from which a part of a file is nobody's any more."""
+
+
+@functools.cache
+def cache_folder() -> Path | None:
+    """Where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches.
+
+    A folder for each place that the package stands at, and each version of Python. None where
+    there is no folder to trust.
+    """
+    here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
+    chosen = numba.config.CACHE_DIR
+    home = Path(chosen) if chosen else toolkit_cache()
+    return own_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
+
+
+@functools.cache
+def source_stamp() -> str:
+    """Digest of all that the code of kernels depends on, but for arguments and processor."""
+    versions = f"{sys.version} {numba.__version__} {llvmlite.__version__}"
+    return hashlib.sha256(f"{versions} {_known_syntax_digest()}".encode()).hexdigest()
+
+
+def _known_syntax_digest() -> str:
+    """The digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
+    files, folder = source_files(), cache_folder()
+    if folder is None:
+        return syntax_digest(files)
+    known, label = folder / "source", raw_digest(files)
+    kept = read_sealed(known, label)
+    if kept is not None:
+        return kept.decode()
+    found = syntax_digest(files)
+    _write(known, label, found.encode())
+    return found
+
+
+def _write(path: Path, label: str, body: bytes) -> None:
+    try:
+        write_sealed(path, label, body)
+    except OSError as error:
+        _warn_once(f"{path.parent} cannot be written: {error.strerror}")
+
+
+@functools.cache
+def _warn_once(why: str) -> None:
+    warnings.warn(f"compiled code is not kept: {why}; the next start compiles anew", stacklevel=3)
+
+
+@functools.cache
+def _tidy(folder: Path) -> None:
+    """Take out what former sources left, and parts of files that nobody will finish."""
+    stamp = source_stamp()[:16]
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            stale = path.suffix == ".kernel" and not path.stem.endswith(stamp)
+            part = path.suffix == ".part" and path.stat().st_mtime < time.time() - ABANDONED
+            if stale or part:
+                path.unlink(missing_ok=True)
+
+
+class KernelCache(_Cache):  # type: ignore[misc]
+    """The compiled forms of one kernel, as Numba asks for them."""
+
+    def __init__(self, function: Any, options: dict[str, Any]) -> None:
+        self.name = f"{function.__module__}.{function.__qualname__}"
+        self.options = repr(sorted(options.items()))
+        self.enabled = True
+
+    @property
+    def cache_path(self) -> str:
+        return str(cache_folder())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The form for these types of arguments; None where there is none that can be trusted."""
+        target_context.refresh()
+        place = self._place(sig, target_context.codegen())
+        body = None if place is None else read_sealed(*place)
+        if body is None:
+            return None
+        types, payload = pickle.loads(body)
+        return CompileResult._rebuild(target_context, *payload) if types == sig else None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a form."""
+        place = self._place(sig, data.codegen)
+        if place is not None and not data.library.has_dynamic_globals:
+            _tidy(place[0].parent)
+            _write(*place, dumps((sig, data._reduce())))
+
+    def _place(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
+        """The file of a form, and all that it must have been made for."""
+        folder = cache_folder()
+        if folder is None or not self.enabled:
+            return None
+        stamp = source_stamp()
+        label = f"{self.name} {self.options} {sig} {codegen.magic_tuple()} {stamp}"
+        key = hashlib.sha256(label.encode()).hexdigest()
+        return folder / f"{self.name}-{key[:16]}-{stamp[:16]}.kernel", label
+
+    def enable(self) -> None:
+        self.enabled = True
+
+    def disable(self) -> None:
+        self.enabled = False
+
+    def flush(self) -> None:
+        """Forget all forms."""
+        folder = cache_folder()
+        if folder is not None:
+            for path in folder.glob(f"{self.name}-*.kernel"):
+                path.unlink(missing_ok=True)

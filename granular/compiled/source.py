@@ -1,0 +1,90 @@
+"""What compiled code is made from: the kernels' files, without comments and docstrings."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent.parent
+ROOMS = ("compiled", "effects", "engine", "pairs", "protocol")
+"""The folders of the package with the kernels and all that kernels take from other files."""
+
+_DECORATORS = {"compiled", "entry", "intrinsic"}
+
+
+def source_files() -> dict[str, bytes]:
+    """Content of every file in the rooms, by its place in the package."""
+    paths = sorted(path for room in ROOMS for path in (PACKAGE / room).rglob("*.py"))
+    return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
+
+
+def raw_digest(files: dict[str, bytes]) -> str:
+    """Digest of the files to the last byte."""
+    digest = hashlib.sha256()
+    for name, content in files.items():
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()
+
+
+def syntax_digest(files: dict[str, bytes]) -> str:
+    """Digest of what the compiler sees of the files that hold kernels, or that these import from.
+
+    Comments, docstrings and the places of lines are left out.
+    """
+    trees = {name: ast.parse(content) for name, content in files.items()}
+    digest = hashlib.sha256()
+    for name in sorted(_reached(trees)):
+        _take_texts_out(trees[name])
+        digest.update(f"{name}\0{ast.dump(trees[name])}\0".encode())
+    return digest.hexdigest()
+
+
+def _reached(trees: dict[str, ast.Module]) -> set[str]:
+    """The files that hold kernels, and those that they import from, all the way."""
+    waiting = [name for name, tree in trees.items() if _has_kernels(tree)]
+    found: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += [one for one in _imported(trees[name]) if one in trees]
+    return found
+
+
+def _has_kernels(tree: ast.Module) -> bool:
+    for node in ast.walk(tree):
+        for decorator in getattr(node, "decorator_list", ()):
+            called = decorator.func if isinstance(decorator, ast.Call) else decorator
+            if isinstance(called, ast.Name) and called.id in _DECORATORS:
+                return True
+    return False
+
+
+def _imported(tree: ast.Module) -> Iterator[str]:
+    """Files of this package that a file may import from."""
+    for node in ast.walk(tree):
+        modules: list[str] = []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            modules = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
+        elif isinstance(node, ast.Import):
+            modules = [one.name for one in node.names]
+        for module in modules:
+            package, *rest = module.split(".")
+            if package == PACKAGE.name:
+                place = "/".join(rest)
+                yield from (f"{place}.py", f"{place}/__init__.py")
+
+
+def _take_texts_out(tree: ast.Module) -> None:
+    """Take out docstrings: texts that stand as statements of their own."""
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            body[:] = [one for one in body if not _is_text(one)]
+
+
+def _is_text(node: ast.stmt) -> bool:
+    value = node.value if isinstance(node, ast.Expr) else None
+    return isinstance(value, ast.Constant) and isinstance(value.value, str)

@@ -1,0 +1,142 @@
+"""SymPy's objects from the grammar's trees, and compiled functions from SymPy's objects.
+
+The one place where a formula becomes code: SymPy writes Python of it, in which every symbol has a
+name that is made here, never one that a user wrote.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from granular.shared.grammar import FormulaError, Name, Node, Number
+
+if TYPE_CHECKING:
+    import sympy
+
+
+def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) -> sympy.Expr:
+    """A formula as SymPy's expression.
+
+    Parameters
+    ----------
+    tree : Node
+    symbols : mapping of str to Symbol, optional
+        By the names as they are written, primes included; those of others have the same name.
+
+    Raises
+    ------
+    FormulaError
+        If it is infinite or no real number, such as ``k/(z - z)``.
+    """
+    import sympy
+
+    found = _built(tree, symbols or {}, _functions())
+    if found.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
+        raise FormulaError("it divides by zero, or is no real number; write another formula")
+    return found
+
+
+def _functions() -> dict[str, Callable[..., Any]]:
+    import sympy
+
+    named = {name: getattr(sympy, name) for name in (
+        "exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+        "sign",
+    )}  # fmt: skip
+    return named | {
+        "abs": sympy.Abs,
+        "heaviside": sympy.Heaviside,
+        "max": _folded(_choice("max")),
+        "min": _folded(_choice("min")),
+        "+": sympy.Add,
+        "*": sympy.Mul,
+        "-": lambda operand: -operand,
+        "/": lambda left, right: left / right,
+        "**": sympy.Pow,
+    }
+
+
+def _folded(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    """A function of two operands for any number of them."""
+    return lambda *operands: functools.reduce(pair, operands)
+
+
+@functools.cache
+def _choice(name: str) -> Any:
+    """The greater or the lesser of two operands.
+
+    SymPy's own `Max` asks of every two operands which one is the greater, in all cases, and so do
+    its derivatives: for eight of them it takes half a minute.
+    """
+    import sympy
+
+    sign = 1 if name == "max" else -1
+    array_name = {"max": "maximum", "min": "minimum"}[name]
+
+    class Extreme(sympy.Function):  # type: ignore[misc]
+        nargs = 2
+
+        def fdiff(self, place: int = 1) -> sympy.Expr:
+            here, other = self.args if place == 1 else reversed(self.args)
+            return sympy.Heaviside(sign * (here - other))
+
+        def _numpycode(self, printer: Any) -> str:
+            return self._code(printer, "numpy")
+
+        def _jaxcode(self, printer: Any) -> str:
+            return self._code(printer, "jax.numpy")
+
+        def _code(self, printer: Any, module: str) -> str:
+            operands = ", ".join(map(printer._print, self.args))
+            return f"{printer._module_format(f'{module}.{array_name}')}({operands})"
+
+    Extreme.__name__ = name
+    return Extreme
+
+
+def _built(
+    tree: Node, symbols: Mapping[str, sympy.Symbol], functions: Mapping[str, Callable[..., Any]]
+) -> Any:
+    import sympy
+
+    if isinstance(tree, Name):
+        return symbols.get(tree.text) or sympy.Symbol(tree.text)
+    if isinstance(tree, Number):
+        if tree.text in ("pi", "π", "e"):
+            return sympy.E if tree.text == "e" else sympy.pi
+        return sympy.Integer(tree.text) if tree.text.isdecimal() else sympy.Float(tree.text)
+    operands = [_built(each, symbols, functions) for each in tree.operands]
+    function = functions.get(tree.head) or sympy.Function(tree.head)
+    return function(*operands)
+
+
+def function_of(
+    arguments: Sequence[sympy.Symbol],
+    expressions: sympy.Expr | Sequence[sympy.Expr],
+    modules: str | Sequence[Any] = "numpy",
+) -> Callable[..., Any]:
+    """A compiled function of symbols, that returns the value of an expression or a list of them.
+
+    Parameters
+    ----------
+    arguments : sequence of Symbol
+    expressions : Expr, or a sequence of them
+    modules : str, or a sequence of str and mappings
+        As for ``sympy.lambdify``.
+    """
+    import sympy
+
+    # In the order of their own names, since SymPy adds and multiplies in the order of names, and
+    # about the x0, x1 ... that it makes up: the last bits stay what they are without new names.
+    order = sorted(arguments, key=lambda symbol: symbol.name)
+    safe = {
+        symbol: sympy.Symbol(f"{'a' if symbol.name < 'x' else 'y'}{place:04d}", real=symbol.is_real)
+        for place, symbol in enumerate(order)
+    }
+    names = [safe[symbol] for symbol in arguments]
+    if isinstance(expressions, sympy.Basic):
+        return sympy.lambdify(names, expressions.xreplace(safe), modules, cse=True)
+    renamed = [each.xreplace(safe) for each in expressions]
+    return sympy.lambdify(names, renamed, modules, cse=True)

@@ -1,0 +1,117 @@
+"""Folders for what can be computed again, and files in them that are whole or count as absent.
+
+What is kept here is code. It is loaded only from folders and files that belong to the user and that
+nobody else may write to, and only if it is what was written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import stat
+import tempfile
+import warnings
+from pathlib import Path
+
+
+def toolkit_cache() -> Path | None:
+    """The toolkit's folder among the user's caches; None where the user has no home directory.
+
+    It is in ``XDG_CACHE_HOME``, or in ``.cache`` in the home directory. An empty or relative
+    ``XDG_CACHE_HOME`` is ignored, as its specification says: it would be another folder in every
+    working directory.
+    """
+    home = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not home.is_absolute():
+        try:
+            home = Path.home() / ".cache"
+        except RuntimeError:
+            return None
+    return home / "granular-damper"
+
+
+def own_folder(folder: Path | None, variable: str) -> Path | None:
+    """A folder for compiled code, made where there is none, if it can be trusted and written to.
+
+    Parameters
+    ----------
+    folder : Path or None
+        None stands for no home directory.
+    variable : str
+        Environment variable by which the user can choose another one.
+
+    Returns
+    -------
+    Path or None
+        The folder, absolute; None where it must not or cannot be used. A warning says why.
+    """
+    try:
+        if folder is None:
+            raise OSError("there is no home directory")
+        folder = folder.absolute()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _is_own(folder.stat()):
+            raise PermissionError(
+                f"{folder} belongs to others, or others may write to it (chmod go-w)"
+            )
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        why = f"{folder} cannot be used: {error.strerror}" if error.strerror else str(error)
+        warnings.warn(
+            f"compiled code is not kept, and every start compiles anew: {why}; set {variable} to a "
+            "folder of your own",
+            stacklevel=2,
+        )
+        return None
+    return folder
+
+
+def _is_own(status: os.stat_result) -> bool:
+    """Whether something belongs to the user, and only the user may write to it."""
+    if not hasattr(os, "geteuid"):
+        return True  # elsewhere other rules hold, and a user's folders are private
+    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def read_sealed(path: Path, label: str) -> bytes | None:
+    """What `write_sealed` wrote under the same label.
+
+    None where there is no such file, where it is not the user's own, and where it was damaged.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read() if _is_own(os.fstat(file.fileno())) else b""
+    except OSError:
+        return None
+    seal, body = content[:_SEAL], content[_SEAL:]
+    return body if seal == _sealed(label, body) else None
+
+
+def write_sealed(path: Path, label: str, body: bytes) -> None:
+    """Write a file with a digest before its content, all at once.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; nothing is left behind then.
+    """
+    handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(_sealed(label, body) + body)
+        os.replace(part, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise
+
+
+def _sealed(label: str, body: bytes) -> bytes:
+    """Digest of a label and a content."""
+    digest = hashlib.sha256(label.encode())
+    digest.update(b"\0" + body)
+    return digest.digest()
+
+
+_SEAL = hashlib.sha256().digest_size

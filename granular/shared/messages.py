@@ -1,0 +1,55 @@
+"""How a user's words stand in a message: cut, on one line, and unable to steer a terminal."""
+
+from __future__ import annotations
+
+import reprlib
+
+LONGEST = 200
+"""Signs of a user's value in a message: what is longer shows no more."""
+MOST = 2000
+"""Signs of a whole message."""
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = 6
+_SHORT.maxlevel = 3
+
+
+def quoted(value: object) -> str:
+    """A value as Python would write it, on one line of at most `LONGEST` signs."""
+    if isinstance(value, str):
+        text = repr(str(value[: LONGEST + 1]))
+    elif isinstance(value, int) and value.bit_length() > 1000:
+        text = f"a whole number of {value.bit_length()} bits"  # Python refuses to write some
+    else:
+        text = visible(_SHORT.repr(value))
+    return _cut(text, LONGEST)
+
+
+def visible(text: object, most: int = LONGEST) -> str:
+    """A text on one line of at most so many signs, control signs as escapes."""
+    return _cut("".join(map(_escaped, str(text)[: most + 1])), most)
+
+
+def one_line(message: object) -> str:
+    """A message on one line, control signs as escapes, the middle of a very long one left out.
+
+    Its end stays: it says what to do.
+    """
+    words = " ".join(str(message).split())
+    if len(words) > MOST:
+        words = f"{words[: MOST - 400]} ... {words[-400:]}"
+    return "".join(map(_escaped, words))
+
+
+def printable(text: object) -> str:
+    """A text of many lines, all other control signs as escapes."""
+    return "".join(sign if sign in "\n\t" else _escaped(sign) for sign in str(text))
+
+
+def _escaped(sign: str) -> str:
+    return sign if sign.isprintable() else repr(sign)[1:-1]
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -1,0 +1,23 @@
+"""The version of the toolkit, which stands nowhere else in the code."""
+
+from __future__ import annotations
+
+__version__ = "0.1.0"
+
+
+def versions() -> dict[str, str]:
+    """Versions of the toolkit and what it computes with, and the kind of machine."""
+    import importlib.metadata
+    import platform
+
+    found = {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "granular-damper": __version__,
+    }
+    for name in ("numpy", "numba"):  # numba may be missing where nothing is simulated
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found

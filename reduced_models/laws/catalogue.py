@@ -1,0 +1,44 @@
+"""The laws that come with the package, by their names."""
+
+from __future__ import annotations
+
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
+from reduced_models.laws.bouc_wen import BOUC_WEN
+from reduced_models.laws.coulomb import COULOMB
+from reduced_models.laws.duffing import DUFFING
+from reduced_models.laws.law import Law
+from reduced_models.laws.linear import LINEAR
+from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
+from reduced_models.laws.power_law_spring import POWER_LAW_SPRING
+from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG
+from reduced_models.laws.van_der_pol import VAN_DER_POL
+from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
+
+LAWS = {
+    law.name: law
+    for law in (
+        LINEAR,
+        VAN_DER_POL_LIKE,
+        VAN_DER_POL,
+        DUFFING,
+        POLYNOMIAL_SPRING,
+        POWER_LAW_SPRING,
+        QUADRATIC_DRAG,
+        COULOMB,
+        BOUC_WEN,
+    )
+}
+
+
+def law_named(name: str) -> Law:
+    """The law of that name.
+
+    Raises
+    ------
+    InputError
+        If there is none; the nearest name is given.
+    """
+    if name not in LAWS:
+        raise InputError(unknown(str(name), tuple(LAWS), "law"))
+    return LAWS[name]

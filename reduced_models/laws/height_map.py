@@ -1,0 +1,40 @@
+"""The affine map between the height of a piston and the z of a law."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class HeightMap:
+    """The affine map of the height: height = shift + scale z.
+
+    Attributes
+    ----------
+    shift, scale : float
+        [m]
+    fitted : bool
+        Whether the map was fitted to the data, or given.
+    """
+
+    shift: float = 0.0
+    scale: float = 1.0
+    fitted: bool = False
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def text(self, digits: int = 5) -> str:
+        """The map in words, its numbers cut to so many digits."""
+        sign = "-" if self.shift >= 0.0 else "+"
+        shift, scale = f"{abs(self.shift):.{digits}g}", f"{self.scale:.{digits}g}"
+        return f"z = (height {sign} {shift} m)/({scale} m)"
+
+    def to_law(self, height: Any) -> Any:
+        """The coordinate z of the law at a height [m]."""
+        return (height - self.shift) / self.scale
+
+    def to_height(self, z: Any) -> Any:
+        """The height [m] at a coordinate z of the law."""
+        return self.shift + self.scale * z

@@ -1,0 +1,133 @@
+"""What the distribution says of itself agrees with itself, and either half works alone."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from granular import __version__
+from granular.shared.errors import InputError, MissingError
+from granular.shared.missing import NEEDED_BY, missing, with_advice
+
+ROOT = Path(__file__).parents[2]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def group(name: str) -> set[str]:
+    """Requirements of a dependency group, those of the groups it includes among them."""
+    found: set[str] = set()
+    for one in PROJECT["dependency-groups"][name]:
+        found |= {one} if isinstance(one, str) else group(one["include-group"])
+    return found
+
+
+def test_the_two_halves_are_the_whole() -> None:
+    assert group("simulation") | group("fits") == set(PROJECT["project"]["dependencies"])
+
+
+def test_extra_all_holds_every_extra_of_users() -> None:
+    (words,) = PROJECT["project"]["optional-dependencies"]["all"]
+    inside = set(re.findall(r"[a-z]+", words.partition("[")[2]))
+    for_developers = {"all", "dev", "docs", "lammps", "notebooks", "peers", "test"}
+    assert inside == set(PROJECT["project"]["optional-dependencies"]) - for_developers
+
+
+def test_version_stands_in_the_citation_too() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in citation
+
+
+def test_changelog_begins_with_what_is_to_come_or_this_version() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions = re.findall(r"^## \[(.+?)\]", text, re.MULTILINE)
+    assert versions[0] == "Unreleased"
+    assert versions[1:2] in ([], [__version__])
+
+
+def test_workflows_run_what_is_there_on_every_version_that_is_promised() -> None:
+    text = "".join(one.read_text() for one in sorted((ROOT / ".github/workflows").glob("*.yml")))
+    scripts = set(re.findall(r"- run: (\.ci/\w+)", text))
+    assert {".ci/run", ".ci/lowest", ".ci/wheel", ".ci/coverage"} <= scripts
+    assert all(os.access(ROOT / one, os.X_OK) for one in scripts)
+    (matrix,) = re.findall(r"python: \[(.+)\]", text)
+    promised = re.findall(r"Python :: (3\.\d+)", " ".join(PROJECT["project"]["classifiers"]))
+    assert re.findall(r"3\.\d+", matrix) == promised
+
+
+def test_installation_page_names_what_each_half_needs() -> None:
+    page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
+    for name in ("simulation", "fits"):
+        (line,) = re.findall(rf"^pip install (.+?) +# {name}$", page, re.MULTILINE)
+        assert set(line.split()) == {re.split("[><=]", one)[0] for one in group(name)}
+
+
+def half(without: str, code: str) -> None:
+    """Run code in a process where modules of one half of the requirements are not there."""
+    blocked = [name for name, need in NEEDED_BY.items() if need == without]
+    # Pillow comes with matplotlib, which both halves have.
+    hidden = f"import sys; sys.modules |= dict.fromkeys({blocked!r}); sys.modules.pop('PIL', None)"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{hidden}\n{code}"], capture_output=True, text=True, check=False,
+        cwd=ROOT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+MISSES = """
+try:
+    from {package} import {name}
+except ImportError as error:
+    assert {module!r} in str(error) and {group!r} in str(error), error
+else:
+    raise AssertionError("{name} was found")
+"""
+
+
+def test_fits_need_nothing_of_the_simulation() -> None:
+    half(
+        "simulation",
+        "from granular import PistonRecord\n"
+        "from reduced_models import commands, compare, discover, fit, identify\n"
+        "from reduced_models.identification import page\n"
+        "from reduced_models.records.sources import RunOptions, record_of\n"
+        "assert 'jax' in sys.modules\n"
+        + MISSES.format(package="granular", name="simulate", module="numba", group="simulation"),
+    )
+
+
+def test_simulations_need_nothing_of_the_fits() -> None:
+    half(
+        "fits",
+        "from granular import evaluate, load_scene, simulate, sweep\n"
+        "from granular.render import still\n"
+        "assert load_scene('damper').piston is not None\n"
+        + MISSES.format(
+            package="reduced_models", name="fit", module="is not installed", group="fits"
+        ),
+    )
+
+
+def test_a_module_that_is_none_of_the_toolkit_s_keeps_its_own_error() -> None:
+    error = ModuleNotFoundError("No module named 'tea'", name="tea")
+    assert missing(error) is None
+
+    def attribute(name: str) -> Any:
+        raise error
+
+    with pytest.raises(ModuleNotFoundError, match="tea"):
+        with_advice(attribute)("leaves")
+
+
+def test_what_is_missing_is_bad_input_and_an_import_error() -> None:
+    found = missing(ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy"))
+    assert isinstance(found, MissingError)
+    assert isinstance(found, InputError)
+    assert isinstance(found, ImportError)
+    assert "pip install granular-damper" in str(found)

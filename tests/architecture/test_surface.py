@@ -1,0 +1,79 @@
+"""What is public is written down, is there, and is all that notebooks, guide and README use."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import pkgutil
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "reference" / "public.md"
+OURS = ("granular", "reduced_models", "validation")
+
+
+def written() -> dict[str, set[str]]:
+    """Public names of each module by the page's tables."""
+    rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    return {module: set(re.findall(r"`(\w+)`", names)) for module, names in rows}
+
+
+PUBLIC = written()
+
+_PROGRAM = re.compile(r"^from (granular|reduced_models|validation)", re.MULTILINE)
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """Code that users read: notebooks, and the Python blocks of guide and README."""
+    for path in sorted((ROOT / "notebooks").glob("*.py")):
+        yield path.name, path.read_text(encoding="utf-8")
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        blocks = re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL)
+        for number, block in enumerate(blocks):
+            yield f"{path.name}, block {number}", block
+
+
+def imports(code: str) -> Iterator[tuple[str, str]]:
+    """Module and name of every import of ours, those in texts of programs among them."""
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in OURS:
+            for alias in node.names:
+                yield node.module, alias.name
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name.split(".")[0] in OURS:
+                    yield alias.name, ""
+        elif isinstance(node, ast.Constant) and _PROGRAM.search(str(node.value)):
+            yield from imports(str(node.value))
+
+
+def test_every_public_room_is_written_down() -> None:
+    assert set(OURS) < set(PUBLIC)
+    for package in OURS:
+        found = importlib.import_module(package)
+        rooms = {f"{package}.{one.name}" for one in pkgutil.iter_modules(found.__path__)}
+        stubs = {one for one in rooms if (ROOT / one.replace(".", "/") / "__init__.pyi").is_file()}
+        assert stubs <= set(PUBLIC)
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_names_are_those_written_down(name: str) -> None:
+    module = importlib.import_module(name)
+    assert set(module.__all__) == PUBLIC[name]
+    for public in module.__all__:
+        assert getattr(module, public) is not None
+
+
+def test_notebooks_guide_and_readme_use_public_names_only() -> None:
+    wrong, seen = [], 0
+    for place, code in texts():
+        for module, name in imports(code):
+            seen += 1
+            if name not in PUBLIC.get(module, set()) | {""} or module not in PUBLIC:
+                wrong.append(f"{place}: {name} from {module}")
+    assert not wrong
+    assert seen > 40

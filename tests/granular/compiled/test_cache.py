@@ -1,0 +1,143 @@
+"""Compiled code on disk is never stale, and what is wrong with it costs time alone."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def test_a_docstring_compiles_nothing_and_an_operator_compiles_all(fresh_workshop: Any) -> None:
+    """The law's caller stands in another file; Numba alone would not notice the second change."""
+    before = float(fresh_workshop.run()[0])
+    kernels = fresh_workshop.kernels()
+    assert len(kernels) > 5
+    law = "effects/wall_experimental.py"
+    words = '    """-d(force)/dw [F*/D] at the distance w [D].'
+    fresh_workshop.edit(law, words, words + "\n\n    More words,\n    on more lines.\n    ")
+    fresh_workshop.edit(law, "def energy", "# A comment.\n\n\ndef energy")
+    assert float(fresh_workshop.run()[0]) == before
+    assert fresh_workshop.kernels() == kernels
+    fresh_workshop.edit(law, "STRENGTH * 3.5", "STRENGTH * 3.5 * 4.0")
+    assert float(fresh_workshop.run()[0]) == pytest.approx(2.0 * before, rel=1e-12)
+    # Code of former sources is taken out.
+    assert len(fresh_workshop.kernels()) == len(kernels)
+    assert not set(fresh_workshop.kernels()) & set(kernels)
+
+
+def flip(path: Path, choice: random.Random) -> None:
+    content = bytearray(path.read_bytes())
+    bit = choice.randrange(8 * len(content))
+    content[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(content)
+
+
+def damage(path: Path, kind: int, choice: random.Random) -> None:
+    """Flip a bit, or truncate, empty, zero or take away the file; or let others write to it."""
+    if kind == 0:
+        flip(path, choice)
+    elif kind == 1:
+        path.write_bytes(path.read_bytes()[: choice.randrange(1, path.stat().st_size)])
+    elif kind == 2:
+        path.write_bytes(b"")
+    elif kind == 3:
+        path.write_bytes(bytes(path.stat().st_size))
+    elif kind == 4:
+        path.unlink()
+    else:
+        path.chmod(0o666)
+
+
+@pytest.mark.parametrize(
+    "shift", [0, *(pytest.param(shift, marks=pytest.mark.long) for shift in range(1, 6))]
+)
+def test_damaged_files_are_made_again(shift: int, workshop: Any) -> None:
+    """All files at once, each in one of six ways."""
+    wanted = workshop.run()
+    choice, hurt = random.Random(shift), {}
+    for place, path in enumerate([*sorted(workshop.kernels()), *workshop.cache.rglob("source")]):
+        damage(path, (place + shift) % 6, choice)
+        hurt[path] = path.stat().st_mtime_ns if path.exists() else 0
+    assert workshop.run() == wanted
+    assert all(path.stat().st_mtime_ns != time for path, time in hurt.items())
+
+
+EVALUATE = """
+import numpy as np
+from granular import evaluate, load_scene
+scene = load_scene("bed")
+found = evaluate(scene, scene.initial_motion()[0])
+print(found.piston_force, found.potential_energy, found.force.sum())
+"""
+
+
+@pytest.mark.long
+def test_a_hundred_flipped_bits(workshop: Any) -> None:
+    wanted = workshop.run(EVALUATE)
+    choice = random.Random(15)
+    for _ in range(100):
+        flip(choice.choice(sorted(workshop.kernels())), choice)
+        assert workshop.run(EVALUATE) == wanted
+
+
+def test_two_processes_compile_at_once(workshop: Any) -> None:
+    shutil.rmtree(workshop.cache, ignore_errors=True)
+    both = [workshop.start() for _ in range(2)]
+    said = [process.communicate(timeout=300) for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert said[0] == said[1]
+    kernels = workshop.kernels()
+    assert workshop.run() == said[0]
+    assert workshop.kernels() == kernels
+    assert not list(workshop.cache.rglob("*.part"))
+
+
+# Files that may not grow fail to be written as on a full disk.
+FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+
+
+def test_a_full_disk_stops_nothing(workshop: Any) -> None:
+    wanted, said = workshop.run()
+    assert not said
+    for path in workshop.kernels():
+        path.unlink()
+    found, said = workshop.run(FULL + workshop.code)
+    assert found == wanted
+    assert said.count("UserWarning: compiled code is not kept") == 1
+    assert str(workshop.cache) in said
+    assert not workshop.kernels()
+    assert not list(workshop.cache.rglob("*.part"))
+
+
+def test_folders_that_others_may_write_to_and_places_without_a_folder(workshop: Any) -> None:
+    wanted, _ = workshop.run()
+    kernels = workshop.kernels()
+    (folder,) = {path.parent for path in kernels}
+    folder.chmod(0o777)
+    for path in kernels:
+        path.write_bytes(b"")
+    kernels = workshop.kernels()
+    found, said = workshop.run()
+    assert found == wanted
+    assert "chmod go-w" in said
+    assert workshop.kernels() == kernels
+    folder.chmod(0o700)
+    found, said = workshop.run(cache=str(workshop.folder / "granular" / "methods.py"))
+    assert found == wanted
+    assert said.count("UserWarning: compiled code is not kept") == 1
+
+
+def test_code_is_kept_among_the_caches_of_the_user(workshop: Any) -> None:
+    """An empty ``XDG_CACHE_HOME`` is none, and nothing is left in the working directory."""
+    before = set(workshop.folder.iterdir())
+    assert not workshop.run(cache="")[1]
+    home = workshop.folder / "home"
+    assert set(workshop.folder.iterdir()) == before | {home}
+    kept = list(home.rglob("*.kernel"))
+    assert kept
+    assert {path.parent.parent for path in kept} == {home / ".cache" / "granular-damper"}
+    assert {path.stat().st_mode & 0o777 for path in kept} == {0o600}
+    assert {path.parent.stat().st_mode & 0o777 for path in kept} == {0o700}

@@ -1,0 +1,64 @@
+"""What the digest of the kernels' sources sees: their syntax, and no texts."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from granular.compiled.source import PACKAGE, ROOMS, raw_digest, source_files, syntax_digest
+
+FILES = source_files()
+
+
+def edited(name: str, old: str, new: str) -> dict[str, bytes]:
+    assert old.encode() in FILES[name]
+    return FILES | {name: FILES[name].replace(old.encode(), new.encode(), 1)}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("effects/drag.py", '"""Viscous drag:', '"""Other words:'),
+        ("effects/drag.py", "    z = rate * span", "    # A comment.\n\n    z = (rate  * span)"),
+        (
+            "effects/dipole.py",
+            '    """Repulsion',
+            '    """More.\n\n    Lines.\n    """\n    """Repulsion',
+        ),
+        ("pairs/split.py", '"""Coefficients', '"""The coefficients'),
+        ("engine/ledger.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
+    ],
+)
+def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new: str) -> None:
+    files = edited(name, old, new)
+    assert syntax_digest(files) == syntax_digest(FILES)
+    assert raw_digest(files) != raw_digest(FILES)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("effects/drag.py", "z = rate * span", "z = rate + span"),
+        ("effects/dipole.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
+        ("pairs/split.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
+        ("engine/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
+        ("pairs/lanes.py", "WIDTH = 8", "WIDTH = 4"),
+        ("compiled/__init__.py", 'fastmath={"contract"}', 'fastmath={"reassoc"}'),
+    ],
+)
+def test_what_the_compiler_sees_counts(name: str, old: str, new: str) -> None:
+    assert syntax_digest(edited(name, old, new)) != syntax_digest(FILES)
+
+
+def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> None:
+    """A number from elsewhere would be compiled in, and its change would not be noticed."""
+    for name, content in FILES.items():
+        for node in ast.walk(ast.parse(content)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):
+                room = (node.module or "").split(".")[1]
+                constants = [one.name for one in node.names if one.name.isupper()]
+                inside = room in ROOMS or Path(name).stem in ("system", "ledger")
+                assert inside or not constants, (name, node.module, constants)
+    assert {path.name for path in PACKAGE.iterdir()} >= set(ROOMS)

@@ -1,0 +1,118 @@
+"""Where cases are computed: any executor, whose workers may die."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from typing import Any
+
+import pytest
+
+from granular import load_scene, sweep
+from granular.studies.cases import Case
+from granular.studies.sweep import ATTEMPTS
+from granular.studies.workers import Workers, workshop
+
+
+class Mortal(Executor):
+    """A worker that some cases kill; what is submitted beside them is lost as well.
+
+    ``killers`` tells for each seed how many workers it kills before it lets one live.
+    """
+
+    def __init__(self, killers: dict[int, float]) -> None:
+        self.killers, self.dead = killers, False
+        self.runs: list[int] = []
+
+    def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
+        seed, future = case.scene.arrangement.seed, Taken(self)
+        if not self.dead:
+            self.runs.append(seed)
+            self.dead = self.killers.get(seed, 0) > 0
+            if self.dead:
+                self.killers[seed] -= 1
+        if self.dead:
+            future.set_exception(BrokenExecutor("the worker is gone"))
+        else:
+            future.set_result({"figures": {"seed": seed}, "error": None})
+        return future
+
+
+class Taken(Future[Any]):
+    """A case; when those beside it are taken back, the next ones have a new worker."""
+
+    def __init__(self, executor: Mortal) -> None:
+        super().__init__()
+        self._executor = executor
+
+    def cancel(self) -> bool:
+        self._executor.dead = False
+        return super().cancel()
+
+
+SEEDS = range(1, 41)
+
+
+def swept(executor: Mortal) -> dict[int, str | None]:
+    """The error of each seed."""
+    study = sweep(load_scene("bed"), {"arrangement.seed": SEEDS}, executor=executor, progress=False)
+    assert all(one["error"] or one["figures"]["seed"] == seed
+               for seed, one in zip(SEEDS, study.outcomes, strict=True))  # fmt: skip
+    return {seed: one["error"] for seed, one in zip(SEEDS, study.outcomes, strict=True)}
+
+
+@pytest.mark.parametrize("times", [1, ATTEMPTS - 1])
+def test_workers_killed_from_outside_cost_no_case(times: int) -> None:
+    assert set(swept(Mortal({3: times, 20: 1})).values()) == {None}
+
+
+@pytest.mark.parametrize("killers", [(1,), (3,), (40,), (1, 2), (3, 20, 21, 40)])
+def test_cases_that_kill_their_workers_take_no_other_with_them(killers: tuple[int, ...]) -> None:
+    executor = Mortal(dict.fromkeys(killers, float("inf")))
+    errors = swept(executor)
+    for seed, error in errors.items():
+        assert error == (f"the worker died, {ATTEMPTS} times" if seed in killers else None)
+    for seed in SEEDS:
+        assert executor.runs.count(seed) == (ATTEMPTS if seed in killers else 1)
+
+
+def test_an_executor_that_stays_broken_ends_the_study() -> None:
+    class Broken(Mortal):
+        def submit(self, function: Callable[..., Any], case: Case, *more: Any) -> Future[Any]:
+            if len(self.runs) == 20:
+                raise BrokenExecutor("for good")
+            return super().submit(function, case, *more)
+
+    errors = list(swept(Broken({})).values())
+    assert errors[:20] == [None] * 20
+    assert set(errors[20:]) == {f"the worker died, {ATTEMPTS} times"}
+
+
+def test_an_executor_that_is_given_is_left_to_its_owner() -> None:
+    with ThreadPoolExecutor(1) as pool:
+        with workshop(pool) as inside:
+            assert inside is pool
+        assert pool.submit(int, "3").result() == 3
+
+
+def dies() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_processes_that_die_are_replaced() -> None:
+    with workshop(None, 1) as workers:
+        first = workers.submit(os.getpid).result()
+        assert workers.submit(os.getpid).result() == first != os.getpid()
+        with pytest.raises(BrokenExecutor):
+            workers.submit(dies).result()
+        second = workers.submit(os.getpid).result()
+        assert second != first
+    with pytest.raises(ProcessLookupError):
+        os.kill(second, 0)
+
+
+def test_no_process_is_started_without_work() -> None:
+    with Workers(2) as workers:
+        assert workers._pool is None

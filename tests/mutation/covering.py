@@ -1,0 +1,66 @@
+"""Which quick tests stand for a file: those that look at it most closely, the fastest first."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Stage(NamedTuple):
+    """Tests that are run together.
+
+    Attributes
+    ----------
+    compiled : bool
+        Whether numba compiles. Without, nothing waits for a compiler, and small cases say much.
+    paths : tuple of str
+    """
+
+    compiled: bool
+    paths: tuple[str, ...]
+
+
+_FORCES = "tests/physics/test_forces.py"
+_SMALL = "tests/plain_python"
+
+_BY_PREFIX: dict[str, tuple[Stage, ...]] = {
+    "granular/effects/contact": (
+        Stage(False, (_FORCES, _SMALL)),
+        Stage(True, ("tests/physics/test_contact.py",)),
+    ),
+    "granular/effects/friction": (
+        Stage(False, (_FORCES, _SMALL)),
+        Stage(True, ("tests/physics/test_friction.py", "tests/granular/run/test_drive.py")),
+    ),
+    "granular/effects/wall": (
+        Stage(False, (_FORCES, _SMALL)),
+        Stage(True, ("tests/physics/test_walls.py", "tests/granular/scene/test_scene.py")),
+    ),
+    "granular/effects": (
+        Stage(False, (_FORCES, _SMALL)),
+        Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),
+    ),
+    "granular/engine": (
+        Stage(False, (_FORCES, _SMALL)),
+        Stage(
+            True,
+            ("tests/granular/run", "tests/physics", "tests/granular/protocol", "tests/regression"),
+        ),
+    ),
+    "granular/pairs": (
+        Stage(False, (_FORCES, _SMALL, "tests/granular/pairs/test_verlet_list.py")),
+        Stage(True, ("tests/physics/test_pair_sum.py", "tests/granular/pairs")),
+    ),
+    "reduced_models": (
+        Stage(True, ("tests/reduced_models/fitting", "tests/reduced_models/laws/test_laws.py")),
+    ),
+}
+
+WHOLE = Stage(True, ("tests",))
+
+
+def stages(path: str) -> tuple[Stage, ...]:
+    """Tests for a file, by the longest prefix of its path that is listed."""
+    known = [prefix for prefix in _BY_PREFIX if path.startswith(prefix)]
+    if not known:
+        raise KeyError(f"no tests are named for {path}; add them to tests/mutation/covering.py")
+    return _BY_PREFIX[max(known, key=len)]

@@ -1,0 +1,111 @@
+"""The planted faults are faults: one place of the file differs, and it can still be read."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+
+
+def loaded(name: str) -> ModuleType:
+    """A script's file beside this one."""
+    spec = importlib.util.spec_from_file_location(f"mutation_{name}", HERE / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+faults, covering = loaded("faults"), loaded("covering")
+
+SOURCE = '''
+"""Words: a + b, and 2 * c."""
+
+SHARE = 0.5
+NAME = "a + b"
+
+
+def kick(v: list[float], f: list[float], h: float) -> float:
+    """More words: a - b."""
+    if h < 0.0:
+        raise ValueError(f"{h + 1.0} is wrong, {2 * h}")
+    for i in range(1):
+        for j in range(2):
+            v[i] += 0.5 * h * f[j]
+    drift(v)
+    return -v[0]
+'''
+
+
+def changed() -> dict[str, set[str]]:
+    """Every change of the source above, by kind."""
+    found: dict[str, set[str]] = {}
+    for one in faults.faults(SOURCE, "kick.py"):
+        found.setdefault(one.kind, set()).add(f"{one.before} -> {one.after}")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        ("sign", "v[i] += 0.5 * h * f[j] -> v[i] -= 0.5 * h * f[j]"),
+        ("sign", "-v[0] -> (v[0])"),
+        ("factor", "0.5 -> 1.0"),
+        ("factor", "0.5 * h -> 0.5 / h"),
+        ("factor", "0.5 * h * f[j] -> (0.5 * h)"),
+        ("index", "v[i] -> v[j]"),
+        ("index", "v[0] -> v[1]"),
+        ("comparison", "h < 0.0 -> h > 0.0"),
+        ("dropped", "drift(v) -> pass"),
+        ("dropped", "v[i] += 0.5 * h * f[j] -> pass"),
+    ],
+)
+def test_each_kind_of_fault_is_found(kind: str, change: str) -> None:
+    assert change in changed()[kind]
+
+
+def test_words_are_left_alone() -> None:
+    befores = {change.split(" -> ")[0] for found in changed().values() for change in found}
+    assert not befores & {"h + 1.0", "2 * h", "a + b", "range(1)"}
+
+
+@pytest.fixture(scope="module")
+def draw() -> list:
+    return faults.drawn(ROOT, seed=1, count=40)
+
+
+def test_the_seed_decides(draw: list) -> None:
+    assert faults.drawn(ROOT, seed=1, count=40) == draw
+    assert faults.drawn(ROOT, seed=2, count=40) != draw
+    assert faults.drawn(ROOT, seed=1, count=12) == draw[:12]
+
+
+def test_areas_come_by_turns_and_every_kind_is_there(draw: list) -> None:
+    assert len(set(draw)) == 40
+    for folders in faults.AREAS.values():
+        assert sum(one.path.startswith(folders) for one in draw) == 10
+    assert {one.kind for one in draw} == set(faults.KINDS)
+
+
+def test_a_planted_fault_changes_one_place_of_a_program(draw: list) -> None:
+    for one in draw:
+        source = (ROOT / one.path).read_text(encoding="utf-8")
+        planted = one.planted(source)
+        assert ast.dump(ast.parse(planted)) != ast.dump(ast.parse(source))
+        assert planted.encode().startswith(source.encode()[: one.begin])
+        assert planted.encode().endswith(source.encode()[one.end :])
+
+
+def test_tests_that_cover_a_file_are_there() -> None:
+    places = [one for folders in faults.AREAS.values() for one in folders if (ROOT / one).is_dir()]
+    for path in (path for place in places for path in (ROOT / place).rglob("*.py")):
+        for stage in covering.stages(path.relative_to(ROOT).as_posix()):
+            assert all((ROOT / one).exists() for one in stage.paths)

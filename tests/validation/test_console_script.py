@@ -1,0 +1,120 @@
+"""The command granular-damper: three command lines under one name, and whose packages it runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from granular import __version__
+from granular.shared.console import launch
+from validation.console_script import run
+from validation.granular_damper import OURS
+
+ROOT = Path(__file__).parents[2]
+START = ROOT / "validation" / "granular_damper.py"
+
+
+def test_a_command_reaches_its_package(capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(run, ["show", "bed", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["scene"]["grains"]["count"] == 368
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [("run", "--resume"), ("identify", "--discover"), ("validate", "--full"), ("report", "--full")],
+)
+def test_help_of_a_command_is_what_one_types(
+    command: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        launch(run, [command, "--help"])
+    assert stopped.value.code == 0
+    text = capsys.readouterr().out
+    assert words in text
+    assert "granular-damper " in text
+    assert "python -m" not in text
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    import granular.__main__
+    import reduced_models.__main__
+    import validation.__main__
+
+    with pytest.raises(SystemExit):
+        launch(run, ["--help"])
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    shown = {words[0] for words in lines if words}
+    for module in (granular.__main__, reduced_models.__main__, validation.__main__):
+        assert set(module.parser().commands) - {"report"} <= shown
+    assert "validate" in shown
+
+
+def test_no_two_packages_have_a_command_of_the_same_name() -> None:
+    import granular.__main__
+    import reduced_models.__main__
+    import validation.__main__
+
+    modules = (granular.__main__, reduced_models.__main__, validation.__main__)
+    names = [name for module in modules for name in module.parser().commands]
+    assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("", "required: COMMAND"),
+        ("rnu", "did you mean 'run'"),
+        ("--loud", "required: COMMAND"),
+        ("show", "required: SCENE; see granular-damper show --help"),
+        ("show nothing.toml", "there is no scene file"),
+    ],
+)
+def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(run, line.split()) == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert error.count("\n") == 1
+    assert message in error
+
+
+@pytest.mark.parametrize("package", ["granular", "reduced_models", "validation"])
+def test_version_comes_from_one_source(package: str, capsys: pytest.CaptureFixture[str]) -> None:
+    import importlib
+
+    with pytest.raises(SystemExit):
+        launch(importlib.import_module(f"{package}.__main__").main, ["--version"])
+    assert capsys.readouterr().out == f"granular-damper {__version__}\n"
+
+
+def started(*words: str, path: str) -> subprocess.CompletedProcess[str]:
+    """The command's start, with folders before all others in the search path."""
+    # As the installed module is found: the folder that the file lies in is not searched.
+    code = f"import sys, runpy; sys.path.pop(0); sys.argv = ['granular-damper', *{words!r}]; "
+    code += f"runpy.run_path({str(START)!r}, run_name='__main__')"
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": path},
+    )  # fmt: skip
+
+
+def test_start_prints_the_version() -> None:
+    done = started("--version", path=str(ROOT))
+    assert (done.returncode, done.stdout) == (0, f"granular-damper {__version__}\n")
+
+
+@pytest.mark.parametrize("package", OURS)
+@pytest.mark.parametrize("content", ["", "raise RuntimeError('a stranger')"])
+def test_a_folder_that_hides_a_package_is_named(package: str, content: str, tmp_path: Path) -> None:
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").write_text(content)
+    done = started("--version", path=f"{tmp_path}{os.pathsep}{ROOT}")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"error: the package {package!r} that Python finds is {tmp_path}")
+    assert "take it off PYTHONPATH" in done.stderr
+    assert done.stderr.count("\n") == 1

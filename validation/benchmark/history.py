@@ -1,0 +1,178 @@
+"""Speed from commit to commit: times over that of a reference kernel in the same run.
+
+Machines differ, and a busy one slows all alike; the ratio to a plain loop that nobody changes
+stays. Each run adds a line of JSON to a file, and a table shows the last ones. Nothing passes or
+fails by it: a person looks.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import statistics
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from granular.shared.errors import InputError
+from granular.shared.version import versions
+from validation.benchmark.timing import least_seconds
+from validation.table import TextTable, table
+
+GRAINS, MANY = 368, 1472
+
+STEPS = 64
+"""Steps of the engine timed together."""
+
+REFERENCE = "plain loop over the pairs of 368 grains"
+
+_FITS = 3
+_SHOWN = 12
+
+
+class Kernel(NamedTuple):
+    """What is timed.
+
+    Attributes
+    ----------
+    call : callable
+    times : int
+        How often a call does what the figure is of.
+    """
+
+    call: Callable[[], Any]
+    times: int = 1
+
+
+def _kernels() -> dict[str, Kernel]:
+    from validation.benchmark.engine import EngineSteps, bed_of
+    from validation.benchmark.sums import (
+        BATCH,
+        PaddedGrains,
+        arrangement,
+        by_cut_off,
+        direct,
+        plain,
+    )
+
+    def step(count: int, changes: dict[str, Any]) -> Kernel:
+        engine = EngineSteps(bed_of(count, changes))
+        return Kernel(lambda: engine.make(STEPS), STEPS)
+
+    grains = PaddedGrains(arrangement(GRAINS))
+    friction: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
+    return {
+        REFERENCE: Kernel(plain(grains).call),
+        "direct sum": Kernel(direct(grains).call),
+        "direct sum, load": Kernel(direct(grains, load=True).call),
+        "cut-off, 1472": Kernel(by_cut_off(arrangement(MANY)).call, BATCH),
+        "step, drag": step(GRAINS, {}),
+        "step, friction": step(GRAINS, friction),
+        "step, mesh, 1472": step(MANY, {"pairs.method": "mesh"}),
+    }
+
+
+def measured(rounds: int = 40) -> dict[str, Any]:
+    """One entry: seconds of the reference, and the ratio of every other time to it."""
+    from validation.benchmark.fits import measured_here
+
+    kernels = _kernels()
+    calls = {name: kernel.call for name, kernel in kernels.items()}
+    found = least_seconds(calls, rounds=rounds, seconds=0.002)
+    seconds = {name: time / kernels[name].times for name, time in found.items()}
+    seconds["fit, linear law"] = min(measured_here("linear", 1000, _FITS)["warm"])
+    reference = seconds.pop(REFERENCE)
+    return {
+        **_commit(),
+        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M"),
+        "versions": versions(),
+        "reference": {"what": REFERENCE, "seconds": reference},
+        "ratios": {name: time / reference for name, time in seconds.items()},
+    }
+
+
+def _commit() -> dict[str, Any]:
+    """Commit of the sources, and whether files differ from it; none where git cannot tell."""
+    here = Path(__file__).parent
+
+    def git(*words: str) -> str | None:
+        try:
+            done = subprocess.run(
+                ["git", "-C", str(here), *words], capture_output=True, text=True, check=True
+            )
+        except (OSError, subprocess.CalledProcessError):
+            return None
+        return done.stdout.strip()
+
+    commit, changed = git("rev-parse", "--short=10", "HEAD"), git("status", "--porcelain")
+    return {"commit": commit, "changed": bool(changed)}
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Entries of a file, the oldest first; none where there is no file.
+
+    Raises
+    ------
+    InputError
+        If a line is not an entry.
+    """
+    if not path.exists():
+        return []
+    entries: list[dict[str, Any]] = []
+    try:
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+            entries.append(_entry(line, f"{path}, line {number}"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {error}; give another file") from None
+    return entries
+
+
+def _entry(line: str, where: str) -> dict[str, Any]:
+    try:
+        found = json.loads(line)
+        ratios = {str(name): float(value) for name, value in found["ratios"].items()}
+        return {"commit": None, "changed": False, "date": ""} | found | {"ratios": ratios}
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise InputError(f"{where} is not an entry of a history; take it out") from None
+
+
+def add(path: Path, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Add an entry to the file; all entries.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    entries = [*read(path), dict(entry)]
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry) + "\n")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}; give another file") from None
+    return entries
+
+
+def history_table(entries: Sequence[Mapping[str, Any]]) -> TextTable:
+    """The last entries, a row each, and the newest over the median of those shown before it."""
+    shown = entries[-_SHOWN:]
+    names = list(dict.fromkeys(name for one in shown for name in one["ratios"]))
+    rows = [
+        [one["date"], f"{one['commit'] or '?'}{'+' if one['changed'] else ''}",
+         *(_number(one["ratios"].get(name)) for name in names)]
+        for one in shown
+    ]  # fmt: skip
+    if len(shown) > 1:
+        rows.append(["newest over the median before", "", *(_trend(shown, one) for one in names)])
+    return table(["date (UTC)", "commit", *names], rows)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
+
+
+def _trend(entries: Sequence[Mapping[str, Any]], name: str) -> str:
+    *before, newest = [one["ratios"].get(name) for one in entries]
+    known = [value for value in before if value is not None]
+    return f"{newest / statistics.median(known):.2f}" if known and newest is not None else ""

@@ -1,0 +1,81 @@
+"""The command ``granular-damper``: the commands of all three packages under one name.
+
+It lives here because imports go one way, and only this package knows the other two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from collections.abc import Sequence
+from types import ModuleType
+
+from granular.scene.schema import unknown
+from granular.shared.console import Parser, add_version, launch
+from granular.shared.errors import InputError
+
+PROG = "granular-damper"
+
+_PACKAGES = {
+    "granular": "beds and runs",
+    "reduced_models": "from a motion to its equation",
+    "validation": "proof of the numbers",
+}
+
+_VALIDATE = "validate"
+"""Name of the validation's ``report``, which would not say of what beside other commands."""
+
+
+def main() -> int:
+    """Run the command line; its exit code."""
+    return launch(run)
+
+
+def run(arguments: Sequence[str]) -> None:
+    """Hand the command to the package that has it.
+
+    Raises
+    ------
+    InputError
+        If no package has it; the nearest name is given.
+    """
+    modules = {name: importlib.import_module(f"{name}.__main__") for name in _PACKAGES}
+    homes = {
+        command: package
+        for package, module in modules.items()
+        for command in module.parser().commands
+    }
+    homes[_VALIDATE] = "validation"
+    if not arguments or arguments[0].startswith("-"):
+        _own_parser(modules).parse_args(arguments)
+    command, *words = arguments
+    if command not in homes:
+        raise InputError(f"{unknown(command, tuple(homes), 'command')} (see {PROG} --help)")
+    name = "report" if command == _VALIDATE else command
+    modules[homes[command]].main([name, *words], PROG)
+
+
+def _own_parser(modules: dict[str, ModuleType]) -> Parser:
+    """What answers where no command is given."""
+    parser = Parser(
+        prog=PROG,
+        usage=f"{PROG} [-h] [--version] COMMAND ...",
+        description="Simulate beds of repelling magnets, find the equation of the damper that they "
+        "make, and prove the numbers.",
+        epilog=_listing(modules),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_version(parser)
+    parser.add_argument("command", metavar="COMMAND", help=f"see {PROG} COMMAND --help")
+    return parser
+
+
+def _listing(modules: dict[str, ModuleType]) -> str:
+    lines = []
+    for package, title in _PACKAGES.items():
+        lines += [f"{title} (also python -m {package}):"]
+        for command, what in modules[package].parser().commands.items():
+            name = _VALIDATE if (package, command) == ("validation", "report") else command
+            lines.append(f"  {name:18}{what}")
+        lines.append("")
+    return "\n".join([*lines, f"example:\n  {PROG} identify damper -o out"])
