@@ -10,10 +10,16 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from typing import Any, TypeVar
 
+from granular.shared.errors import GranularError
+
 T = TypeVar("T")
 
 LOOK_SECONDS = 1.0
 """From look to look whether the process that has started this one still lives."""
+
+
+class ExecutorLost(GranularError):
+    """Where cases are computed is gone, with all its workers."""
 
 
 class Workers(Executor):
