@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from granular.run.trajectory import Trajectory
+from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.studies.cases import Measure, known_as
@@ -15,14 +16,15 @@ GROUP = "granular.measures"
 """Entry points by which an installed distribution offers measures."""
 
 
+@known_as("granular.studies.measures:last_values#9d0c241c")
 def last_values(run: Trajectory) -> Mapping[str, Any]:
-    """Every scalar record at the end of the run, in SI; height and end of each stage."""
+    """Every scalar record at the end of the run, in SI; height and end of each stage.
+
+    They come in the same order whether the run is in memory or on disk.
+    """
     data = run.dataset
-    figures = {
-        str(name): float(data[name][-1])
-        for name in data.data_vars
-        if data[name].dims == ("time",) and name != "stage"
-    }
+    names = [one.name for one in scalar_variables(run.scene)]
+    figures = {name: float(data[name][-1]) for name in names}
     for stage in run.stages:
         figures[f"{stage.name}.end"] = stage.end
         if run.scene.piston is not None:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from granular.studies.workers import ExecutorLost
+from granular.studies.workers import ExecutorLostError
 
 T = TypeVar("T")
 
@@ -60,13 +60,13 @@ class Cluster(Executor):
 
         Raises
         ------
-        ExecutorLost
+        ExecutorLostError
             If the scheduler is gone.
         """
         while self._client.status == "connecting":
             time.sleep(0.1)
         if self._client.status != "running":
-            raise ExecutorLost(
+            raise ExecutorLostError(
                 "the Dask scheduler is gone; start it again, and the same command goes on"
             )
         there = self._client.submit(function, *arguments, pure=False, retries=RETRIES, **keywords)
@@ -102,7 +102,12 @@ def _dask(address: str) -> Iterator[Executor]:
         raise InputError(
             "--dask needs Dask; install it with: pip install 'granular-damper[dask]'"
         ) from None
-    for name in ("distributed", "distributed.client", "tornado", "asyncio"):  # the command says itself what is lost
+    for name in (
+        "distributed",
+        "distributed.client",
+        "tornado",
+        "asyncio",
+    ):  # the command says itself what is lost
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(address, timeout="10s")

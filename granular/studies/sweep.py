@@ -138,7 +138,7 @@ def sweep(
     InputError
         If the study has no case, two are alike, a change, a time step or a method does not fit, or
         ``keep_runs`` is asked for without ``out``.
-    ExecutorLost
+    ExecutorLostError
         If the scheduler of a cluster is gone; ``out`` keeps what was done.
     KeyboardInterrupt
         On Ctrl-C; ``out`` keeps what was done.

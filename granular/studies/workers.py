@@ -18,7 +18,7 @@ LOOK_SECONDS = 1.0
 """From look to look whether the process that has started this one still lives."""
 
 
-class ExecutorLost(GranularError):
+class ExecutorLostError(GranularError):
     """Where cases are computed is gone, with all its workers."""
 
 
@@ -26,8 +26,8 @@ class Workers(Executor):
     """Processes that start with the first task and stay: each loads the compiled code once.
 
     The tasks of a process that dies end in `BrokenExecutor`, and so do all others that were waiting
-    then; the next one that is submitted starts new processes. They end with the process that started
-    them, also where that one is killed.
+    then; the next one that is submitted starts new processes. They end with the process that
+    started them, also where that one is killed.
 
     Parameters
     ----------

@@ -288,7 +288,9 @@ def test_two_hundred_cases_survive_kills(tmp_path: Path) -> None:
     process = subprocess.Popen(command(study, out), cwd=ROOT, start_new_session=True)
     wait_for(out, len(first) + 40)
     victims = [
-        pid for pid in living(process.pid) if b"loky" in cmdline(pid) and b"tracker" not in cmdline(pid)
+        pid
+        for pid in living(process.pid)
+        if b"loky" in cmdline(pid) and b"tracker" not in cmdline(pid)
     ]
     os.kill(victims[-1], signal.SIGKILL)
     assert process.wait(timeout=300) == 0

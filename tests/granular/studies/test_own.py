@@ -54,9 +54,7 @@ def test_a_change_of_the_function_makes_another_measure(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["os:system", "swing:answer", "swing", "os.system", "", "answer"])
-def test_no_name_is_imported(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     own_file(tmp_path, "raise AssertionError")
     with pytest.raises(InputError, match=WAYS):

@@ -16,7 +16,7 @@ import pytest
 
 from granular import load_scene, sweep
 from granular.studies.remote import Cluster, executor
-from granular.studies.workers import ExecutorLost
+from granular.studies.workers import ExecutorLostError
 
 ROOT = Path(__file__).parents[3]
 
@@ -60,7 +60,7 @@ class Client:
 def test_a_scheduler_that_is_gone_ends_a_sweep_in_words(tmp_path: Path) -> None:
     arguments: dict[str, Any] = {"out": tmp_path, "progress": False}
     grid = {"arrangement.seed": range(1, 9)}
-    with pytest.raises(ExecutorLost, match="scheduler is gone; start it again"):
+    with pytest.raises(ExecutorLostError, match="scheduler is gone; start it again"):
         sweep(load_scene("bed"), grid, executor=Cluster(Client(3, float("inf"))), **arguments)
     again = sweep(load_scene("bed"), grid, executor=Cluster(Client(100, 0)), **arguments)
     assert [one["figures"]["seed"] for one in again.outcomes] == list(range(1, 9))
@@ -150,7 +150,9 @@ def test_a_dask_scheduler_is_killed(
     process = started(tmp_path, scheduler[0])
     scheduler[1].kill()
     _, told = process.communicate(timeout=60)
-    assert told == "error: the Dask scheduler is gone; start it again, and the same command goes on\n"
+    assert (
+        told == "error: the Dask scheduler is gone; start it again, and the same command goes on\n"
+    )
     assert process.returncode == 1
     assert len(list(tmp_path.glob("out/cases/[!.]*.json"))) >= 5
 
