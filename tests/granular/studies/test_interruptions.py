@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import signal
@@ -340,13 +341,9 @@ def test_a_full_disk_with_room_made_later(
     out = small_disk / "out"
     (out / "cases").mkdir(parents=True)
     filler = small_disk / "filler"
-    with filler.open("wb") as file:
-        try:
-            while True:
-                file.write(bytes(4096))
-                file.flush()
-        except OSError:
-            pass
+    with filler.open("wb", buffering=0) as file, contextlib.suppress(OSError):
+        while True:
+            file.write(bytes(4096))
     os.truncate(filler, filler.stat().st_size - 4096 * 3)  # room for some of the cases
     first = subprocess.run(
         command(study, out, *more), cwd=ROOT, capture_output=True, text=True, check=False
