@@ -10,15 +10,14 @@ from granular.pairs.direct import PADDING
 
 
 def grain_constants(constants: Constants) -> list[np.ndarray]:
-    """The constants with one value for each grain, which must move with the grains; each once."""
+    """The constants with one value for each grain, which must move with the grains."""
     acting = constants.acting
     found = [constants.masses, constants.moments]
     if acting.friction is not None:
         found += [acting.friction.factor, acting.friction.weight]
     if acting.contact is not None:
         found.append(acting.contact.radius)
-    # Masses and moments may be one array.
-    return list({id(values): values for values in found if values is not None}.values())
+    return [values for values in found if values is not None]
 
 
 def take_out(state: State, constants: Constants) -> Constants:

@@ -6,7 +6,7 @@ from granular.compiled import Array, compiled, entry
 from granular.effects.friction import FrictionLaw
 from granular.engine.kick import speed_up
 from granular.engine.state import State
-from granular.engine.system import Constants
+from granular.engine.system import Constants, moments_of
 from granular.pairs.far_field import FarForces, find_far_forces
 
 
@@ -22,7 +22,7 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
 def _find(friction: FrictionLaw | None, far: FarForces, state: State, constants: Constants) -> int:
     weight = None if friction is None else friction.weight
     return find_far_forces(
-        far, constants.threaded, constants.grains, state.x, state.y, constants.moments, weight
+        far, constants.threaded, constants.grains, state.x, state.y, moments_of(constants), weight
     )
 
 

@@ -14,7 +14,7 @@ from granular.effects.shaking import Swing, acceleration, add_inertia, mass_mome
 from granular.effects.walls import add_wall_forces, measure_walls
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
 from granular.engine.state import HEIGHT, Measurement, State
-from granular.engine.system import Constants
+from granular.engine.system import Constants, moments_of
 from granular.pairs.cells import ClosePairs, find_close_pairs
 from granular.pairs.direct import direct_sum
 from granular.pairs.stripes import CutOff, cut_sum
@@ -29,21 +29,21 @@ def _magnetic_forces(
 ) -> None:  # fmt: skip
     if cut is None and listing is None:
         direct_sum(
-            state.x, state.y, state.fx, state.fy, constants.moments,
+            state.x, state.y, state.fx, state.fy, moments_of(constants),
             stiffness, extremes, load, weight, state.buffers, constants.threaded,
         )  # fmt: skip
     if cut is not None:
         assert state.stripes is not None
         cut_sum(
             state.stripes, cut.radius, cut.smooth, constants.threaded, constants.grains,
-            state.x, state.y, state.fx, state.fy, constants.moments,
+            state.x, state.y, state.fx, state.fy, moments_of(constants),
             stiffness, extremes, load, weight,
         )  # fmt: skip
     if listing is not None:
         assert state.verlet_list is not None
         list_sum(
             state.verlet_list, listing, constants.grains, state.x, state.y, state.fx, state.fy,
-            constants.moments, stiffness, extremes, load, weight,
+            moments_of(constants), stiffness, extremes, load, weight,
         )  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def _other_forces(state: State, constants: Constants, time: float) -> int:
     add_inertia(acting.shaking, time, count, constants.masses, state.fx, state.fy)
     crowded = _contact_forces(acting.contact, state.close_pairs, state, constants)
     return crowded + add_wall_forces(
-        acting.walls, count, constants.moments, state.x, state.y, state.fx, state.fy,
+        acting.walls, count, moments_of(constants), state.x, state.y, state.fx, state.fy,
         constants.width, state.piston[HEIGHT], state.scratch, state.slab_scratch, state.wall_forces,
     )  # fmt: skip
 
@@ -204,7 +204,7 @@ def potential_energies(
     for i in range(count):
         stiffness[i] *= 6.0
     walls = measure_walls(
-        acting.walls, count, constants.moments, state.x, state.y,
+        acting.walls, count, moments_of(constants), state.x, state.y,
         constants.width, state.piston[HEIGHT], stiffness, state.scratch,
     )  # fmt: skip
     contacts = _contact_energy(

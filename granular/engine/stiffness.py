@@ -12,7 +12,7 @@ from granular.effects.contact import ContactLaw, impact_stiffness
 from granular.effects.dipole import head_on_stiffness, pair_energy
 from granular.effects.walls import piston_stiffness, turning_stiffness
 from granular.engine.state import HEIGHT, Measurement, State
-from granular.engine.system import Constants
+from granular.engine.system import Constants, moments_of
 from granular.protocol.motion import Motion
 
 
@@ -54,7 +54,7 @@ def stiffest_mode(
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
         total, largest = piston_stiffness(
-            constants.acting.walls.top, constants.grains, constants.moments, state.x, state.y,
+            constants.acting.walls.top, constants.grains, moments_of(constants), state.x, state.y,
             state.piston[HEIGHT], measurement.against_piston, state.scratch,
         )  # fmt: skip
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)

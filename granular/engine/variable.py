@@ -12,7 +12,7 @@ import math
 from granular.compiled import compiled, entry
 from granular.effects.walls import WallLaws
 from granular.engine.state import HEIGHT, SPEED, State
-from granular.engine.system import Constants
+from granular.engine.system import Constants, moments_of
 from granular.pairs.density import step_density
 
 TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
@@ -38,7 +38,7 @@ def _sides(walls: WallLaws, width: float, height: float) -> tuple[float, float, 
 @compiled
 def _density(state: State, constants: Constants) -> tuple[float, float]:
     return step_density(
-        state.x, state.y, state.vx, state.vy, constants.grains, constants.moments,
+        state.x, state.y, state.vx, state.vy, constants.grains, moments_of(constants),
         state.clock[SQUARE], state.clock[LEAST],
         _sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
         state.piston[SPEED], constants.acting.dipole is not None,

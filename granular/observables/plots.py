@@ -15,7 +15,7 @@ from granular.observables.force_distribution import Histogram
 from granular.observables.forces import piston_force
 from granular.observables.regularity import hexagon_regularity
 from granular.observables.voronoi import VoronoiCells, cell_polygons
-from granular.shared.plotting import COLOURS, GREY, STYLES, figure
+from granular.shared.plotting import COLOURS, GREY, STYLES, figure, plain_label
 
 if TYPE_CHECKING:
     import xarray
@@ -108,7 +108,7 @@ def plot_series(series: xarray.DataArray, axes: Axes | None = None) -> Axes:
     if others:
         for k, label in enumerate(series[others[0]].values):
             line = series.isel({others[0]: k})
-            axes.plot(time, line, STYLES[k % len(STYLES)], label=str(label))
+            axes.plot(time, line, STYLES[k % len(STYLES)], label=plain_label(label))
         axes.legend()
     else:
         axes.plot(time, series)
@@ -157,7 +157,7 @@ def plot_force_distribution(histograms: dict[str, Histogram], axes: Axes | None 
     for k, (name, one) in enumerate(histograms.items()):
         axes.stairs(
             one.density, one.edges, fill=True, alpha=0.35, color=COLOURS[k % len(COLOURS)],
-            label=f"{name}: {one.counts.sum()} grains",
+            label=f"{plain_label(name)}: {one.counts.sum()} grains",
         )  # fmt: skip
     axes.set(xlabel="force on the grain [N]", ylabel="probability density [1/N]")
     axes.legend()

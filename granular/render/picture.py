@@ -12,6 +12,7 @@ from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import View, classes, colouring
 from granular.render.page import INK, draw_walls, new_page, wall_thickness
 from granular.run.trajectory import Trajectory
+from granular.shared.plotting import plain_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,7 +79,7 @@ class BedPicture:
         from matplotlib.patches import Patch
 
         handles = [
-            Patch(facecolor=colour, edgecolor=INK, linewidth=0.5, label=name)
+            Patch(facecolor=colour, edgecolor=INK, linewidth=0.5, label=plain_label(name))
             for name, colour in self._classes.items()
         ]
         if self.colour.needs_cells:
@@ -134,7 +135,7 @@ class BedPicture:
             if on_cells:
                 colours = np.where(view.cells.interior[:, None], to_rgba(DISC), to_rgba(ABSENT))
         self._grains.set_facecolor(colours)
-        self._when.set_text(f"t = {frame.time:.3f} s" + self._stage(frame.time))
+        self._when.set_text(f"t = {frame.time:.3f} s" + plain_label(self._stage(frame.time)))
         self._where.set_text(self._state(frame))
         if frame.height is not None:
             self._piston.set_y(1e3 * frame.height)

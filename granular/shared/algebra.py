@@ -75,7 +75,7 @@ def _choice(name: str) -> Any:
     sign = 1 if name == "max" else -1
     array_name = {"max": "maximum", "min": "minimum"}[name]
 
-    class Choice(sympy.Function):  # type: ignore[misc]
+    class Extreme(sympy.Function):  # type: ignore[misc]
         nargs = 2
 
         def fdiff(self, place: int = 1) -> sympy.Expr:
@@ -92,8 +92,8 @@ def _choice(name: str) -> Any:
             operands = ", ".join(map(printer._print, self.args))
             return f"{printer._module_format(f'{module}.{array_name}')}({operands})"
 
-    Choice.__name__ = name
-    return Choice
+    Extreme.__name__ = name
+    return Extreme
 
 
 def _built(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.shared.messages import visible
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -18,6 +20,18 @@ COLOURS = ("#20639b", "#d1495b", "#3a7d44", "#b8860b", "#6a4c93", "#2a9d8f", "#8
 """Line colours, told apart also with colour-blind eyes when the line styles differ too."""
 STYLES = ("-", "--", "-.", ":")
 GREY = "#9aa5b1"
+_LONGEST_LABEL = 60
+
+
+def line_look(place: int) -> dict[str, Any]:
+    """Colour and style of the line of that place among up to 32: no two are alike."""
+    turn, colour = divmod(place, len(COLOURS))
+    return {"color": COLOURS[colour], "linestyle": STYLES[(place + turn) % len(STYLES)]}
+
+
+def plain_label(words: object) -> str:
+    """A user's words for a figure: short, and never a formula to be set."""
+    return visible(words, _LONGEST_LABEL).replace("$", r"\$")
 
 
 @contextlib.contextmanager

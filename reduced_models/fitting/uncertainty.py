@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.law import compiled_field, compiled_slopes
+from reduced_models.laws.small_swing import small_swing
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import Direction
 
@@ -267,19 +267,7 @@ def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | None:
     Hidden states and inputs are at zero.
     """
     values, shift, scale, _, _ = unknowns.physical(theta)
-    law = unknowns.law
-    force = compiled_field(law.equation, law.inputs, "numpy")
-    slopes = compiled_slopes(law.equation, law.inputs)
-    still = (0.0,) * (1 + len(law.hidden) + len(law.inputs))
-    z = (unknowns.rest - shift) / scale
-    with np.errstate(all="ignore"):
-        for _ in range(50):
-            change = force(z, *still, *values)[0] / slopes(z, *still, *values)[0]
-            z -= change
-            if not math.isfinite(z) or abs(change) <= 1e-15 * max(1.0, abs(z)):
-                break
-        stiffness, damping = (-slope for slope in slopes(z, *still, *values))
-    if not math.isfinite(z) or not stiffness > 0.0:
+    found = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
+    if found is None:
         return None
-    omega = math.sqrt(stiffness)
-    return np.array([shift + scale * z, 2.0 * math.pi / omega, damping / (2.0 * omega)])
+    return np.array([shift + scale * found.z, found.period, found.damping_ratio])

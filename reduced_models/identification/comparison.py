@@ -169,22 +169,24 @@ class Comparison:
 
     def plot(self) -> Figure:
         """Held-out errors of the laws, beside the noise and a piston at rest."""
-        from granular.shared.plotting import COLOURS, GREY, figure
+        from granular.shared.plotting import COLOURS, GREY, figure, plain_label
 
         sound = [row for row in self.rows if not row.failure][::-1]
         with figure(height=1.4 + 0.35 * len(sound)) as (drawing, axes):
             greatest = max(
                 [self.at_rest, *(row.error for row in sound if math.isfinite(row.error))]
             )
-            names = [row.name if len(row.name) < 30 else row.name[:29] + "…" for row in sound]
+            names = [row.name if len(row.name) < 30 else f"{row.name[:29]}…" for row in sound]
             values = [min(100.0 * row.error, 1e3 * greatest) for row in sound]
-            axes.barh(names, values, color=COLOURS[0])
-            for level, label, style in (
+            # By place, since names that are cut may be alike.
+            axes.barh(range(len(sound)), values, color=COLOURS[0])
+            axes.set_yticks(range(len(sound)), [plain_label(name) for name in names])
+            for level, words, style in (
                 (self.at_rest, "a piston at rest", "--"),
                 (self.noise, "noise", ":"),
             ):
                 if level > 1e-3 * min(row.error for row in sound):
-                    axes.axvline(100.0 * level, color=GREY, linestyle=style, label=label)
+                    axes.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
             axes.set_xscale("log")
             axes.set_xlabel("held-out error [% of the rms swing]")
             axes.grid(visible=False, axis="y")

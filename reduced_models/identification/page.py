@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.shared.html import Page, number
-from granular.shared.plotting import COLOURS, GREY, STYLES, draw_bed, figure
+from granular.shared.plotting import COLOURS, GREY, STYLES, draw_bed, figure, line_look, plain_label
 from granular.shared.version import versions
 from reduced_models.identification.comparison import Comparison
 from reduced_models.identification.data import IdentificationData
-from reduced_models.laws.printing import mathml, rounded
+from reduced_models.laws.printing import mathml
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
 
@@ -83,13 +83,14 @@ def _equations(page: Page, found: IdentificationData) -> None:
 def _equation(page: Page, model: ReducedModel, remark: str) -> None:
     page.section(f"{model.law.name}{remark}")
     page.equation(mathml(model.equation))
-    page.equation(mathml(model.law.sympy_equation(rounded(model.parameters))))
+    page.equation(mathml(model.printed_equation))
     for name, rate in model.law.parsed.hidden.items():
         page.text(f"Hidden state: {name}' = {rate}".replace("z_first", "z'"))
     meaning = "z is the height in metres"
     if model.law.mapped:
         how = "fitted" if model.map.fitted else "given, not fitted"
-        meaning = f"{model.map} ({how}), a pure number; the law's time unit is 1 s"
+        height = model.map.text(max(5, model.printed_digits))
+        meaning = f"{height} ({how}), a pure number; the law's time unit is 1 s"
     page.text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
     page.table(
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"),
@@ -124,13 +125,18 @@ def _sentence(words: str) -> str:
 
 
 def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
-    values = dict(model.parameters)
+    values, digits = dict(model.parameters), max(6, model.printed_digits)
     units = dict(model.law.units)
     if model.map.fitted:
         values |= {"shift": model.map.shift, "scale": model.map.scale}
         units |= {"shift": "m", "scale": "m"}
     return [
-        (name, number(value, 6), units.get(name, ""), interval_text(*model.intervals[name], value))
+        (
+            name,
+            number(value, digits),
+            units.get(name, ""),
+            interval_text(*model.intervals[name], value),
+        )
         for name, value in values.items()
     ]
 
@@ -195,9 +201,9 @@ def _record(page: Page, found: IdentificationData) -> None:
             t, height, residual = _thin(
                 time, 1e3 * motion.height, 1e6 * (record.height - motion.height)
             )
-            style = {"color": COLOURS[k], "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.2}
-            top.plot(t, height, label=name, **style)
-            bottom.plot(t, residual, label=name, **style)
+            style = {"linewidth": 1.2, **line_look(k)}
+            top.plot(t, height, label=plain_label(name), **style)
+            bottom.plot(t, residual, label=plain_label(name), **style)
         start = found.best.quality.holdout_from
         if start is not None:
             for axes in (top, bottom):
@@ -220,7 +226,7 @@ def _record(page: Page, found: IdentificationData) -> None:
             assert motion.velocity is not None
             axes.plot(
                 *_thin(1e3 * motion.height, 1e3 * motion.velocity),
-                color=COLOURS[k], linestyle=STYLES[k % len(STYLES)], linewidth=1.0, label=name,
+                linewidth=1.0, label=plain_label(name), **line_look(k),
             )  # fmt: skip
         axes.set_xlabel("height [mm]")
         axes.set_ylabel("velocity [mm/s]")

@@ -23,8 +23,13 @@ class HeightMap:
     fitted: bool = False
 
     def __str__(self) -> str:
+        return self.text()
+
+    def text(self, digits: int = 5) -> str:
+        """The map in words, its numbers cut to so many digits."""
         sign = "-" if self.shift >= 0.0 else "+"
-        return f"z = (height {sign} {abs(self.shift):.5g} m)/({self.scale:.5g} m)"
+        shift, scale = f"{abs(self.shift):.{digits}g}", f"{self.scale:.{digits}g}"
+        return f"z = (height {sign} {shift} m)/({scale} m)"
 
     def to_law(self, height: Any) -> Any:
         """The coordinate z of the law at a height [m]."""

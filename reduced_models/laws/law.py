@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -299,10 +299,17 @@ def compiled_slopes(
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
     acceleration = parsed.acceleration.xreplace(real)
-    slopes = [acceleration.diff(real[by]) for by in (parsed.symbol_z, parsed.symbol_v)]
+    z, v = real[parsed.symbol_z], real[parsed.symbol_v]
+    return slopes_of(acceleration, z, v, list(real.values()))
+
+
+def slopes_of(
+    acceleration: sympy.Expr, z: sympy.Symbol, v: sympy.Symbol, arguments: Sequence[sympy.Symbol]
+) -> Callable[..., tuple[float, float]]:
+    """Derivatives by z and by v as a function of real symbols; see `compiled_slopes`."""
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
-    found = algebra.function_of(list(real.values()), slopes, names)
+    found = algebra.function_of(arguments, [acceleration.diff(by) for by in (z, v)], names)
 
     def both(*values: float) -> tuple[float, float]:
         by_height, by_speed = found(*values)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -11,9 +10,18 @@ if TYPE_CHECKING:
 _MARKS = {"zddot": ("\\ddot{z}", "&#xa8;"), "zdot": ("\\dot{z}", "&#x2d9;")}
 
 
-def rounded(values: Mapping[str, float], digits: int = 4) -> dict[str, float]:
-    """Values cut to a few significant digits."""
-    return {name: float(f"{value:.{digits}g}") for name, value in values.items()}
+def rounded(value: float, digits: int) -> float:
+    """A number cut to so many significant digits."""
+    return float(f"{value:.{digits}g}")
+
+
+def rounded_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
+    """An equation with all its numbers, as they stand in the end, cut to so many digits."""
+    import sympy
+
+    numbers = {one: sympy.Float(rounded(float(one), digits)) for one in equation.atoms(sympy.Float)}
+    sides = (side.xreplace(numbers) for side in (equation.lhs, equation.rhs))
+    return sympy.Eq(*sides, evaluate=False)
 
 
 def _terms(side: Any) -> list[Any]:

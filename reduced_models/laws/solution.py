@@ -11,10 +11,11 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import diffrax
 import numpy as np
+from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
@@ -22,6 +23,19 @@ from reduced_models.laws.law import Law, compiled_field
 from reduced_models.records.inputs import STAGE_TIMES, drive_at
 
 jnp = jax.numpy
+
+Value = jax.Array | float
+"""A number, or one that JAX traces."""
+
+Data = jax.Array | NDArray[Any]
+A = TypeVar("A", jax.Array, NDArray[Any])
+"""Arrays of JAX or of NumPy."""
+
+States = tuple[Value, ...]
+Parameters = tuple[tuple[Value, ...], Value]
+"""Of a law's field in diffrax: the law's own, and the amplitude."""
+
+Ending = Literal["complete", "blow-up", "steps"]
 
 TOLERANCE = 1e-10
 """Relative tolerance of an adaptive solution; times the motion's amplitude, the absolute one."""
@@ -85,16 +99,20 @@ def finer_grid(steps: int) -> int | None:
 
 
 def on_grid(
-    field: Callable[..., Any], start: Sequence[Any], values: Any, drive: Any, step: Any
-) -> tuple[Any, Any, Any]:
+    field: Callable[..., Sequence[Value]],
+    start: Sequence[jax.Array],
+    values: Sequence[Value],
+    drive: Data,
+    step: Value,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """z, its velocity and its acceleration at the points of a uniform grid (for JAX).
 
     ``start`` holds z, its velocity and the hidden states, each of a shape (...) that the three
     (points, ...) keep; ``drive`` (points, stages, inputs) the inputs at the stages of each step.
     """
 
-    def advance(state: Any, inputs: Any) -> Any:
-        slopes: list[Any] = []
+    def advance(state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        slopes: list[jax.Array] = []
         for stage, row in enumerate(_STAGES):
             place = _moved(state, row, slopes, step)
             given = [inputs[stage, k] for k in range(inputs.shape[1])]
@@ -103,16 +121,18 @@ def on_grid(
         return _moved(state, _WEIGHTS, slopes, step), (state[0], state[1], slopes[0][1])
 
     # One array for all of the state: each of the compiled operations costs more than its numbers.
-    _, (z, v, a) = jax.lax.scan(advance, _stacked(start, start[0]), drive)
+    _, (z, v, a) = jax.lax.scan(advance, _stacked(start, start[0]), jnp.asarray(drive))
     return z, v, a
 
 
-def _stacked(parts: Sequence[Any], like: Any) -> Any:
+def _stacked(parts: Sequence[Value], like: jax.Array) -> jax.Array:
     """Numbers or arrays as the rows of one array."""
     return jnp.stack([jnp.broadcast_to(part, jnp.shape(like)) for part in parts])
 
 
-def _moved(state: Any, weights: Sequence[float], slopes: Sequence[Any], step: Any) -> Any:
+def _moved(
+    state: jax.Array, weights: Sequence[float], slopes: Sequence[jax.Array], step: Value
+) -> jax.Array:
     """A state moved along some slopes."""
     for weight, slope in zip(weights, slopes, strict=True):
         if weight:
@@ -120,7 +140,7 @@ def _moved(state: Any, weights: Sequence[float], slopes: Sequence[Any], step: An
     return state
 
 
-def between(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:
+def between(z: A, v: A, a: A, step: Value, place: Data, share: Data) -> A:
     """Quintic Hermite values of z, a share of a step behind grid points."""
     s = share
     s3 = s * s * s
@@ -152,27 +172,29 @@ class Solution:
 
     z: np.ndarray
     velocity: np.ndarray
-    ending: Literal["complete", "blow-up", "steps"]
+    ending: Ending
 
 
 Motion = Solution  # its former name
 
 
 @functools.cache
-def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., Any]:
+def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
     rates = compiled_field(equation)
 
-    def field(t: Any, state: Any, parameters: Any) -> Any:
+    def field(t: object, state: States, parameters: Parameters) -> States:
         # Hidden states, whose own size is 1 or so, are carried in amplitudes, for one tolerance.
         z, v, *memory = state
         values, size = parameters
         a, *changes = rates(z, v, *(each / size for each in memory), *values)
         return v, a, *(size * change for change in changes)
 
-    def far_away(t: Any, state: Any, parameters: Any, **_: Any) -> Any:
+    def far_away(t: object, state: States, parameters: Parameters, **_: object) -> jax.Array:
         return jnp.abs(state[0]) > FAR * parameters[1]
 
-    def solve(times: Any, z0: Any, v0: Any, parameters: Any, size: Any) -> Any:
+    def solve(
+        times: jax.Array, z0: jax.Array, v0: jax.Array, parameters: tuple[Value, ...], size: Value
+    ) -> tuple[jax.Array, ...]:
         # A dense solution: asking for times here would check them by a callback into Python, and
         # code with callbacks cannot be kept on disk.
         start = (z0, v0, *(jnp.zeros_like(z0) for _ in range(hidden)))
@@ -226,7 +248,7 @@ def solution(
         z, v, complete, blown_up = solve(padded, float(z0), float(v0), values, float(size))
         if complete or blown_up:
             break
-    ending: Any = "complete" if complete else ("blow-up" if blown_up else "steps")
+    ending: Ending = "complete" if complete else ("blow-up" if blown_up else "steps")
     return Solution(np.asarray(z)[:count], np.asarray(v)[:count], ending)
 
 
@@ -235,10 +257,14 @@ _DRIVEN_TOLERANCE = 1e-7
 
 
 @functools.cache
-def _gridded(equation: str, inputs: tuple[str, ...], hidden: int) -> Callable[..., Any]:
+def _gridded(
+    equation: str, inputs: tuple[str, ...], hidden: int
+) -> Callable[..., tuple[jax.Array, ...]]:
     field = compiled_field(equation, inputs)
 
-    def solve(start: Any, values: Any, drive: Any, step: Any) -> Any:
+    def solve(
+        start: tuple[jax.Array, ...], values: tuple[Value, ...], drive: jax.Array, step: Value
+    ) -> tuple[jax.Array, ...]:
         state = (*start, *(jnp.zeros_like(start[0]) for _ in range(hidden)))
         return on_grid(field, state, values, drive, step)
 
@@ -278,7 +304,7 @@ def _driven_solution(
     return Solution(before[0], before[1], "steps")
 
 
-def _slope(z: Any, v: Any, a: Any, step: Any, place: Any, share: Any) -> Any:
+def _slope(z: A, v: A, a: A, step: Value, place: A, share: A) -> A:
     """Derivative of `between` by time."""
     s = share
     rise = 30.0 * s * s * (1.0 - s) ** 2

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +39,8 @@ class ResidualFunctions(NamedTuple):
         (theta (p,), samples, scales) -> weighted residuals (n,), in amplitudes.
     """
 
-    normal: Callable[..., Any]
-    residual: Callable[..., Any]
+    normal: Callable[..., tuple[jax.Array, ...]]
+    residual: Callable[..., jax.Array]
 
     def of(self, samples: Samples, scales: np.ndarray) -> Normal:
         """The normal equations of given data."""
@@ -60,7 +60,7 @@ def _compiled(
     field = compiled_field(equation, inputs)
     hidden = len(parse(equation, inputs).hidden)
 
-    def residuals(vectors: Any, samples: Any, scales: Any) -> Any:
+    def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
         step, place, share, height, weight, drive = samples
         values, shift, scale, z0, v0 = physical(vectors, scales, logarithmic, fits_map, jnp)
@@ -68,17 +68,17 @@ def _compiled(
         grid = on_grid(field, start, values, drive, step)
         z = between(*grid, step, place, share[:, None])
         found = (shift + scale * z - height[:, None]) / scales[1]
-        return weight[:, None] * jnp.where(jnp.abs(found) < BLOWN_UP, found, BLOWN_UP)
+        return jnp.where(jnp.abs(found) < BLOWN_UP, found, BLOWN_UP) * weight[:, None]
 
-    def residual(theta: Any, samples: Any, scales: Any) -> Any:
+    def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         return residuals(theta[:, None], samples, scales)[:, 0]
 
-    def normal(theta: Any, samples: Any, scales: Any) -> Any:
+    def normal(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, ...]:
         # Starts side by side in the last axis, directions before them: that vectorises best.
         vectors = theta.T
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
 
-        def slope(direction: Any) -> Any:
+        def slope(direction: jax.Array) -> tuple[jax.Array, jax.Array]:
             return jax.jvp(lambda each: residuals(each, samples, scales), (vectors,), (direction,))
 
         left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)

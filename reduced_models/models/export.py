@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import keyword
+import re
+from collections.abc import Sequence
+
 import numpy as np
 
-from reduced_models.laws.printing import latex, rounded
+from granular.shared.grammar import MOST_SIGNS
+from granular.shared.messages import visible
 from reduced_models.models.fitted_law import FittedLaw
 
 _TEMPLATE = '''"""The law {name}, fitted: {equation}
@@ -34,16 +39,19 @@ def simulate(times, state=INITIAL, {inputs_default}steps=8):
     state, heights = numpy.array(state, dtype=float), [state[0]]
     for start, stop in zip(times[:-1], times[1:]):
         step = (stop - start) / steps
-        for k in range(steps):
-            now = start + k * step
-            k1 = rates(state{at_0})
-            k2 = rates(state + 0.5 * step * k1{at_half})
-            k3 = rates(state + 0.5 * step * k2{at_half})
-            k4 = rates(state + step * k3{at_1})
-            state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        for place in range(steps):
+            now = start + place * step
+            slope_1 = rates(state{at_0})
+            slope_2 = rates(state + 0.5 * step * slope_1{at_half})
+            slope_3 = rates(state + 0.5 * step * slope_2{at_half})
+            slope_4 = rates(state + step * slope_3{at_1})
+            state = state + step / 6 * (slope_1 + 2 * slope_2 + 2 * slope_3 + slope_4)
         heights.append(state[0])
     return numpy.array(heights)
 '''
+
+
+_TAKEN = frozenset(re.findall(r"[A-Za-z_]\w*", _TEMPLATE))
 
 
 def numpy_source(model: FittedLaw) -> str:
@@ -51,21 +59,29 @@ def numpy_source(model: FittedLaw) -> str:
 
     Inputs of the law, where it has any, are functions of time there.
     """
+    import sympy
     from sympy.printing.numpy import NumPyPrinter
 
     law, parsed = model.law, model.law.parsed
     doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
-    hidden, inputs = law.hidden, law.inputs
+    safe = _safe_names((*law.parameters, *law.hidden, *law.inputs))
+    symbols = {sympy.Symbol(name): sympy.Symbol(other) for name, other in safe.items()}
+    own, hidden, inputs = (
+        [safe[name] for name in names] for names in (law.parameters, law.hidden, law.inputs)
+    )
     low, high = model.domain.get("height", (-np.inf, np.inf))
 
     def at(place: str) -> str:
         return "".join(f", {name}({place})" for name in inputs)
 
+    def code(expression: sympy.Expr) -> str:
+        return str(doprint(expression.xreplace(symbols)))
+
     return _TEMPLATE.format(
-        name=law.name,
-        equation=law.equation,
-        source=law.source or "own",
-        data=model.provenance.get("data", "unknown"),
+        name=_quotable(law.name),
+        equation=_quotable(law.equation),
+        source=_quotable(law.source or "own"),
+        data=_quotable(model.provenance.get("data", "unknown")),
         low=low,
         high=high,
         parameters=repr({name: float(model.parameters[name]) for name in law.parameters}),
@@ -77,14 +93,30 @@ def numpy_source(model: FittedLaw) -> str:
         hidden_names="".join(f", {name}" for name in hidden),
         inputs="".join(f"{name}, " for name in inputs),
         inputs_default="".join(f"{name}=lambda t: 0.0, " for name in inputs),
-        names=", ".join(law.parameters) + ("," if len(law.parameters) == 1 else ""),
+        names=", ".join(own) + ("," if len(own) == 1 else ""),
         name_list=repr(law.parameters),
-        acceleration=doprint(parsed.acceleration),
-        hidden_rates="".join(f", {doprint(rate)}" for rate in parsed.hidden.values()),
+        acceleration=code(parsed.acceleration),
+        hidden_rates="".join(f", {code(rate)}" for rate in parsed.hidden.values()),
         at_0=at("now"),
         at_half=at("now + 0.5 * step"),
         at_1=at("now + step"),
     )
+
+
+def _safe_names(names: Sequence[str]) -> dict[str, str]:
+    """Names for Python code: those that it has itself get an underscore."""
+    found: dict[str, str] = {}
+    for name in names:
+        other = name
+        while keyword.iskeyword(other) or other in _TAKEN or (other != name and other in names):
+            other += "_"
+        found[name] = other
+    return found
+
+
+def _quotable(words: str) -> str:
+    """A text that can stand in a docstring, whatever it holds."""
+    return visible(words, MOST_SIGNS).replace("\\", "\\\\").replace('"', "'")
 
 
 def equations_text(model: FittedLaw) -> str:
@@ -94,8 +126,7 @@ def equations_text(model: FittedLaw) -> str:
         unit = {"height": "m", "velocity": "m/s"}.get(name, "")
         lines.append(f"  seen: {name} from {low:.5g} to {high:.5g} {unit}".rstrip())
     lines += [f"  {name}: {words}" for name, words in model.provenance.items()]
-    values = rounded(model.parameters)
-    lines += ["", "LaTeX:", model.latex, latex(model.law.sympy_equation(values))]
+    lines += ["", "LaTeX:", model.latex, model.fitted_latex]
     for name, rate in model.law.parsed.hidden.items():
         lines.append(f"hidden state: {name}' = {rate}".replace("z_first", "z'"))
     return "\n".join(lines) + "\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -12,13 +13,19 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.laws.printing import latex, rounded
+from reduced_models.laws.printing import latex, rounded, rounded_equation
+from reduced_models.laws.small_swing import small_swing, swing_of_equation
 from reduced_models.records.inputs import column
 
 if TYPE_CHECKING:
     import sympy
 
     from reduced_models.laws.solution import Solution
+
+FEWEST_DIGITS, MOST_DIGITS = 4, 15
+"""Of printed numbers; a double holds 15."""
+_FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
+"""What no interval has to be narrower than: that of a noiseless record, or of what a law fixes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,8 +87,45 @@ class FittedLaw:
 
     @property
     def fitted_latex(self) -> str:
-        """The law in LaTeX, with the fitted numbers to four digits."""
-        return latex(self.law.sympy_equation(rounded(self.parameters)))
+        """The law in LaTeX, with the fitted numbers to `printed_digits`."""
+        return latex(self.printed_equation)
+
+    @functools.cached_property
+    def printed_digits(self) -> int:
+        """Digits with which the equation says where the piston rests and how it swings there.
+
+        The fewest from four on with which level, period and damping ratio of the printed equation,
+        and of the printed parameters, lie within their intervals.
+        """
+        if self.at_rest is None:
+            return FEWEST_DIGITS
+        enough = (digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._tells(digits))
+        return next(enough, MOST_DIGITS)
+
+    def _tells(self, digits: int) -> bool:
+        """Whether so many digits say where the piston rests and how it swings there."""
+        assert self.at_rest is not None
+        z = self.map.to_law(self.at_rest.height)
+        values = [rounded(self.parameters[name], digits) for name in self.law.parameters]
+        shift, scale = (rounded(each, max(digits, 5)) for each in (self.map.shift, self.map.scale))
+        for swing in (
+            swing_of_equation(rounded_equation(self.fitted_equation, digits), z),
+            small_swing(self.law, values, z),
+        ):
+            if swing is None:
+                return False
+            printed = (shift + scale * swing.z, swing.period, swing.damping_ratio)
+            for (name, floor), figure in zip(_FLOORS.items(), printed, strict=True):
+                low, high = self.at_rest.intervals[name]
+                slack = floor * abs(getattr(self.at_rest, name))
+                if not low - slack <= figure <= high + slack:
+                    return False
+        return True
+
+    @property
+    def printed_equation(self) -> sympy.Eq:
+        """The law in z(t), with the fitted numbers to `printed_digits`."""
+        return rounded_equation(self.fitted_equation, self.printed_digits)
 
     def simulate(
         self,

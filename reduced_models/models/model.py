@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,13 +13,14 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
+from granular.shared.messages import visible
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, response
 from reduced_models.models.fitted_law import AtRest, FittedLaw
+from reduced_models.models.schema import FORMAT, checked, read_model
 
-FORMAT = 1
 _MARGIN = 0.05  # of the range of heights seen
 
 
@@ -185,16 +185,18 @@ class ReducedModel(FittedLaw):
         )
 
     def __str__(self) -> str:
-        lines = [f"{self.law.name}: {self.law.equation}"]
+        lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
         if self.law.mapped:
-            lines.append(f"  {self.map}" + ("" if self.map.fitted else " (given)"))
+            lines.append(f"  {self.map.text(digits)}" + ("" if self.map.fitted else " (given)"))
         values = dict(self.parameters)
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}
         for name, value in values.items():
             low, high = self.intervals[name]
             unit = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
-            lines.append(f"  {name} = {value:.5g} {unit}  [{low:.5g}, {high:.5g}]")
+            lines.append(
+                f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]"
+            )
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             lines.append(
@@ -249,28 +251,22 @@ class ReducedModel(FittedLaw):
         InputError
             If the data are not those of a model.
         """
-        try:
-            at_rest = plain["at_rest"]
-            return cls(
-                law=_law_from_plain(plain),
-                parameters=plain["parameters"],
-                intervals=_pairs(plain["intervals"]),
-                confidence=plain["confidence"],
-                map=HeightMap(**plain["map"]),
-                initial=(plain["initial"][0], plain["initial"][1]),
-                at_rest=None
-                if at_rest is None
-                else AtRest(**{**at_rest, "intervals": _pairs(at_rest["intervals"])}),
-                quality=_quality_from_plain(plain["quality"]),
-                undetermined=tuple(Direction(**direction) for direction in plain["undetermined"]),
-                domain=_pairs(plain["domain"]),
-                notes=tuple(plain["notes"]),
-                provenance=dict(plain.get("provenance", {})),
-            )
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"the data are not those of a reduced model: {error!r}") from None
+        data = checked(plain)
+        at_rest = data["at_rest"]
+        return cls(
+            law=_law_from_plain(data),
+            parameters=data["parameters"],
+            intervals=data["intervals"],
+            confidence=data["confidence"],
+            map=HeightMap(**data["map"]),
+            initial=(data["initial"][0], data["initial"][1]),
+            at_rest=None if at_rest is None else AtRest(**at_rest),
+            quality=_quality_from_plain(data["quality"]),
+            undetermined=tuple(Direction(**direction) for direction in data["undetermined"]),
+            domain=data["domain"],
+            notes=tuple(data["notes"]),
+            provenance=data.get("provenance", {}),
+        )
 
 
 def _law_from_plain(plain: Mapping[str, Any]) -> Law:
@@ -279,14 +275,18 @@ def _law_from_plain(plain: Mapping[str, Any]) -> Law:
         name=plain["law"],
         equation=plain["equation"],
         positive=tuple(plain["positive"]),
-        units=dict(plain["units"]),
-        mapped=bool(plain["mapped"]),
+        units=plain["units"],
+        mapped=plain["mapped"],
         source=plain["source"],
         inputs=tuple(plain.get("inputs", ())),
-        resolution=int(plain.get("resolution", 1)),
+        resolution=plain.get("resolution", 1),
     )
     if set(own.parameters) != set(plain["parameters"]):
-        raise ValueError("the equation does not have the parameters that are given")
+        raise InputError(
+            "the data are not those of a reduced model: the equation has the parameters "
+            f"{', '.join(own.parameters) or 'none'}, and values are given of "
+            f"{', '.join(map(visible, plain['parameters'])) or 'none'}; correct one of them"
+        )
     packaged = LAWS.get(own.name)
     return packaged if packaged is not None and packaged.equation == own.equation else own
 
@@ -298,16 +298,6 @@ def _quality_from_plain(plain: Mapping[str, Any]) -> Quality:
     return quality
 
 
-def _pairs(plain: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    def number(value: float | None, instead: float) -> float:
-        return instead if value is None else float(value)
-
-    return {
-        name: (number(low, -math.inf), number(high, math.inf))
-        for name, (low, high) in plain.items()
-    }
-
-
 def load_model(path: str | Path) -> ReducedModel:
     """A model from the JSON file that `ReducedModel.save` wrote.
 
@@ -316,10 +306,8 @@ def load_model(path: str | Path) -> ReducedModel:
     InputError
         If there is no such file, or it holds no model.
     """
+    plain = read_model(Path(path))
     try:
-        plain = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a model: {error}") from None
-    if not isinstance(plain, dict):
-        raise InputError(f"{path}: holds no model; give the model.json that was saved")
-    return ReducedModel.from_plain(plain)
+        return ReducedModel.from_plain(plain)
+    except InputError as error:
+        raise InputError(f"{visible(path)}: {error}") from None

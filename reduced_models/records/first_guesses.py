@@ -11,8 +11,10 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 
 LEAST_SAMPLES = 20
-LARGEST = 1e12
-"""Greatest height [m]; squares and cubes of heights stay far from overflow."""
+LARGEST, SMALLEST = 1e12, 1e-18
+"""Greatest height, and least swing [m]; squares and cubes stay far from overflow and from zero."""
+LONGEST, SHORTEST = 1e12, 1e-12
+"""Of records [s], likewise: thirty thousand years, and the time of a sound through an atom."""
 LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
@@ -122,10 +124,15 @@ def first_guesses(record: PistonRecord) -> FirstGuesses:
             f"the record has heights up to {largest:g} m, and {LARGEST:g} m is the most that can "
             "be reckoned with: check the units"
         )
+    if not SHORTEST <= time[-1] <= LONGEST:
+        raise RecordError(
+            f"the record lasts {time[-1]:g} s, and {SHORTEST:g} to {LONGEST:g} s can be reckoned "
+            "with: check the units"
+        )
     rest = float(height[-len(height) // 3 :].mean())
     swing = height - rest
     amplitude = float(np.abs(swing).max())
-    if amplitude <= 1e-12 * max(abs(rest), 1e-300):
+    if amplitude <= max(1e-12 * abs(rest), SMALLEST):
         raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
     threshold = min(max(0.01 * amplitude, 4.0 * noise_level(height, time)), 0.5 * amplitude)
     passages = crossings(time, swing, threshold)
@@ -171,15 +178,15 @@ def _initial_motion(time: np.ndarray, height: np.ndarray, half: float) -> tuple[
 
 def _decay(time: np.ndarray, swing: np.ndarray, half: float) -> float:
     """Slope of the logarithm of the greatest swing in each half period."""
-    edges = np.arange(0.0, time[-1], half)
-    peaks = []
-    for start in edges:
-        inside = (time >= start) & (time < start + half)
-        if inside.any():
-            peaks.append((start + 0.5 * half, float(np.abs(swing[inside]).max())))
-    middle, peak = np.array(peaks).T
+    edges = half * np.floor(time / half)
+    first = np.flatnonzero(np.diff(edges, prepend=-1.0))
+    first = first[edges[first] < time[-1]]
+    middle = edges[first] + 0.5 * half
+    peak = np.maximum.reduceat(np.abs(swing), first)
     lively = peak > 0.02 * peak.max()
     if lively.sum() < 2:
         return 1.0 / float(time[-1])
-    slope = -np.polynomial.Polynomial.fit(middle[lively], np.log(peak[lively]), 1).convert().coef[1]
+    line = np.polynomial.Polynomial.fit(middle[lively], np.log(peak[lively]), 1).convert()
+    # Where all peaks are equal, the slope is left out.
+    slope = -line.coef[1] if len(line.coef) > 1 else 0.0
     return float(np.clip(slope, 0.01 / time[-1], math.pi / half))

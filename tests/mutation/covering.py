@@ -20,33 +20,34 @@ class Stage(NamedTuple):
 
 
 _FORCES = "tests/physics/test_forces.py"
+_SMALL = "tests/plain_python"
 
 _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     "granular/effects/contact": (
-        Stage(False, (_FORCES,)),
+        Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics/test_contact.py",)),
     ),
     "granular/effects/friction": (
-        Stage(False, (_FORCES,)),
+        Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics/test_friction.py", "tests/granular/run/test_drive.py")),
     ),
     "granular/effects/wall": (
-        Stage(False, (_FORCES,)),
+        Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics/test_walls.py", "tests/granular/scene/test_scene.py")),
     ),
     "granular/effects": (
-        Stage(False, (_FORCES, "tests/convergence/test_order.py")),
+        Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),
     ),
     "granular/engine": (
-        Stage(False, (_FORCES, "tests/convergence/test_order.py")),
+        Stage(False, (_FORCES, _SMALL)),
         Stage(
             True,
             ("tests/granular/run", "tests/physics", "tests/granular/protocol", "tests/regression"),
         ),
     ),
     "granular/pairs": (
-        Stage(False, (_FORCES, "tests/granular/pairs/test_verlet_list.py")),
+        Stage(False, (_FORCES, _SMALL, "tests/granular/pairs/test_verlet_list.py")),
         Stage(True, ("tests/physics/test_pair_sum.py", "tests/granular/pairs")),
     ),
     "reduced_models": (

@@ -1,0 +1,243 @@
+"""What the plain data of a model must be, checked before anything is made of them.
+
+A file of a model may come from anybody. Each check reads one value and gives it back; what does not
+fit is named by the path that leads to it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
+from granular.shared.files import read_text
+from granular.shared.grammar import MOST_SIGNS
+from granular.shared.messages import quoted, visible
+
+FORMAT = 1
+"""Of the files that are written and read."""
+
+_MOST_BYTES = 8 * 2**20  # a hundred times a model with all its notes
+_MOST_ITEMS = 200
+_LONGEST = 4000  # signs of a note
+_LARGEST = 1e100  # of a number: its square and cube are numbers still
+_MOST_RESOLUTION = 64
+
+Check = Callable[[str, Any], Any]
+
+
+def _wrong(where: str, value: object, wanted: str) -> InputError:
+    return InputError(
+        f"the data are not those of a reduced model: {visible(where)} is {quoted(value)}; {wanted} "
+        "is wanted"
+    )
+
+
+def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
+    def check(where: str, value: Any) -> float:
+        good = isinstance(value, int | float) and not isinstance(value, bool)
+        if not good or not least <= value <= most:
+            raise _wrong(where, value, f"a number from {least:g} to {most:g}")
+        return float(value)
+
+    return check
+
+
+def _whole(least: int, most: int) -> Check:
+    def check(where: str, value: Any) -> int:
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise _wrong(where, value, f"a whole number from {least} to {most}")
+        return value
+
+    return check
+
+
+def _flag(where: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise _wrong(where, value, "true or false")
+    return value
+
+
+def _text(longest: int = _LONGEST, *, lines: bool = False) -> Check:
+    def check(where: str, value: Any) -> str:
+        if not isinstance(value, str) or len(value) > longest:
+            raise _wrong(where, value, f"a text of at most {longest} signs")
+        if not (" ".join(value.split()) if lines else value).isprintable():
+            raise _wrong(where, value, "a text that can be printed")
+        return value
+
+    return check
+
+
+def _format(where: str, value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value != FORMAT:
+        raise _wrong(where, value, f"{FORMAT}, the one that this release reads,")
+    return value
+
+
+def _maybe(check: Check) -> Check:
+    """Null, or what another check wants."""
+    return lambda where, value: None if value is None else check(where, value)
+
+
+def _list(each: Check, most: int = _MOST_ITEMS) -> Check:
+    def check(where: str, value: Any) -> list[Any]:
+        if not isinstance(value, list | tuple) or len(value) > most:
+            raise _wrong(where, value, f"a list of at most {most} items")
+        return [each(f"{where}.{place}", item) for place, item in enumerate(value)]
+
+    return check
+
+
+def _pair(where: str, value: Any) -> tuple[float, float]:
+    """Two numbers in order; null stands for an infinite one."""
+    ends = _list(_maybe(_number(-math.inf, math.inf)), 2)(where, value)
+    if len(ends) != 2:
+        raise _wrong(where, value, "a pair")
+    low, high = -math.inf if ends[0] is None else ends[0], math.inf if ends[1] is None else ends[1]
+    if low > high:
+        raise _wrong(where, value, "a pair in order")
+    return low, high
+
+
+def _table(each: Check) -> Check:
+    def check(where: str, value: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping) or len(value) > _MOST_ITEMS:
+            raise _wrong(where, value, f"a table of at most {_MOST_ITEMS} entries")
+        return {_text(200)(where, key): each(f"{where}.{key}", item) for key, item in value.items()}
+
+    return check
+
+
+def _shape(needed: Mapping[str, Check], others: Mapping[str, Check] | None = None) -> Check:
+    """A table with given keys; those in ``others`` may be missing."""
+    known = {**needed, **(others or {})}
+
+    def check(where: str, value: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise _wrong(where, value, "a table")
+        for key in value:
+            if key not in known:
+                raise InputError(
+                    "the data are not those of a reduced model: "
+                    f"{visible(where)}: {unknown(str(key), tuple(known), 'key')}"
+                )
+        for key in needed:
+            if key not in value:
+                raise InputError(
+                    f"the data are not those of a reduced model: {visible(where)}: {key!r} is "
+                    "missing; give the file that was saved"
+                )
+        return {key: known[key](f"{where}.{key}", item) for key, item in value.items()}
+
+    return check
+
+
+_SIZE = _number(0.0)
+_MODEL = _shape(
+    {
+        "format": _format,
+        "law": _text(MOST_SIGNS),
+        "equation": _text(MOST_SIGNS, lines=True),
+        "parameters": _table(_number()),
+        "units": _table(_text(200)),
+        "positive": _list(_text(200)),
+        "mapped": _flag,
+        "source": _text(),
+        "intervals": _table(_pair),
+        "confidence": _number(0.0, 1.0),
+        "map": _shape({"shift": _number(), "scale": _number(), "fitted": _flag}),
+        "initial": _list(_number(), 2),
+        "at_rest": _maybe(
+            _shape(
+                {
+                    "height": _number(),
+                    "period": _SIZE,
+                    "damping_ratio": _number(),
+                    "intervals": _shape(
+                        dict.fromkeys(("height", "period", "damping_ratio"), _pair)
+                    ),
+                }
+            )
+        ),
+        "quality": _shape(
+            {
+                "residual": _SIZE,
+                "relative": _SIZE,
+                "holdout": _maybe(_number(0.0, math.inf)),
+                "holdout_from": _maybe(_number()),
+                "starts": _whole(0, 10**9),
+                "converged": _whole(0, 10**9),
+                "samples": _whole(0, 10**12),
+                "solver_error": _SIZE,
+            },
+            {"holdout_at_rest": _maybe(_SIZE), "noise": _SIZE, "correlation": _SIZE},
+        ),
+        "undetermined": _list(_shape({"powers": _table(_number()), "spread": _SIZE})),
+        "domain": _table(_pair),
+        "notes": _list(_text()),
+    },
+    {
+        "latex": _text(100_000),
+        "inputs": _list(_text(200)),
+        "resolution": _whole(1, _MOST_RESOLUTION),
+        "provenance": _table(_text()),
+    },
+)
+
+
+def checked(data: object) -> dict[str, Any]:
+    """The plain data of a model, if they are such; pairs with infinite ends for null.
+
+    Raises
+    ------
+    InputError
+        If they are not; the message says which entry, what it is, and what is wanted.
+    """
+    found: dict[str, Any] = _MODEL("model", data)
+    parameters = found["parameters"]
+    for name in found["positive"]:
+        if not parameters.get(name, 0.0) > 0.0:
+            raise _wrong(f"model.parameters.{name}", parameters.get(name), "a number above 0")
+    fitted = ("shift", "scale") if found["map"]["fitted"] else ()
+    for name in (*parameters, *fitted):
+        if name not in found["intervals"]:
+            raise _wrong(f"model.intervals.{name}", None, "a pair")
+    if not found["map"]["scale"]:
+        raise _wrong("model.map.scale", 0.0, "another number")
+    if len(found["initial"]) != 2:
+        raise _wrong("model.initial", found["initial"], "a pair")
+    return found
+
+
+def read_model(path: Path) -> dict[str, Any]:
+    """The plain data in a model's file, not checked yet.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it holds no JSON object.
+    """
+    text = read_text(path, _MOST_BYTES)
+    try:
+        plain = json.loads(text, parse_constant=_refuse, object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{visible(path)}: cannot be read as a model: {error}") from None
+    if not isinstance(plain, dict):
+        raise InputError(f"{visible(path)}: holds no model; give the model.json that was saved")
+    return plain
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number in JSON; correct it")
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("an entry is there twice; drop one")
+    return found

@@ -1,0 +1,257 @@
+"""One grammar for all formulas: what it reads, what it refuses, and that nothing is run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from granular.shared import grammar
+from granular.shared.algebra import expression, function_of
+from granular.shared.grammar import Applied, FormulaError, Name, Number, parse
+
+
+def value(text: str, **given: float) -> float:
+    """Of a formula, by way of SymPy and NumPy."""
+    import sympy
+
+    symbols = [sympy.Symbol(name) for name in given]
+    return float(function_of(symbols, expression(parse(text)))(*given.values()))
+
+
+READ = {
+    "1/3 + 0.25": 1 / 3 + 0.25,
+    "2 - 3 - 4": -5.0,
+    "24/2/3*4": 16.0,
+    "-3**2": -9.0,
+    "2**3**2": 512.0,
+    "2^3": 8.0,
+    "-(-3)": 3.0,
+    "+.5e1": 5.0,
+    "pi": math.pi,
+    "π/2": math.pi / 2,
+    "e**2": math.e**2,
+    "abs(-3)": 3.0,
+    "Abs(-3)": 3.0,
+    "sign(-3) + sign(0)": -1.0,
+    "heaviside(2) + heaviside(-2)": 1.0,
+    "max(1, 3, 2)": 3.0,
+    "min(1, 3, 2)": 1.0,
+    "Max(min(3, 4), 2)": 3.0,
+    "ln(e)": 1.0,
+    "sqrt(16)": 4.0,
+    "sinh(1)**2 - cosh(1)**2": -1.0,
+    "tan(0.3)*cos(0.3)/sin(0.3)": 1.0,
+    "asin(0.3) + acos(0.3)": math.pi / 2,
+    "atan(1) + log(exp(2)) + tanh(0)": math.pi / 4 + 2,
+    " ( 1\n+\t1 ) ": 2.0,
+}
+
+
+@pytest.mark.parametrize("text", READ)
+def test_formulas_have_the_values_that_they_mean(text: str) -> None:
+    assert value(text) == pytest.approx(READ[text], rel=1e-14)
+
+
+def test_names_keep_their_order_and_primes() -> None:
+    tree = parse("λ*z'' + rest_1*(z' - max(z, lambda)) + z")
+    assert [one.text for one in grammar.names(tree)] == ["λ", "z''", "rest_1", "z'", "z", "lambda"]
+    assert grammar.constants(parse("pi*k + e"), parse("e")) == ("pi", "e")
+    assert parse("-k") == Applied("-", (Name("k"),))
+    assert parse("k*0.10") == Applied("*", (Name("k"), Number("0.10")))
+
+
+def test_twins_of_greek_letters_are_one_name() -> None:
+    """Micro sign and mu look alike, and so do the two forms of phi."""
+    assert parse("\u00b5*\u03d5") == parse("\u03bc*\u03c6")
+
+
+def test_names_of_python_s_are_names() -> None:
+    """A compiled function has none of them in its source."""
+    names = ("lambda", "def", "numpy", "exit", "open", "a0000", "x0", "None", "class", "math")
+    assert value(" + ".join(names), **dict.fromkeys(names, 1.5)) == 15.0
+
+
+HOSTILE = {
+    "attribute": "z.subs(z, y)",
+    "attribute of a number": "(1).real",
+    "chain of attributes": "z.__class__.__mro__",
+    "dunder": "__import__",
+    "dunder call": "__import__('os').system('true')",
+    "dunder name": "z + __builtins__",
+    "lambda": "(lambda: 1)()",
+    "lambda of z": "lambda z: z",
+    "list": "[z, 1]",
+    "comprehension": "[z for z in y]",
+    "generator": "sum(z for z in y)",
+    "set": "{z}",
+    "dictionary": "{1: z}",
+    "string": "z + 'rm'",
+    "double quotes": 'z + "rm"',
+    "bytes": "b'rm'",
+    "f-string": "f'{z}'",
+    "triple quotes": "'''z'''",
+    "subscript": "z[0]",
+    "slice": "z[1:2]",
+    "walrus": "(z := 1)",
+    "assignment": "z = 1",
+    "keyword": "exp(x=1)",
+    "star": "exp(*z)",
+    "two stars": "exp(**z)",
+    "starred": "(*z, 1)",
+    "tuple": "(z, 1)",
+    "condition": "1 if z else 2",
+    "comparison": "z < 1",
+    "chained comparison": "0 < z < 1",
+    "and": "z and 1",
+    "not": "not z",
+    "bit operation": "z | 1",
+    "shift": "z << 1",
+    "matrix product": "z @ z",
+    "division with floor": "z // 2",
+    "remainder": "z % 2",
+    "statement": "import os",
+    "two statements": "z; import os",
+    "comment": "z # + 1",
+    "backslash": "z \\ 1",
+    "await": "await z",
+    "yield": "(yield z)",
+    "call of a name": "system(1)",
+    "call of a call": "exp(1)(2)",
+    "call of a number": "2(3)",
+    "evaluation": "eval(z)",
+    "decorated": "@z",
+    "ellipsis": "...",
+    "imaginary": "1j*z",
+    "hexadecimal": "0x1F",
+    "underscore in a number": "1_000",
+    "huge power": "9**9**9",
+    "power of a sum": "(a + b + c + z)**200",
+    "power of a power": "((a + z)**40)**40",
+    "product of sums": "*".join(f"(a{k} + b)" for k in range(24)),
+    "product of roots": "(sqrt(2) + sqrt(3) + sqrt(5) + sqrt(7))**60",
+    "signs": "-" * 5000 + "z",
+    "fewer signs": "-" * 400 + "z",
+    "brackets": "(" * 5000 + "z" + ")" * 5000,
+    "fewer brackets": "(" * 90 + "z" + ")" * 90,
+    "calls": "exp(" * 60 + "z" + ")" * 60,
+    "tower": "z**" * 200 + "z",
+    "divisions": "z/" * 200 + "z",
+    "characters": "1" * 10**6,
+    "digits": "1" * 100,
+    "letters": "z" * 100,
+    "many names": "+".join(["z"] * 1000),
+    "infinite": "1e999",
+    "infinite value": "exp(1e4)",
+    "tiny": "1e-300*z",
+    "zero": "z/0",
+    "hidden zero": "z/(2 - 2)",
+    "zero after all": "1/(z - z)",
+    "root": "sqrt(-1)",
+    "logarithm": "log(0)",
+    "cube root": "(-8)**(1/3)",
+    "cyrillic": "\u0435xp(z)",
+    "full width": "\uff45\uff58\uff50(z)",
+    "full-width digits": "\uff11 + z",
+    "mathematical letter": "\U0001d467 + 1",
+    "superscript": "z²",
+    "minus sign": "z − 1",
+    "invisible": "z\u200b + 1",
+    "right to left": "z \u202e+ 1",
+    "null": "z\x00",
+    "escape": "z \x1b[2J",
+    "no-break space": "z\u00a0+ 1",
+    "prime before": "'z",
+    "prime of a function": "sin' + 1",
+    "prime of a number": "pi' + 1",
+    "function alone": "exp + 1",
+    "too few": "exp()",
+    "too many": "exp(1, 2)",
+    "nothing": "",
+    "blank": "  ",
+    "two operands": "a b",
+    "two signs": "a * / b",
+    "open": "(a + b",
+    "closed": "a + b)",
+    "empty": "()",
+    "two points": "1.2.3",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_all_else_is_refused_in_one_line(name: str) -> None:
+    with pytest.raises(FormulaError) as caught:
+        expression(parse(HOSTILE[name]))
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) < 400
+    assert "; " in message or ": " in message  # what is wrong, and what to write
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("2*z + 3x", "a sign is missing at 'x'; write *"),
+        ("k(z - r)", "'k' is no function at 'k(z - r)'; write k*(...)"),
+        ("a + b.c", "'.' is none of the characters of a formula at '.c'"),
+        ("z − 1", "MINUS SIGN) is none of the characters of a formula at '− 1'; write -"),
+        ("z²", "write **2"),
+        ("z[1]", "write ("),
+        ("9**9**9", "a power of 3.87e+08 at '9**9**9'; at most 64"),
+        ("(a + b + c + z)**40", "1.23e+04 terms"),
+        ("k*exp", "'exp' is a function at 'exp'; write exp(...)"),
+        ("1e200*z", "a number of the size 1e+200 at '1e200*z'; it must be from 1e-100 to 1e+100"),
+    ],
+)
+def test_a_refusal_says_what_and_where_and_what_to_write(text: str, words: str) -> None:
+    with pytest.raises(FormulaError) as caught:
+        parse(text)
+    assert words in str(caught.value)
+
+
+def test_a_caller_may_know_more_functions() -> None:
+    more = {**grammar.FUNCTIONS, "cube": grammar.Function(lambda x: x**3)}
+    assert parse("cube(z)", more) == Applied("cube", (Name("z"),))
+    with pytest.raises(FormulaError, match="'cube' is no function"):
+        parse("cube(z)")
+
+
+def test_a_formula_as_large_as_allowed_is_soon_ready() -> None:
+    """Whatever can be multiplied out within the limits is, and compiles."""
+    import sympy
+
+    for text in (
+        "*".join(f"(a{k} + z)" for k in range(8)),
+        "(a + b + c + z)**9",
+        "max(" + ", ".join(f"a{k}*z" for k in range(8)) + ")",
+        "max(k, " * 10 + "z" + ")" * 10,
+    ):
+        found = sympy.expand(expression(parse(text)))
+        z = sympy.Symbol("z")
+        arguments = sorted(found.free_symbols, key=str)
+        function = function_of(arguments, [found, found.diff(z)])
+        assert np.isfinite(function(*np.full(len(arguments), 0.5))).all()
+
+
+def test_every_function_compiles() -> None:
+    import sympy
+
+    x, y = sympy.symbols("x y")
+    for name, function in grammar.FUNCTIONS.items():
+        text = f"{name}(0.3*x)" if function.most == 1 else f"{name}(x, 0.2, y)"
+        compiled = function_of([x, y], [expression(parse(text))])
+        operands = (0.15,) if function.most == 1 else (0.5, 0.2, 0.1)
+        found = compiled(np.array([0.5, 0.5]), np.array([0.1, 0.1]))[0]
+        np.testing.assert_allclose(found, function.value(*operands), rtol=1e-12)
+
+
+def test_the_greater_of_two_has_the_slope_of_the_greater() -> None:
+    import sympy
+
+    x, y = sympy.symbols("x y", real=True)
+    slope = expression(parse("max(x, y)*min(x, 2)"), {"x": x, "y": y}).diff(x)
+    compiled = function_of([x, y], slope)
+    assert compiled(1.0, 3.0) == 3.0
+    assert compiled(4.0, 3.0) == 2.0
+    assert compiled(2.5, 3.0) == 0.0
