@@ -18,12 +18,13 @@ from granular.shared.console import (
     launch,
     time_step,
 )
-from granular.shared.errors import InputError
+from granular.shared.errors import GranularError, InputError
 from granular.shared.files import write_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
+    from granular.studies.sweep import Study
 
 
 PROG = "python -m granular"
@@ -109,6 +110,10 @@ def _add_sweep(one: Parser) -> None:
     one.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address")
     one.add_argument("--mpi", action="store_true", help="run on the ranks of mpi4py.futures")
     one.add_argument("--keep-runs", action="store_true", help="keep the whole runs too")
+    one.add_argument(
+        "--import", dest="own", metavar="FILE",
+        help="Python file whose functions the study may name as its measure; it is run",
+    )  # fmt: skip
     add_output(one)
 
 
@@ -299,10 +304,12 @@ def _render_movie(options: Any) -> None:
 
 def _sweep(options: Any) -> None:
     from granular.studies.file import load_study
+    from granular.studies.own import own_measures
     from granular.studies.remote import executor
     from granular.studies.sweep import sweep
 
-    study = load_study(options.study)
+    own = None if options.own is None else own_measures(options.own)
+    study = load_study(options.study, own)
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give at least 1")
     with executor(options.dask, options.mpi) as pool:
@@ -321,6 +328,7 @@ def _sweep(options: Any) -> None:
         "cases": len(found.cases),
         "reused": found.reused,
         "failed": len(found.failed),
+        "unfinished": len(found.unfinished),
         "table": str(path),
     }
     text = (
@@ -328,6 +336,16 @@ def _sweep(options: Any) -> None:
         f"failed; table in {path}"
     )
     emit(figures, text, options.json)
+    if found.unfinished:
+        raise GranularError(_told(found))
+
+
+def _told(study: Study) -> str:
+    errors = [outcome["error"] for outcome in study.outcomes if "cause" in outcome]
+    return (
+        f"{len(errors)} of {len(study.cases)} cases could not be computed, the first because of "
+        f"{errors[0]}; mend that, and the same command goes on with them"
+    )
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ class RecordError(InputError):
 
 
 class StoreError(InputError):
-    """A run directory cannot be read, written or resumed."""
+    """A file or a run directory cannot be written, or a run directory not read or resumed."""
 
 
 class MissingError(InputError, ImportError):

@@ -6,12 +6,13 @@ import contextlib
 import json
 import math
 import os
+import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quoted, visible
 
 
@@ -25,15 +26,19 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
     ------
     InputError
         If there is something of that name and it may not be overwritten, if it is a directory, or
-        if its directory does not exist or cannot be written to.
+        if its directory does not exist.
+    StoreError
+        If it cannot be written.
     """
     check_target(path, overwrite)
     if path.exists() and not path.is_file():
         yield path
         return
     place = Path(os.path.realpath(path))
-    # Two processes that write the same file at once must not write into each other's part.
-    part = place.with_name(f".{place.stem}.{os.getpid()}.part{place.suffix}")
+    # Two that write the same file at once, also from two machines or as two threads, must not write
+    # into each other's part.
+    own = f"{os.getpid()}-{secrets.token_hex(4)}"
+    part = place.with_name(f".{place.stem}.{own}.part{place.suffix}")
     try:
         part.touch()
     except OSError as error:
@@ -123,6 +128,8 @@ def write_text(path: Path, text: str) -> None:
     Raises
     ------
     InputError
+        If it is a directory or in none.
+    StoreError
         If it cannot be written; what was there before still stands.
     """
     with replacing(path, overwrite=True) as part:
@@ -160,8 +167,8 @@ def check_target(path: Path, overwrite: bool) -> None:
         raise _unwritable(path, error) from None
 
 
-def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(
+def _unwritable(path: Path, error: OSError) -> StoreError:
+    return StoreError(
         f"{path} cannot be written: {error.strerror or error}; make room, or give another place"
     )
 
@@ -171,10 +178,10 @@ def make_directory(path: Path) -> None:
 
     Raises
     ------
-    InputError
+    StoreError
         If it cannot be made.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path} cannot be made: {error.strerror}; give another place") from None
+        raise StoreError(f"{path} cannot be made: {error.strerror}; give another place") from None

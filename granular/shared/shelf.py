@@ -74,7 +74,7 @@ class Shelf:
 
         Raises
         ------
-        InputError
+        StoreError
             If it cannot be written.
         """
         make_directory(self.directory)

@@ -1,7 +1,7 @@
 """A study as a TOML file.
 
 scene = "damper"               # a packaged scene, or a path from here
-measure = "last-values"        # or "module:function"
+measure = "last-values"        # or the name of a measure of one's own
 dt = "auto*2"                  # as in simulate; t_end and method likewise
 
 [changes]                      # in every case
@@ -18,6 +18,7 @@ dt = "auto"                    # dt, t_end and method may be a case's own
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +26,25 @@ from granular.scene.loading import load_scene, scene_names
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 from granular.shared.toml import read_toml
+from granular.studies.cases import Measure
 from granular.studies.measures import measure_named
 
 KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
 
 
-def load_study(path: str | Path) -> dict[str, Any]:
+def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> dict[str, Any]:
     """The arguments of `sweep` from a study's file.
+
+    Parameters
+    ----------
+    path : str or Path
+    own : mapping of str to measure, optional
+        Measures that the file may name, besides those that are packaged or installed.
 
     Raises
     ------
     InputError
-        If the file cannot be read or holds an unknown key.
+        If the file cannot be read, holds an unknown key or names an unknown measure.
     """
     path = Path(path)
     plain = read_toml(path)
@@ -55,7 +63,7 @@ def load_study(path: str | Path) -> dict[str, Any]:
     }
     found["grid"] = _flat(plain.get("grid", {}))
     found["cases"] = [_flat(one) for one in plain.get("cases", [])]
-    found["measure"] = measure_named(str(plain.get("measure", "last-values")))
+    found["measure"] = measure_named(str(plain.get("measure", "last-values")), own)
     found["scene"] = scene.replace(**_flat(plain.get("changes", {})))
     return found
 

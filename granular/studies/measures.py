@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.metadata
 from collections.abc import Mapping
 from typing import Any
 
 from granular.run.trajectory import Trajectory
+from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.studies.cases import Measure, known_as
 
+GROUP = "granular.measures"
+"""Entry points by which an installed distribution offers measures."""
 
+
+@known_as("granular.studies.measures:last_values#9d0c241c")
 def last_values(run: Trajectory) -> Mapping[str, Any]:
-    """Every scalar record at the end of the run, in SI; height and end of each stage."""
+    """Every scalar record at the end of the run, in SI; height and end of each stage.
+
+    They come in the same order whether the run is in memory or on disk.
+    """
     data = run.dataset
-    figures = {
-        str(name): float(data[name][-1])
-        for name in data.data_vars
-        if data[name].dims == ("time",) and name != "stage"
-    }
+    names = [one.name for one in scalar_variables(run.scene)]
+    figures = {name: float(data[name][-1]) for name in names}
     for stage in run.stages:
         figures[f"{stage.name}.end"] = stage.end
         if run.scene.piston is not None:
@@ -33,23 +38,43 @@ def piston_columns(run: Trajectory) -> Mapping[str, Any]:
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
-def measure_named(name: str) -> Measure:
-    """``"last-values"``, or a function by ``"module:function"``.
+def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measure:
+    """``"last-values"``, one of the user's own, or one that an installed distribution offers.
+
+    A name is looked up and never imported: no study's file decides which code runs.
+
+    Parameters
+    ----------
+    name : str
+    own : mapping of str to measure, optional
+        The user's own by their names; see `granular.studies.own.own_measures`.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there is none of that name, or the distribution's cannot be loaded.
     """
     if name == "last-values":
         return last_values
-    module, _, function = name.partition(":")
-    if not function:
-        raise InputError(f"measure {quoted(name)}; give 'last-values', or 'module:function'")
+    if own is not None and name in own:
+        return own[name]
+    for offered in importlib.metadata.entry_points(group=GROUP):
+        if offered.name == name:
+            return _loaded(offered)
+    raise InputError(
+        f"unknown measure {quoted(name)}; give 'last-values', the name of a function in a file of "
+        f"yours (--import FILE), or that of an installed entry point of the group {GROUP!r}"
+    )
+
+
+def _loaded(offered: importlib.metadata.EntryPoint) -> Measure:
     try:
-        found = getattr(importlib.import_module(module), function)
+        found: Measure = offered.load()
     except (ImportError, AttributeError) as error:
-        raise InputError(f"measure {quoted(name)} cannot be imported: {error}") from None
+        raise InputError(
+            f"measure {quoted(offered.name)} cannot be loaded: {error}; mend the distribution that "
+            f"offers it as {quoted(offered.value)}"
+        ) from None
     if not callable(found):
-        raise InputError(f"measure {quoted(name)} is no function")
+        raise InputError(f"measure {quoted(offered.name)} is no function: {quoted(offered.value)}")
     return found

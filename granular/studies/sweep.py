@@ -6,17 +6,26 @@ import concurrent.futures
 import contextlib
 import dataclasses
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.scene.scene import Scene
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory
 from granular.studies.cases import Case, Measure, make_cases
 from granular.studies.measures import last_values
-from granular.studies.work import Outcome, compute, outcomes_in
+from granular.studies.work import (
+    ELSEWHERE,
+    MACHINE,
+    PROGRAM,
+    Outcome,
+    compute,
+    failure,
+    outcomes_in,
+)
 from granular.studies.workers import workshop
 
 if TYPE_CHECKING:
@@ -35,7 +44,8 @@ class Study:
     ----------
     cases : tuple of Case
     outcomes : tuple of dict
-        ``figures`` and ``error`` of each case, in the order of the cases.
+        ``figures`` and ``error`` of each case, in the order of the cases; ``cause`` too where the
+        failure is not one of the physics, such as a full disk, and so is not kept.
     reused : int
         How many of them had been computed before.
     """
@@ -61,6 +71,12 @@ class Study:
     def failed(self) -> tuple[Case, ...]:
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if outcome["error"] is not None)
+
+    @property
+    def unfinished(self) -> tuple[Case, ...]:
+        """Those failed cases whose failure is not the physics': the next sweep tries them again."""
+        pairs = zip(self.cases, self.outcomes, strict=True)
+        return tuple(case for case, outcome in pairs if "cause" in outcome)
 
 
 def sweep(
@@ -96,7 +112,9 @@ def sweep(
         As in `simulate`, for cases that have none of their own; each run has one thread.
     out : str or Path, optional
         Directory that keeps each outcome as soon as it is there. Called again, the sweep goes on:
-        a case with the same scene, settings and measure is not computed twice.
+        a case with the same scene, settings and measure is not computed twice, nor by two sweeps
+        that use the directory at once. Errors of the physics are kept; what the machine did, such
+        as a full disk, is tried again, and once more when the sweep is called again.
     keep_runs : bool
         Keep the whole runs in ``out`` too; a case that was cut off then goes on from its last
         checkpoint.
@@ -120,6 +138,8 @@ def sweep(
     InputError
         If the study has no case, two are alike, a change, a time step or a method does not fit, or
         ``keep_runs`` is asked for without ``out``.
+    ExecutorLostError
+        If the scheduler of a cluster is gone; ``out`` keeps what was done.
     KeyboardInterrupt
         On Ctrl-C; ``out`` keeps what was done.
     """
@@ -161,48 +181,83 @@ def _outcomes(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, Outcome]]:
-    """Each case with its outcome, as they come; those whose worker was lost are tried again.
+    """Each case with its outcome, as they come; what the machine did to one is tried again.
 
     A worker that dies takes the cases beside it with it. So where that happens again, the next
     cases, of which one was running then, are tried alone: who dies alone has nobody else to blame.
     """
     waiting = {case.key: case for case in cases}
     deaths, alone = 0, 0
+    put_off: dict[str, set[str]] = {MACHINE: set(), ELSEWHERE: set()}
+    unkept: list[tuple[Case, Outcome]] = []
     while waiting:
         batch = list(waiting.values())[: 1 if alone else None]
-        for case, outcome in _computed(batch, measure, directory, keep_runs, pool):
+        lost = {case.key for case in batch}
+        submitted = [(case, case.key in put_off[ELSEWHERE]) for case in batch]
+        for case, outcome in _computed(submitted, measure, directory, keep_runs, pool):
+            lost.discard(case.key)
+            cause = outcome.get("cause")
+            if cause in put_off and case.key not in put_off[cause]:
+                put_off[cause].add(case.key)
+                waiting[case.key] = waiting.pop(case.key)
+                continue
             del waiting[case.key]
+            if cause is None and "cause" in _kept(case, outcome, directory):
+                unkept.append((case, outcome))
+                continue
             yield case, outcome
         alone = max(0, alone - 1)
-        if all(case.key not in waiting for case in batch):
+        if not lost:
             continue
         deaths += 1
         if deaths >= ATTEMPTS and len(batch) == 1:
             del waiting[batch[0].key]
-            yield batch[0], {"figures": {}, "error": f"the worker died, {ATTEMPTS} times"}
+            yield batch[0], failure(f"the worker died, {ATTEMPTS} times", MACHINE)
             deaths, alone = 0, 0
         elif deaths >= ATTEMPTS - 1:
             alone = 2 * (os.cpu_count() or 1)
+    for case, outcome in unkept:
+        yield case, _kept(case, outcome, directory)
 
 
 def _computed(
-    cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
+    cases: Sequence[tuple[Case, bool]],
+    measure: Measure,
+    directory: Path | None,
+    keep_runs: bool,
+    pool: Executor,
 ) -> Iterator[tuple[Case, Outcome]]:
-    """The cases whose workers lived, as they come; what still waits is taken back in the end."""
+    """The cases whose workers lived, as they come; what still waits is taken back in the end.
+
+    With each case stands whether it is waited for where another sweep computes it.
+    """
     futures: dict[Future[Outcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
-            for case in cases:
-                futures[pool.submit(compute, case, measure, directory, keep_runs)] = case
+            for case, wait in cases:
+                futures[pool.submit(compute, case, measure, directory, keep_runs, wait)] = case
         for future in concurrent.futures.as_completed(futures):
             outcome = _outcome_of(future)
             if outcome is not None:
-                if directory is not None:
-                    outcomes_in(directory).keep(futures[future].key, outcome)
                 yield futures[future], outcome
     finally:
         for future in futures:
             future.cancel()
+
+
+def _kept(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:
+    """The outcome, after it is kept where its worker has not done so: its disk may be another."""
+    if directory is None:
+        return outcome
+    shelf = outcomes_in(directory)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a damaged one, which was told of before
+            if shelf.read(case.key) is None:
+                shelf.keep(case.key, outcome)
+    except StoreError as error:
+        return outcome | {"error": f"{type(error).__name__}: {error}", "cause": MACHINE}
+    return outcome
 
 
 def _outcome_of(future: Future[Outcome]) -> Outcome | None:
@@ -214,7 +269,7 @@ def _outcome_of(future: Future[Outcome]) -> Outcome | None:
     except Exception as error:
         if type(error).__name__ == "KilledWorker":  # of Dask, which is imported only by its users
             return None
-        return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
+        return failure(f"{type(error).__name__}: {error}", PROGRAM)
 
 
 class _Bar:

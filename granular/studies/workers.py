@@ -4,18 +4,30 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from typing import Any, TypeVar
 
+from granular.shared.errors import GranularError
+
 T = TypeVar("T")
+
+LOOK_SECONDS = 1.0
+"""From look to look whether the process that has started this one still lives."""
+
+
+class ExecutorLostError(GranularError):
+    """Where cases are computed is gone, with all its workers."""
 
 
 class Workers(Executor):
     """Processes that start with the first task and stay: each loads the compiled code once.
 
     The tasks of a process that dies end in `BrokenExecutor`, and so do all others that were waiting
-    then; the next one that is submitted starts new processes.
+    then; the next one that is submitted starts new processes. They end with the process that
+    started them, also where that one is killed.
 
     Parameters
     ----------
@@ -35,7 +47,9 @@ class Workers(Executor):
                 return future
         from loky import ProcessPoolExecutor
 
-        self._pool = ProcessPoolExecutor(max_workers=self.count)
+        self._pool = ProcessPoolExecutor(
+            max_workers=self.count, initializer=end_with, initargs=(os.getpid(),)
+        )
         first: Future[T] = self._pool.submit(function, *arguments, **keywords)
         return first
 
@@ -44,6 +58,20 @@ class Workers(Executor):
         if self._pool is not None:
             self._pool.shutdown(wait=wait, kill_workers=cancel_futures)
             self._pool = None
+
+
+def end_with(parent: int) -> None:
+    """Let this process end soon after its parent, whose number this is.
+
+    Who loses its parent belongs to another one from then on. Windows does not tell.
+    """
+
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK_SECONDS)
+        os._exit(1)  # whatever the other threads do
+
+    threading.Thread(target=look, daemon=True, name="look for the parent").start()
 
 
 @contextlib.contextmanager

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -20,8 +15,6 @@ from granular.shared.errors import InputError, SceneError
 from granular.studies.cases import make_cases, measure_name
 from granular.studies.file import load_study
 from granular.studies.measures import last_values, piston_columns
-
-ROOT = Path(__file__).parents[3]
 
 
 def falling(**changes: Any) -> Scene:
@@ -183,98 +176,3 @@ def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:
 def test_bad_sweeps(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises((InputError, SceneError), match=words):
         sweep(falling(), **arguments, progress=False)
-
-
-def write_study(path: Path, cases: int) -> Path:
-    """A study of short runs whose results differ in every bit."""
-    falling(**{"protocol": [{"kind": "hold", "name": "fall", "duration": 0.02}]}).save(
-        path / "fall.toml"
-    )
-    seeds = ", ".join(f"{1.0 + 0.01 * k}" for k in range(cases))
-    (path / "study.toml").write_text(
-        f'scene = "fall.toml"\ndt = 1e-6\n[grid]\n"effects.gravity.acceleration" = [{seeds}]\n'
-    )
-    return path / "study.toml"
-
-
-def command(study: Path, out: Path, *more: str) -> list[str]:
-    words = ["-m", "granular", "sweep", str(study), "-o", str(out), "--quiet", *more]
-    return [sys.executable, *words]
-
-
-def outcomes(out: Path) -> dict[str, float]:
-    return {one.name: one.stat().st_mtime_ns for one in (out / "cases").glob("[!.]*.json")}
-
-
-def children(pid: int) -> list[int]:
-    found = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        found += [int(word) for word in task.read_text().split()]
-    return found
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
-def test_two_hundred_cases_survive_kills(tmp_path: Path) -> None:
-    """Of the command, and of a worker; nothing is repeated, and the table has the same bits."""
-    study = write_study(tmp_path, 200)
-    subprocess.run(command(study, tmp_path / "whole"), check=True, cwd=ROOT)
-    out = tmp_path / "killed"
-    process = subprocess.Popen(command(study, out), cwd=ROOT)
-    wait_for(out, 40)
-    workers = children(process.pid)
-    process.kill()
-    process.wait()
-    for pid in workers:
-        try:
-            os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
-            continue
-    first = outcomes(out)
-    assert 40 <= len(first) < 200
-    process = subprocess.Popen(command(study, out), cwd=ROOT)
-    wait_for(out, len(first) + 40)
-    victims = [pid for pid in children(process.pid) if b"loky" in cmdline(pid)]
-    os.kill(victims[-1], signal.SIGKILL)
-    assert process.wait(timeout=300) == 0
-    after = outcomes(out)
-    assert len(after) == 200
-    assert all(after[name] == time for name, time in first.items())
-    assert (out / "table.csv").read_bytes() == (tmp_path / "whole" / "table.csv").read_bytes()
-
-
-def cmdline(pid: int) -> bytes:
-    return Path(f"/proc/{pid}/cmdline").read_bytes()
-
-
-def wait_for(out: Path, count: int) -> None:
-    for _ in range(3000):
-        if (out / "cases").is_dir() and len(outcomes(out)) >= count:
-            return
-        time.sleep(0.02)
-    raise AssertionError(f"{count} cases were not done in a minute")
-
-
-@pytest.mark.long
-def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    study = load_study(write_study(tmp_path, 40))
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as cluster:
-        import threading
-
-        def kill() -> None:
-            wait_for(tmp_path / "dask", 8)
-            os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
-
-        killer = threading.Thread(target=kill)
-        killer.start()
-        with distributed.Client(cluster) as client:
-            found = sweep(
-                **study, out=tmp_path / "dask", executor=client.get_executor(retries=2),
-                progress=False,
-            )  # fmt: skip
-        killer.join()
-    whole = sweep(**study, workers=1, progress=False)
-    pandas.testing.assert_frame_equal(found.table, whole.table, check_exact=True)

@@ -1,0 +1,72 @@
+"""Files that let one process at a time do something."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # where there is none, nothing keeps two processes apart
+    fcntl = None  # type: ignore[assignment]
+
+WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+
+
+@contextlib.contextmanager
+def locked(path: Path, wait: bool) -> Iterator[bool]:
+    """Whether nobody else holds this file; it is held until the end, or that of this process.
+
+    Parameters
+    ----------
+    path : Path
+        The file is made, and taken away in the end.
+    wait : bool
+        Until the others let go of it.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be made.
+    """
+    if fcntl is None:
+        yield True
+        return
+    held = _taken(path, wait)
+    if held is None:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        path.unlink(missing_ok=True)  # before others have it, who look whether it is still there
+        os.close(held)
+
+
+def _taken(path: Path, wait: bool) -> int | None:
+    while True:
+        held = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _still_there(held, path):
+                return held
+        except BlockingIOError:
+            os.close(held)
+            return None
+        except OSError as error:
+            if error.errno in WITHOUT_LOCKS:
+                return held
+            os.close(held)
+            raise
+        os.close(held)
+
+
+def _still_there(held: int, path: Path) -> bool:
+    """Whether the file has not been taken away, by who held it before, and made anew."""
+    try:
+        return os.path.samestat(os.fstat(held), path.stat())
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,111 @@
+"""A user's own measures: from a file on the command line, or installed, never from a study."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from pathlib import Path
+
+import pytest
+
+from granular.__main__ import main
+from granular.shared.console import launch
+from granular.shared.errors import InputError
+from granular.studies.cases import measure_name
+from granular.studies.measures import last_values, measure_named
+from granular.studies.own import own_measures
+
+OWN = """
+from __future__ import annotations
+import dataclasses
+import math
+@dataclasses.dataclass
+class Answer:
+    value: float
+def answer(run) -> dict:
+    return {"answer": Answer(math.floor(42.9)).value}
+"""
+
+WAYS = (
+    r"unknown measure '.*'; give 'last-values', the name of a function in a file of yours "
+    r"\(--import FILE\), or that of an installed entry point of the group 'granular.measures'"
+)
+
+
+def own_file(path: Path, text: str = OWN) -> Path:
+    (path / "swing.py").write_text(text)
+    return path / "swing.py"
+
+
+def test_functions_of_a_file_are_measures_by_name(tmp_path: Path) -> None:
+    own = own_measures(own_file(tmp_path))
+    assert list(own) == ["answer"]
+    measure = measure_named("answer", own)
+    assert measure is own["answer"]
+    assert pickle.loads(pickle.dumps(measure))(None) == {"answer": 42}
+    assert measure_named("last-values", own) is last_values
+
+
+def test_a_change_of_the_function_makes_another_measure(tmp_path: Path) -> None:
+    first = measure_name(own_measures(own_file(tmp_path))["answer"])
+    same = measure_name(own_measures(own_file(tmp_path, "# more\n" + OWN[1:]))["answer"])
+    other = measure_name(own_measures(own_file(tmp_path, OWN.replace("42.9", "41.9")))["answer"])
+    assert first == same != other
+
+
+@pytest.mark.parametrize("name", ["os:system", "swing:answer", "swing", "os.system", "", "answer"])
+def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    own_file(tmp_path, "raise AssertionError")
+    with pytest.raises(InputError, match=WAYS):
+        measure_named(name)
+    assert "swing" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("def f(:", "SyntaxError"), ("1 / 0", "ZeroDivisionError"), ("import nothing_such", "Module"),
+     ("\0", "null")],
+)  # fmt: skip
+def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=rf"swing.py cannot be imported: .*{words}"):
+        own_measures(own_file(tmp_path, text))
+    with pytest.raises(InputError, match="there is no file"):
+        own_measures(tmp_path / "none.py")
+
+
+def test_installed_measures_are_found_by_entry_point(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "laboratory_measures.py").write_text("def swing(run): return {'a': 1}\nno = 3\n")
+    about = tmp_path / "laboratory-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[granular.measures]\nswing = laboratory_measures:swing\nno = laboratory_measures:no\n"
+        "gone = laboratory_measures:gone\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert measure_named("swing").__module__ == "laboratory_measures"
+    with pytest.raises(InputError, match="no function"):
+        measure_named("no")
+    with pytest.raises(InputError, match="'gone' cannot be loaded"):
+        measure_named("gone")
+
+
+def test_a_study_names_a_function_of_the_file_that_the_command_imports(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "study.toml").write_text(
+        'scene = "single-particle"\nmeasure = "answer"\nt_end = 0.001\n[grid]\n'
+        '"arrangement.seed" = [1]\n'
+    )
+    words = ["sweep", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--quiet"]
+    assert launch(main, words) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "--import FILE" in told
+    assert "granular.measures" in told
+    assert not (tmp_path / "out").exists()
+    assert launch(main, [*words, "--import", str(own_file(tmp_path))]) == 0
+    assert "answer" in (tmp_path / "out" / "table.csv").read_text().splitlines()[0]
