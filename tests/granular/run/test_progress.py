@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from granular.engine.run import Run
 
 from granular import load_scene, load_trajectory
-from granular.engine.run import Run
 from granular.engine.step_size import Step
 from granular.engine.system import natural_system
 from granular.methods import METHODS
