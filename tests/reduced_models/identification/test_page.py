@@ -1,0 +1,89 @@
+"""Reports of any number of laws, by any name that a stranger's file may give them."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from reduced_models import load_model
+from reduced_models.identification.comparison import Comparison, Row
+from reduced_models.identification.data import Figure, IdentificationData
+from reduced_models.identification.page import comparison_page, identification_page
+from reduced_models.laws.catalogue import LAWS
+
+SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+HOSTILE = (
+    "$\\frac{$", "$", "$$x$$", "_hidden", "<script>alert(1)</script>", '"><img src=x>', "a&b",
+    "\x1b[31mred", "\x00", "]]>", "-->", "x" * 4000, "\u202etxt.exe", "\\", "%s{}", "\n\n",
+    "\ud800", "λ" * 50,
+)  # fmt: skip
+
+
+def found(names: tuple[str, ...]) -> IdentificationData:
+    """The same fitted law under many names."""
+    model = load_model(SAVED)
+    record = model.simulate(np.linspace(0.0, 3.0, 150))
+    models = tuple(
+        dataclasses.replace(model, law=dataclasses.replace(model.law, name=name), notes=(name,))
+        for name in names
+    )
+    rows = tuple(
+        Row(one.law.name, (one,), 3, (0.1 + 0.01 * place,), (), 0.1 + 0.01 * place, 1.0, 2.0, 3.0)
+        for place, one in enumerate(models)
+    )
+    table = Comparison(rows, f"{names[0]} is first", 0.01, 0.5)
+    figures = {"height": Figure(0.05, (0.049, 0.051))}
+    return IdentificationData(record, models, table, None, figures, names[0], names, {"fits": 1.0})
+
+
+def test_as_many_laws_as_there_are() -> None:
+    """Nine laws of the package, and some of one's own: every line looks different."""
+    names = (*LAWS, "own", "another", "a third")
+    page = identification_page(found(names)).render()
+    for name in names:
+        assert f"<h2>{name}" in page
+    figure = page[page.index("The record and the fits") :]
+    lines = re.findall(r"stroke: (#\w{6}); stroke-width: 1\.2", figure)
+    assert len(lines) >= 2 * len(names)
+
+
+def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
+    """Each of them stands in titles, tables, notes, legends and labels."""
+    for make in (identification_page, lambda one: comparison_page(one.comparison)):
+        page = make(found(HOSTILE)).render()
+        page.encode("utf-8")
+        assert "<script" not in page
+        assert "<img src=x" not in page
+        assert all(sign.isprintable() or sign in "\n\t" for sign in page)
+        assert "&lt;script&gt;" in page
+        assert "\\x1b[31mred" in page
+
+
+def test_no_name_steers_a_terminal() -> None:
+    from granular.shared.messages import printable
+
+    text = printable(str(found(HOSTILE)))
+    assert all(sign.isprintable() or sign in "\n\t" for sign in text)
+
+
+@pytest.mark.long
+def test_all_laws_by_command(command: Callable, tmp_path: Path) -> None:
+    time = np.linspace(0.0, 3.0, 600)
+    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
+    height += np.random.default_rng(0).normal(0.0, 1e-6, len(time))
+    PistonRecord(time, height).to_csv(tmp_path / "lab.csv")
+    out = tmp_path / "out"
+    done = command(
+        "reduced_models", "identify", str(tmp_path / "lab.csv"), "--law", "all", "-o", str(out),
+        "--starts", "4", "--quiet",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert len(list((out / "models").glob("*.json"))) >= 8
+    page = (out / "report.html").read_text()
+    assert all(f"<h2>{path.stem}" in page for path in (out / "models").glob("*.json"))

@@ -1,0 +1,85 @@
+"""What is printed says what was found: its numbers have as many digits as that takes."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from reduced_models import ReducedModel, fit
+
+NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
+
+
+def inside(model: ReducedModel, height: float, omega: float, damping: float) -> None:
+    """Level, period and damping ratio lie in the printed intervals."""
+    rest = model.at_rest
+    assert rest is not None
+    found = {
+        "height": height,
+        "period": 2.0 * math.pi / omega,
+        "damping_ratio": damping / (2.0 * omega),
+    }
+    for name, value in found.items():
+        low, high = rest.intervals[name]
+        assert low <= value <= high, name
+
+
+@pytest.fixture(scope="module", params=[1e-4, 1e-6])
+def record(request: pytest.FixtureRequest) -> PistonRecord:
+    """A swing about 59 mm, at two levels of noise."""
+    time = np.linspace(0.0, 6.0, 1500)
+    height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
+    noise = np.random.default_rng(5).normal(0.0, request.param, len(time))
+    return PistonRecord(time, height + noise)
+
+
+def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
+    """In LaTeX, on the page, and as a list of parameters."""
+    from reduced_models.laws.printing import mathml
+
+    model = fit(record, "linear")
+    pattern = rf"\\ddot{{z}} \+ {NUMBER} \\dot{{z}} \+ {NUMBER} z = {NUMBER}"
+    match = re.fullmatch(pattern, model.fitted_latex)
+    assert match is not None
+    damping, stiffness, force = map(float, match.groups())
+    inside(model, force / stiffness, math.sqrt(stiffness), damping)
+    on_page = mathml(model.printed_equation)
+    assert all(f"<mn>{number}</mn>" in on_page for number in match.groups())
+    assert all(number in model.text for number in match.groups())
+    values = {
+        name: float(value)
+        for name, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
+    }
+    lam, omega, g0 = values["lam"], values["omega"], values["g0"]
+    inside(model, g0 / omega**2, omega, 2.0 * lam)
+
+
+def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
+    """The map of the height is printed beside the equation, with as many digits."""
+    model = fit(record, "van-der-pol-like")
+    digits = max(5, model.printed_digits)
+    match = re.fullmatch(
+        rf"z = \(height ([-+]) {NUMBER} m\)/\({NUMBER} m\)", model.map.text(digits)
+    )
+    assert match is not None
+    shift = float(match[2]) * (1.0 if match[1] == "-" else -1.0)
+    scale = float(match[3])
+    pattern = (
+        rf"\\ddot{{z}} \+ {NUMBER} \\dot{{z}} \\left\(z\^\{{2\}} - 2 z\\right\)"
+        rf" \+ {NUMBER} z = {NUMBER}"
+    )
+    found = re.fullmatch(pattern, model.fitted_latex.replace(r" \cdot 10^", "e"))
+    assert found is not None
+    alpha, stiffness, force = map(float, found.groups())
+    z = force / stiffness
+    inside(model, shift + scale * z, math.sqrt(stiffness), alpha * (z**2 - 2.0 * z))
+
+
+def test_few_digits_where_little_is_known(made: Any) -> None:
+    """Four are enough at one per cent of noise."""
+    assert fit(made("duffing", seed=1), "duffing").printed_digits <= 5
