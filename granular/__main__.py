@@ -224,7 +224,7 @@ def _export(options: Any) -> None:
 
 def _export_deck(options: Any) -> None:
     from granular.export import to_lammps
-    from granular.run.store import is_run
+    from granular.run.directory import is_run
 
     at_run = is_run(Path(options.run))
     if at_run and options.changes:

@@ -350,7 +350,8 @@ def _dry() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "friction, step 100 times too large", "a step of a fifth of the time to the stop",
-            lambda: problem.scene, distance_to(problem), "distance from the exact place [D]",
+            lambda: problem.scene.replace(**{"output.scalars": 1e-2, "output.frames": 1e-2}),
+            distance_to(problem), "distance from the exact place [D]",
             limit, problem.time, problem.time, dt=1e-2, may_degrade=True,
         ),
         HardCase(
@@ -360,7 +361,8 @@ def _dry() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "bed with dry friction, step 100 times too large", "far beyond the stability limit",
-            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {}}),
+            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {},
+                                         "output.scalars": 2e-3}),
             ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, dt=2e-3, may_degrade=True,
         ),
     )  # fmt: skip

@@ -217,6 +217,9 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     return TextTable(HEADER, tuple(one.summary() for one in results))
 
 
+summary = convergence_table  # its former name
+
+
 def toolkit(method: str) -> Solver:
     """The toolkit's own integration by the method of that name.
 
@@ -237,10 +240,13 @@ def toolkit(method: str) -> Solver:
         return f"auto*{automatic[problem.name] / count:.15f}"
 
     def run(problem: Problem, dt: float | str) -> Trajectory:
+        scene = problem.scene
+        if not isinstance(dt, str) and dt > scene.output.scalars:
+            scene = scene.replace(**{"output.scalars": dt, "output.frames": dt})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the error is measured here, and shown
             return simulate(
-                problem.scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False
+                scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False
             )
 
     def solve(problem: Problem, count: int) -> Moment:

@@ -13,6 +13,7 @@ from granular.shared.errors import (
     NotFiniteError,
     OutsideError,
     RunError,
+    StepCountError,
 )
 
 
@@ -79,4 +80,15 @@ def restless(stage: str, limit: float, spread: float, step: int, time: float) ->
         time=time,
         value=spread,
         remedy="give the stage a longer duration, a greater tolerance or more dissipation",
+    )
+
+
+def countless(what: str, steps: float, limit: float, step: int, time: float) -> StepCountError:
+    """More steps than can be made, or counted."""
+    return StepCountError(
+        f"{what} takes {steps:.3g} steps, {limit:.3g} is the limit",
+        step=step,
+        time=time,
+        value=steps,
+        remedy="check the units of the scene and of t_end, or shorten output.scalars",
     )

@@ -36,6 +36,14 @@ REVIEW = 256
 conservative run keeps its energy because its step is shortened a few times at most."""
 
 
+MOST_STEPS = 1e10
+"""Most steps from record to record: a quarter of an hour and more without a sign of life, and
+still far from where products of two such counts pass 64 bits."""
+
+MOST_COUNT = 2**53
+"""Steps, and ticks, beyond which floating-point numbers no longer count one by one."""
+
+
 def multiple(factor: float) -> str:
     """A multiple of the automatic step, as users write it."""
     if factor == 1.0:
@@ -100,12 +108,17 @@ class Step:
             steps = max(1, round(record / h))
             every = -(-steps // LOOK)
             frames = max(1, round(frame / (steps * h)))
-            return Pace(steps * h / every, h, every, every * frames, LOOK, steps)
+            return Pace(steps * h / every, h, every, _count(every * frames), LOOK, steps)
         every = -(-self.steps_of(record, frequency) // LOOK)
         length = record / every
         steps = self.steps_of(length, frequency)
         frames = max(1, round(frame / record))
-        return Pace(length, length / steps, every, every * frames, steps, 0)
+        return Pace(length, length / steps, every, _count(every * frames), steps, 0)
+
+
+def _count(ticks: int) -> int:
+    """A count that fits into a word; what lies farther than any run goes may lie nearer."""
+    return min(ticks, MOST_COUNT)
 
 
 class Pace(NamedTuple):
@@ -144,15 +157,25 @@ class Pace(NamedTuple):
 def tick_start(pace: Pace, tick: int) -> float:
     """Time from the stage's start to a tick's start [tau]."""
     if pace.given > 0:
-        return (tick * pace.given // pace.every) * pace.h
+        return steps_before(pace, tick) * pace.h
     return tick * pace.length
+
+
+@compiled
+def steps_before(pace: Pace, tick: int) -> int:
+    """Given steps from the stage's start to a tick's start.
+
+    That is tick * given // every, whose product may pass 64 bits.
+    """
+    whole, part = tick // pace.every, tick % pace.every
+    return whole * pace.given + part * pace.given // pace.every
 
 
 @compiled
 def tick_steps(pace: Pace, tick: int) -> int:
     """Steps of a tick."""
     if pace.given > 0:
-        return (tick + 1) * pace.given // pace.every - tick * pace.given // pace.every
+        return steps_before(pace, tick + 1) - steps_before(pace, tick)
     return pace.steps
 
 

@@ -23,7 +23,7 @@ from granular.export.lammps_deck import Deck, pair_name, script, wall_name
 from granular.export.lammps_stages import Leg, check_scene, leg
 from granular.export.lammps_step import collision_frequency, stiffest_frequency
 from granular.export.lammps_tables import NEAREST_PAIR, NEAREST_WALL, pair_table, wall_table
-from granular.run.store import is_run
+from granular.run.directory import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scales import Scales

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import signal
-import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -21,6 +19,7 @@ from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import check_target, replacing
 from granular.shared.messages import quoted
+from granular.shared.stops import Stop, deferred_stop
 
 
 def movie(
@@ -79,13 +78,13 @@ def movie(
     top = highest(run, bed_frames(run, numbers))
     limits = colour_limits(run, colour, bed_frames(run, numbers))
     picture = BedPicture(run, colour, limits, top)
-    with replacing(path, overwrite) as part, _deferred_interrupt() as asked:
+    with replacing(path, overwrite) as part, deferred_stop() as stop:
         made = write(
-            part, _images(run, picture, numbers, path.name if progress else None, asked), fps
+            part, _images(run, picture, numbers, path.name if progress else None, stop), fps
         )
     if made < len(numbers):
         warnings.warn(f"{path} holds the {made} pictures of {len(numbers)} made", stacklevel=2)
-        raise KeyboardInterrupt
+        raise stop.error()
     return path
 
 
@@ -94,13 +93,13 @@ def _images(
     picture: BedPicture,
     numbers: Sequence[int],
     bar: str | None,
-    asked: threading.Event,
+    stop: Stop,
 ) -> Iterator[np.ndarray]:
     """The pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
     for frame in bed_frames(run, numbers, bar):
         picture.show(frame)
         yield picture.pixels()
-        if asked.is_set():
+        if stop.asked:
             return
 
 
@@ -162,17 +161,3 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
 
 WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
 """What writes a movie, and the most pictures a second that it can hold."""
-
-
-@contextlib.contextmanager
-def _deferred_interrupt() -> Iterator[threading.Event]:
-    """Ctrl-C as an event, so that no file is left half-written."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-    former = signal.signal(signal.SIGINT, lambda *_: event.set())
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, former)

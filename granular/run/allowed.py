@@ -1,19 +1,30 @@
-"""Which methods and time steps a scene can be run with."""
+"""Which methods, time steps and ends a scene can be run with."""
 
 from __future__ import annotations
 
-from granular.engine.step_size import Step
+import math
+from collections.abc import Iterator
+
+from granular.engine.step_size import MOST_STEPS, Step
 from granular.methods import COMPENSATED, Method, method_named
+from granular.protocol import Hold, Lift, Stage
+from granular.protocol.stage import Timed
 from granular.run.time_step import checked_step
 from granular.scene.dryness import dry_parts
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+LATEST = 1e30
+"""Latest end of a run [s]: as far as quantities go, and far from overflow in any natural unit."""
 
 
 def is_allowed(scene: Scene, dt: float | str, method: str) -> bool:
     """Whether a scene can be run with a time step and a method."""
     try:
-        check_method(method_named(method), checked_step(dt, scene), scene)
+        step = checked_step(dt, scene)
+        check_method(method_named(method), step, scene)
+        check_step(step, scene)
     except InputError:
         return False
     return True
@@ -51,3 +62,72 @@ def check_method(method: Method, step: Step, scene: Scene) -> None:
             f"method = {method.name!r} cannot run a scene with a slab, past whose ends grains may "
             "come behind it; take 'stormer-verlet'"
         )
+
+
+def check_step(step: Step, scene: Scene, t_end: float | None = None) -> None:
+    """Refuse a given time step that is longer than what it is to resolve, or far too short.
+
+    Raises
+    ------
+    InputError
+        Which names what is shorter than the step.
+    """
+    dt = step.seconds
+    if dt is None:
+        return
+    record = scene.output.scalars
+    if record > MOST_STEPS * dt:
+        raise InputError(
+            f"dt = {dt:g} s makes {record / dt:.3g} steps from record to record, {MOST_STEPS:g} is "
+            "the limit; lengthen dt or shorten output.scalars"
+        )
+    if dt > record * (1.0 + 1e-9):
+        raise InputError(
+            f"dt = {dt:g} s is longer than from record to record, output.scalars = {record:g} s; "
+            "shorten dt or lengthen output.scalars"
+        )
+    if t_end is not None and dt > t_end:
+        raise InputError(f"dt = {dt:g} s is longer than the run, t_end = {t_end:g} s; shorten dt")
+    for stage, span in _spans(scene, t_end):
+        if 0.0 < span < dt * (1.0 - 1e-9):
+            raise InputError(
+                f"dt = {dt:g} s is longer than stage {stage.name!r}, {span:g} s; shorten dt"
+            )
+
+
+def _spans(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
+    """The stages whose duration is known before the run [s]; one that ends the run has its end."""
+    height = 0.0 if scene.piston is None else scene.piston.height
+    for stage in scene.protocol:
+        height += stage.jump(height)
+        span = stage.span(height)
+        last = stage is scene.protocol[-1] and isinstance(stage, Timed)
+        if span is not None and math.isfinite(span) and not (last and t_end is not None):
+            yield stage, span
+        final = stage.final_height()
+        if final is not None and not stage.limits_force:
+            height = final
+        elif not isinstance(stage, Hold | Lift):
+            height = math.nan  # known when the stage has ended
+
+
+def check_end(scene: Scene, t_end: float | None) -> None:
+    """Refuse an end that is none, and a protocol that has none.
+
+    Raises
+    ------
+    InputError
+        Which names the end, or the stage.
+    """
+    number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
+    if t_end is not None and not (number and 0.0 < t_end <= LATEST):
+        raise InputError(f"t_end = {quoted(t_end)}; give a time above 0 s and up to {LATEST:g} s")
+    if not scene.protocol:
+        raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
+    height = 1.0 if scene.piston is None else scene.piston.height
+    for place, stage in enumerate(scene.protocol):
+        if stage.span(height) is None and (t_end is None or place < len(scene.protocol) - 1):
+            raise InputError(
+                f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end "
+                "where it is the last"
+            )

@@ -1,8 +1,9 @@
-"""A progress bar on standard error."""
+"""A progress bar on standard error, and before it a word on a run that will take long."""
 
 from __future__ import annotations
 
 import sys
+import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,6 +13,23 @@ if TYPE_CHECKING:
     from granular.run.run import Run
 
 
+LONG = 60.0
+"""Length of a run [s], by the wall clock, from which on it is told at the start."""
+
+JUDGED = 0.5
+"""For so long [s] the steps are counted before: the first call, which compiles, does not count."""
+
+
+def outlook(steps: float, rate: float) -> str | None:
+    """How long a run of so many steps takes at a rate [1/s]; None where it is not long."""
+    seconds = steps / rate
+    if seconds < LONG:
+        return None
+    sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
+    unit, size = next(one for one in sizes if seconds >= one[1])
+    return f"up to {steps:.2g} steps, {seconds / size:.2g} {unit} at {rate:.2g} steps a second"
+
+
 class ProgressBar:
     """One line that shows the stage, its time and the piston while a run goes on."""
 
@@ -19,6 +37,8 @@ class ProgressBar:
         self.wanted = wanted
         self._bar: Any = None
         self._stage = -1
+        self._first: tuple[float, int] | None = None
+        self._told = False
 
     def __enter__(self) -> Self:
         return self
@@ -39,6 +59,7 @@ class ProgressBar:
         from tqdm import tqdm
 
         scales, progress = run.system.scales, run.progress
+        self._tell(run)
         if self._stage != progress.stage:
             if self._bar is not None:
                 self._bar.close()
@@ -64,3 +85,18 @@ class ProgressBar:
         if self._bar.total is not None:
             reached = min(reached, self._bar.total)
         self._bar.update(reached - self._bar.n)
+
+    def _tell(self, run: Run) -> None:
+        """Say once how many steps are ahead, and how long they take, if that is long."""
+        now = time.perf_counter()
+        if self._first is None:
+            self._first = now, run.steps
+        begun, made = self._first
+        if self._told or now - begun < JUDGED or run.steps == made:
+            return
+        self._told = True
+        words = outlook(run.steps_ahead(), (run.steps - made) / (now - begun))
+        if words is not None:
+            from tqdm import tqdm
+
+            tqdm.write(f"{run.scene.name}: {words}", file=sys.stderr)

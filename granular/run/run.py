@@ -14,7 +14,7 @@ from granular.engine import columns
 from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.columns import COLUMNS
 from granular.engine.departure import grain_constants, take_out
-from granular.engine.failures import misplaced, restless, unbalanced
+from granular.engine.failures import countless, misplaced, restless, unbalanced
 from granular.engine.far import find_far_field, hold_far_field
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.ledger import Ledger, is_coarse
@@ -44,7 +44,15 @@ from granular.engine.state import (
     new_state,
 )
 from granular.engine.step import Plan
-from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
+from granular.engine.step_size import (
+    MOST_COUNT,
+    MOST_STEPS,
+    REVIEW,
+    Pace,
+    Step,
+    multiple,
+    whole_ticks,
+)
 from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_density
@@ -293,8 +301,22 @@ class Run:
             scales.time,
         )
         self._use(pace)
+        self._check_length()
         if self.plan.fraction is not None:
             open_density(speed, 0.5 * pace.length, self.plan.fraction, self.state, self.constants)
+
+    def _check_length(self) -> None:
+        """Refuse a stage of more steps than can be counted."""
+        end = min(self.total, self.t_end - self.progress.start)
+        steps = end / self.pace.h
+        if math.isfinite(end) and not steps <= MOST_COUNT:
+            seconds = end * self.system.scales.time
+            raise self._countless(
+                f"stage {self._stage.name!r}, {seconds:.3g} s,", steps, MOST_COUNT
+            )
+
+    def _countless(self, what: str, steps: float, limit: float) -> RunError:
+        return countless(what, steps, limit, self.steps, self.time * self.system.scales.time)
 
     def _resolved(self, frequency: float) -> float:
         """The frequency that an automatic step is to resolve, with the drive and the drag."""
@@ -303,7 +325,11 @@ class Run:
         slowest = max(frequency, self.step.fraction / record)
         swing = self.constants.acting.shaking
         drive = max(drive_frequency(self.motion), 0.0 if swing is None else swing.omega)
-        return max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
+        resolved = max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
+        steps = record * resolved / self.step.fraction
+        if self.step.automatic and not steps <= MOST_STEPS:
+            raise self._countless("the time from record to record", steps, MOST_STEPS)
+        return resolved
 
     def _use(self, pace: Pace) -> None:
         self.progress.pace = list(pace)
@@ -324,7 +350,7 @@ class Run:
             rest = REST_TOLERANCE
             if stage.tolerance is not None:
                 rest = stage.tolerance / scales.length
-            window = math.ceil(stage.window / scales.time / pace.length)
+            window = math.ceil(min(stage.window / scales.time / pace.length, MOST_COUNT))
         stiff = self.step.stiff if self.plan.fraction is None else math.inf
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston
@@ -386,7 +412,13 @@ class Run:
         if math.isinf(total):
             return 0.0
         left = total - float(self.state.clock[TIME])
-        return left if left > least * self.pace.h or left < -1e-6 * self.pace.length else 0.0
+        if left > self._least(least) or left < -1e-6 * self.pace.length:
+            return left
+        return 0.0
+
+    def _least(self, share: float = 1e-6) -> float:
+        """A time [tau] below which rounding leaves something to an end that was reached."""
+        return share * self.pace.h if self.progress.ticks else 0.0
 
     def _whole_ticks(self) -> int:
         ticks, pace = self.progress.ticks, self.pace
@@ -489,7 +521,7 @@ class Run:
         if self.finished or not self.progress.begun:
             return self.progress.start
         left = self.t_end - self.time
-        if left > 1e-6 * self.pace.h:
+        if left > self._least():
             self._short_tick(left)
             self._frame(self.t_end)
             return self.t_end
@@ -573,6 +605,23 @@ class Run:
         return misplaced(
             self.state, self.constants, scales, self.steps, self.time * scales.time, remedy
         )
+
+    def steps_ahead(self) -> float:
+        """Steps from here to the end of the run, at the present one.
+
+        A stage that ends at rest or at a force counts whole, and a later one from the height that
+        the piston has now.
+        """
+        progress, last = self.progress, self.scene.protocol[-1]
+        if self.finished or not progress.begun:
+            return 0.0
+        later = self.scene.protocol[progress.stage + 1 :]
+        spans = [stage.span(progress.height) or 0.0 for stage in later]
+        end = progress.start + self.total + math.fsum(spans) / self.system.scales.time
+        end = min(end, self.t_end)
+        if isinstance(last, Timed) and last.until is None and math.isfinite(self.t_end):
+            end = self.t_end  # such a stage is lengthened up to it
+        return max(0.0, end - self.time) / self.pace.h
 
     def expected_seconds(self) -> float | None:
         """Length of the present stage [s], as far as it is known."""

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
+import os
 import signal
-import threading
 import time
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,23 +19,24 @@ from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.methods import method_named
 from granular.pairs.direct import PARTED_FROM, PARTS
-from granular.run.allowed import check_method
+from granular.run.allowed import check_end, check_method, check_step
+from granular.run.checkpoint import read_checkpoint
+from granular.run.directory import is_run
+from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
-from granular.run.store import Store, is_run, read_settings
+from granular.run.store import Store, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
 from granular.shared.messages import quoted
+from granular.shared.stops import Stop, deferred_stop
 from granular.shared.version import versions
 
 if TYPE_CHECKING:
     import xarray
-
-MOST_STEPS = 1e12
-"""Most steps from record to record: more would take weeks."""
 
 CADENCE = 0.01
 """Relative change of the records' distance, by a given step, that a user is told of."""
@@ -93,26 +92,29 @@ def simulate(
         If the run cannot be trusted any more; its ``trajectory`` attribute holds what was
         computed before.
     Interrupted
-        On Ctrl-C; its ``trajectory`` attribute holds what was computed.
+        On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds what
+        was computed.
     """
     plan = method_named(method)
     step = checked_step(dt, scene)
     check_method(plan, step, scene)
-    _check_cadence(step, scene)
-    _check_end(scene, t_end)
+    check_end(scene, t_end)
+    check_step(step, scene, t_end)
+    _warn_of_cadence(step, scene)
     count = _thread_count(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
-    numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    _set_threads(count)
     settings = _settings(scene, dt, method)
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
-    store = None if out is None else _open_store(Path(out), run, settings, resume)
-    try:
-        return _Job(run, store, settings).carry_out(progress)
-    finally:
-        if store is not None:
-            store.release()
+    with deferred_stop() as stop:
+        store = None if out is None else _open_store(Path(out), run, settings, resume)
+        try:
+            return _Job(run, store, settings).carry_out(progress, stop)
+        finally:
+            if store is not None:
+                store.release()
 
 
 class _Job:
@@ -123,12 +125,12 @@ class _Job:
         self.begun = self.last_commit = time.perf_counter()
         self.kept = self._snapshot()
 
-    def carry_out(self, progress: bool) -> Trajectory:
+    def carry_out(self, progress: bool, stop: Stop) -> Trajectory:
         run = self.run
         self._commit(complete=False)
-        with _deferred_interrupt() as interrupted, ProgressBar(progress) as bar:
+        with ProgressBar(progress) as bar:
             try:
-                while not run.at_end and not interrupted.is_set():
+                while not run.at_end and not stop.asked:
                     run.advance()
                     bar.show(run)
                     if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
@@ -142,7 +144,7 @@ class _Job:
                 raise
         trajectory = self._result(complete, until)
         if not complete:
-            raise Interrupted(trajectory)
+            raise Interrupted(trajectory, stop.number == signal.SIGTERM)
         _warn_of_doubts(trajectory)
         return trajectory
 
@@ -167,8 +169,8 @@ class _Job:
             self.store.commit(self.kept | readable | {"outcome": np.array(json.dumps(outcome))})
         except OSError as error:
             raise StoreError(
-                f"{self.store.path} cannot be written: {error.strerror}; what was committed "
-                "stands, resume it when there is room"
+                f"{self.store.path} cannot be written: {error.strerror or error}; what was "
+                "committed stands, resume it when there is room"
             ) from error
         self.last_commit = time.perf_counter()
 
@@ -198,38 +200,17 @@ def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset
     )
 
 
-def _check_cadence(step: Step, scene: Scene) -> None:
+def _warn_of_cadence(step: Step, scene: Scene) -> None:
     if step.seconds is None:
         return
     wanted = scene.output.scalars
-    steps = wanted / step.seconds
-    if steps > MOST_STEPS:
-        raise InputError(
-            f"dt = {step.seconds:g} s makes {steps:.3g} steps from record to record, "
-            f"{MOST_STEPS:g} is the limit; lengthen dt or shorten output.scalars"
-        )
-    made = max(1, round(steps)) * step.seconds
+    made = round(wanted / step.seconds) * step.seconds
     if abs(made - wanted) > CADENCE * wanted:
         warnings.warn(
             f"records come every {made:.4g} s, not {wanted:.4g} s, which is no multiple of dt = "
             f"{step.seconds:g} s",
             stacklevel=3,
         )
-
-
-def _check_end(scene: Scene, t_end: float | None) -> None:
-    number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
-    if t_end is not None and not (number and 0.0 < t_end < math.inf):
-        raise InputError(f"t_end = {quoted(t_end)}; give a time above 0 s")
-    if not scene.protocol:
-        raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
-    height = 1.0 if scene.piston is None else scene.piston.height
-    for place, stage in enumerate(scene.protocol):
-        if stage.span(height) is None and (t_end is None or place < len(scene.protocol) - 1):
-            raise InputError(
-                f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end "
-                "where it is the last"
-            )
 
 
 def _thread_count(scene: Scene, threads: int | None) -> int:
@@ -240,6 +221,17 @@ def _thread_count(scene: Scene, threads: int | None) -> int:
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {quoted(threads)}; give a whole number from 1 to {available}")
     return threads
+
+
+def _set_threads(count: int) -> None:
+    try:
+        numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    except ValueError as error:
+        layer = os.environ.get("NUMBA_THREADING_LAYER")
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"NUMBA_THREADING_LAYER = {layer!r} cannot be used ({reason}); leave it out"
+        ) from None
 
 
 def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
@@ -259,10 +251,8 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
         first = run.snapshot() | {"rows": 0, "frames": 0} | _readable(0, 0)
         outcome = {"figures": run.figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
-        store = Store.create(path, run.scene, run.system, settings, first)
-        store.hold()
-        return store
-    former = read_settings(path)[1]
+        return Store.create(path, run.scene, run.system, settings, first)
+    former = read_settings(path, manifest_of(read_checkpoint(path)))[1]
     for name in ("scene_digest", "dt", "method"):
         if former[name] != settings[name]:
             what = "scene" if name == "scene_digest" else name
@@ -284,20 +274,6 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
         store.release()
         raise
     return store
-
-
-@contextlib.contextmanager
-def _deferred_interrupt() -> Iterator[threading.Event]:
-    """Let Ctrl-C set an event instead of breaking off in the middle of the bookkeeping."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-    former = signal.signal(signal.SIGINT, lambda *_: event.set())
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, former)
 
 
 def _warn_of_doubts(trajectory: Trajectory) -> None:

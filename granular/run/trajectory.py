@@ -14,7 +14,7 @@ from granular.run.drive import base_motion, outer_force
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.scene.schema import unknown
-from granular.shared.errors import RecordError, StoreError
+from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:
     import xarray
@@ -152,23 +152,19 @@ def load_trajectory(path: str | Path) -> Trajectory:
     Raises
     ------
     StoreError
-        If the directory holds no run.
+        If the directory holds no run, or a file of it is missing or not what the run wrote. What
+        is recorded is checked as it is read: then the dataset's arrays raise it.
     """
-    import xarray
-
-    from granular.run.store import TRAJECTORY, read_checkpoint, read_settings
+    from granular.run.arrays import open_data
+    from granular.run.checkpoint import read_checkpoint
+    from granular.run.manifest import manifest_of
+    from granular.run.store import complete_lengths, read_settings
 
     path = Path(path)
     checkpoint = read_checkpoint(path)
-    scene, settings = read_settings(path)
-    try:
-        data = xarray.open_zarr(path / TRAJECTORY, chunks=None)
-    except (OSError, ValueError, KeyError) as error:
-        raise StoreError(f"{path / TRAJECTORY} cannot be read: {error}") from None
-    data = data.isel(
-        time=slice(0, int(checkpoint["readable_rows"])),
-        frame=slice(0, int(checkpoint["readable_frames"])),
-    )
+    manifest = manifest_of(checkpoint)
+    scene, settings = read_settings(path, manifest)
+    data = open_data(path, scene, manifest, complete_lengths(checkpoint))
     outcome = json.loads(str(checkpoint["outcome"]))
     return finished(scene, data, settings, outcome, path)
 

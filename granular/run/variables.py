@@ -118,6 +118,12 @@ def frame_variables(scene: Scene) -> tuple[Variable, ...]:
     return (*GRAIN_FIELDS, NORMAL_LOAD) if scene.effects.friction else GRAIN_FIELDS
 
 
+def run_variables(scene: Scene) -> tuple[Variable, ...]:
+    """All variables of a run, in the order in which they are recorded."""
+    scalars = (TIME, *scalar_variables(scene), STAGE)
+    return (*scalars, FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene))
+
+
 def si_column(variable: Variable, rows: np.ndarray, scales: Scales) -> np.ndarray:
     """A variable's values in SI from records in natural units."""
     values = rows[:, COLUMNS.index(variable.column)]

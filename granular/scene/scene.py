@@ -201,8 +201,13 @@ class Scene(Section):
 
     def digest(self) -> str:
         """A digest of the scene's content: equal scenes have equal digests."""
-        text = json.dumps(self.to_plain(), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return plain_digest(self.to_plain())
+
+
+def plain_digest(plain: Mapping[str, Any]) -> str:
+    """The digest of a scene from its plain data."""
+    text = json.dumps(plain, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _first_diameter(plain: Mapping[str, Any]) -> float | None:
@@ -220,7 +225,7 @@ def _put(plain: Any, path: list[str], value: Any) -> None:
     for depth, key in enumerate(path):
         last = depth == len(path) - 1
         if isinstance(plain, list):
-            names = [str(item.get("name")) for item in plain]
+            names = [str(item.get("name")) if isinstance(item, dict) else "" for item in plain]
             if key not in names and not (key.isdecimal() and int(key) < len(plain)):
                 raise FieldError(unknown(key, tuple(names), "item"), *path[:depth], key)
             place: Any = names.index(key) if key in names else int(key)

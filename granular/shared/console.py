@@ -1,7 +1,8 @@
 """What the three packages' command lines share.
 
 Every command exits with 0, or prints one line on standard error that names the value, the limit
-and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C.
+and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C, 143 after
+SIGTERM, which ends a command in the same way.
 """
 
 from __future__ import annotations
@@ -14,14 +15,16 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from granular.shared.errors import GranularError, InputError, Interrupted
+from granular.shared.errors import GranularError, InputError, Interrupted, Terminated
 from granular.shared.files import finite
 from granular.shared.messages import one_line, printable, quoted
 from granular.shared.missing import missing
+from granular.shared.stops import taking_sigterm
+from granular.shared.surroundings import check_surroundings
 from granular.shared.toml import parse_toml
 from granular.shared.version import __version__
 
-BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
 
 
 class Parser(argparse.ArgumentParser):
@@ -46,7 +49,9 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
-        command(sys.argv[1:] if arguments is None else arguments)
+        check_surroundings()
+        with taking_sigterm():
+            command(sys.argv[1:] if arguments is None else arguments)
     except InputError as error:
         return _complain(str(error), BAD_INPUT)
     except GranularError as error:
@@ -54,7 +59,9 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     except Interrupted as stop:
         path = getattr(stop.trajectory, "path", None)
         kept = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
-        return _complain(f"interrupted: {kept}", INTERRUPTED)
+        return _complain(f"{stop}: {kept}", TERMINATED if stop.terminated else INTERRUPTED)
+    except Terminated:
+        return _complain("terminated", TERMINATED)
     except ModuleNotFoundError as error:
         advice = missing(error)
         if advice is None:
@@ -62,6 +69,8 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         return _complain(str(advice), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
+    except Warning as warning:  # where Python was told to take warnings for errors
+        return _complain(f"warning taken for an error: {warning}", FAILED)
     except BrokenPipeError:
         sys.stderr.close()  # the reader went away; nothing is left to say
         return 0

@@ -116,15 +116,26 @@ class NotAtRestError(RunError):
     """A stage that was to end at rest did not come to rest in time."""
 
 
+class StepCountError(RunError):
+    """A run takes more steps than can be made, or counted."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, where a command ends as after Ctrl-C."""
+
+
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a run. What was computed is kept.
+    """Ctrl-C, or SIGTERM where a command takes it, during a run. What was computed is kept.
 
     Attributes
     ----------
     trajectory : Trajectory
         Everything up to the interruption.
+    terminated : bool
+        Whether it was SIGTERM.
     """
 
-    def __init__(self, trajectory: object) -> None:
-        super().__init__("interrupted")
+    def __init__(self, trajectory: object, terminated: bool = False) -> None:
+        super().__init__("terminated" if terminated else "interrupted")
         self.trajectory = trajectory
+        self.terminated = terminated

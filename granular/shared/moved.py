@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 import sys
-import warnings
 from collections.abc import Mapping
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
+
+from granular.shared.deprecation import deprecated
 
 
 class _Forwarder(MetaPathFinder, Loader):
@@ -23,7 +24,7 @@ class _Forwarder(MetaPathFinder, Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         new = self._moved[module.__name__]
-        warnings.warn(f"{module.__name__} is now {new}", DeprecationWarning, stacklevel=2)
+        deprecated(module.__name__, since="0.1.0", until="0.2.0", remedy=f"import {new}")
         # Under both names there is one and the same module; the empty one made here is dropped.
         sys.modules[module.__name__] = importlib.import_module(new)
 

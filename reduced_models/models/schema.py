@@ -39,10 +39,13 @@ def _wrong(where: str, value: object, wanted: str) -> InputError:
 
 def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
     def check(where: str, value: Any) -> float:
-        good = isinstance(value, int | float) and not isinstance(value, bool)
-        if not good or not least <= value <= most:
+        try:
+            number = float(value) if isinstance(value, int | float) else math.nan
+        except OverflowError:
+            number = math.nan
+        if isinstance(value, bool) or not least <= number <= most:
             raise _wrong(where, value, f"a number from {least:g} to {most:g}")
-        return float(value)
+        return number
 
     return check
 

@@ -99,7 +99,7 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
     try:
         if path.is_file() and path.suffix != ".toml":
             return PistonRecord.from_file(path)
-        from granular.run.store import is_run
+        from granular.run.directory import is_run
         from granular.run.trajectory import load_trajectory
         from granular.scene.loading import load_scene
 

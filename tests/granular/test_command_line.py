@@ -61,12 +61,18 @@ def places(
         "emptied": ("checkpoint.npz", b""),
         "bare": ("run.json", b"{}"),
         "garbled": ("run.json", b"nonsense"),
+        "edited": ("scene.toml", (run / "scene.toml").read_bytes() + b"# mine"),
     }
     for name, (file, content) in damage.items():
         shutil.copytree(run, folder / name)
         (folder / name / file).write_bytes(content)
     shutil.copytree(run, folder / "hollow")
     shutil.rmtree(folder / "hollow" / "trajectory.zarr")
+    shutil.copytree(run, folder / "stripped")
+    shutil.rmtree(folder / "stripped" / "trajectory.zarr" / "position")
+    shutil.copytree(run, folder / "flipped")
+    chunk = folder / "flipped" / "trajectory.zarr" / "position" / "c" / "0" / "0" / "0"
+    chunk.write_bytes(bytes([chunk.read_bytes()[0] ^ 1]) + chunk.read_bytes()[1:])
     (folder / "empty.csv").touch()
     (folder / "words.csv").write_text("time,height\n0,low\n1,high\n")
     (folder / "there.png").write_bytes(b"precious")
@@ -201,6 +207,13 @@ BAD = [
     ("granular run bed {small} -o {emptied} --resume", "checkpoint.npz"),
     ("granular run bed {small} -o {bare} --resume", "run.json"),
     ("granular run bed {small} -o {hollow} --resume", "trajectory.zarr"),
+    ("granular run bed --dt 1e10", "longer than from record to record, output.scalars"),
+    ("granular run bed --dt 1e-30", "1e+10 is the limit"),
+    ("granular run bed --t-end 1e308", "up to 1e+30 s"),
+    ("granular run bed --set grains.species=[5] --set grains.species.0.diameter=1", "no parts"),
+    ("granular export {stripped} --format gsd -o {here}/a.gsd", "position/zarr.json is missing"),
+    ("granular export {flipped} --format extxyz -o {here}/a.xyz --quiet", "/0 is damaged"),
+    ("granular render {edited} -o {here}/a.png", "scene.toml is not what the run wrote"),
     ("granular show bed --set piston.height=0", "must be above 0 m"),
     ("granular export", "required: RUN, --format, -o"),
     ("granular export {run} --format gsd", "required: -o"),
@@ -216,10 +229,10 @@ BAD = [
     ("granular export {run} --format source -o {there}", "cannot be made"),
     ("granular render {run}", "required: -o"),
     ("granular render {here}/nothing -o {here}/a.png", "holds no run"),
-    ("granular render {long} -o {here}/a.png", "File name too long"),
+    ("granular render {long} -o {here}/a.png", "holds no run"),
     ("granular render {emptied} -o {here}/a.png", "checkpoint.npz"),
     ("granular render {bare} -o {here}/a.png", "run.json"),
-    ("granular render {garbled} -o {here}/a.png", "holds no run"),
+    ("granular render {garbled} -o {here}/a.png", "run.json"),
     ("granular render {run} -o {there}", "exists; give another name"),
     ("granular render {run} -o {here}/a.tiff", "unknown format '.tiff'"),
     ("granular render {run} -o {here}/a", "unknown format ''"),
@@ -281,7 +294,8 @@ def test_bed_without_grains_runs_or_is_refused(command: Command) -> None:
 
 
 def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
-    done = command("granular", "run", "bed", *SMALL, "--dt", "2e-3", "--quiet")
+    seldom = ("--set", "output.scalars=2e-3")
+    done = command("granular", "run", "bed", *SMALL, *seldom, "--dt", "2e-3", "--quiet")
     assert done.returncode == 1
     lines = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
     assert len(lines) == 1

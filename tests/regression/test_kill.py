@@ -13,7 +13,7 @@ import pytest
 
 import granular.run.simulation
 from granular import Scene, load_trajectory, simulate
-from granular.run.store import is_run
+from granular.run.directory import is_run
 
 KILLS = 100
 STEP = 2e-6
@@ -43,13 +43,16 @@ def test_hundred_random_kills(
     )
     whole = simulate(scene, STEP, progress=False)
     simulate(scene, STEP, t_end=0.01, out=tmp_path / "first", progress=False)  # imports all
+    begun = time.perf_counter()
+    simulate(scene, STEP, t_end=0.01, out=tmp_path / "second", progress=False)
+    short = time.perf_counter() - begun
     path = tmp_path / "run"
     fork = multiprocessing.get_context("fork")
     lengths = []
     for _ in range(KILLS):
         process = fork.Process(target=go_on, args=(scene, path))
         process.start()
-        time.sleep(random.uniform(0.0, 0.4))
+        time.sleep(random.uniform(0.0, 2.0 * short))
         assert process.pid is not None
         os.kill(process.pid, signal.SIGKILL)
         process.join()

@@ -15,9 +15,9 @@ from validation.order import (
     ConvergenceResult,
     Solver,
     convergence,
+    convergence_table,
     fits,
     fitted_slope,
-    summary,
 )
 from validation.programme import shown_method
 
@@ -115,7 +115,7 @@ def test_result_survives_json() -> None:
     assert result.fit is None  # less than half a decade
     again = ConvergenceResult.from_plain(json.loads(json.dumps(result.to_plain())))
     assert again == result
-    assert len(summary([result]).rows[0]) == len(summary([result]).header)
+    assert len(convergence_table([result]).rows[0]) == len(convergence_table([result]).header)
     assert len(result.table().rows) == len(counts)
 
 
@@ -154,6 +154,6 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
         # Errors of order eight are rounding before they have fallen for half a decade of steps.
         assert min(result.errors) < 1e-14
         return
-    assert result.holds(TOLERANCE[order]), summary([result]).text()
+    assert result.holds(TOLERANCE[order]), convergence_table([result]).text()
     if order <= 6 and not result.exact:
         assert result.decades > 0.99

@@ -90,9 +90,6 @@ class PaddedGrains:
         return TimedSum(call, sums[:2, : self.count].T.copy)
 
 
-Entry, Grains = TimedSum, PaddedGrains  # their former names
-
-
 def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) -> TimedSum:
     sums, x = grains.sums(), grains.x
     third, weight = (sums[2], grains.weight) if load else (None, None)

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from granular import Scene, simulate
+from granular import Scene, load_scene, simulate
 from granular.methods import METHODS
 from granular.run.allowed import is_allowed
 from granular.run.time_step import checked_step, doubled, halved
 from granular.scene.dryness import dry_parts
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, StepCountError
 
 CONTACT = {"effects.contact": {"modulus": 1e7}}
 
@@ -66,3 +66,76 @@ def test_twice_half_a_step_is_the_step(dt: float | str) -> None:
     step, back = checked_step(dt), checked_step(doubled(halved(dt)))
     assert back.seconds == step.seconds
     assert back.factor == pytest.approx(step.factor, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"dt": 1e10}, "longer than from record to record, output.scalars = 0.001 s"),
+        ({"dt": 1.001e-3}, "longer than from record to record"),
+        ({"dt": 5e-4, "t_end": 4e-4}, "longer than the run, t_end = 0.0004 s"),
+        ({"dt": 1e-14}, "makes 1e+11 steps from record to record, 1e+10 is the limit"),
+        ({"t_end": True}, "t_end = True; give a time above 0 s"),
+        ({"t_end": 1e308}, "up to 1e+30 s"),
+    ],
+)
+def test_steps_longer_or_shorter_than_makes_sense(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        simulate(load_scene("single-particle"), progress=False, **arguments)
+    assert words in str(caught.value)
+
+
+def test_a_step_is_no_longer_than_any_stage(small_bed: Scene) -> None:
+    """Also than a stage whose duration follows from heights and a speed."""
+    hold = {"kind": "hold", "name": "wait", "duration": 0.01}
+    for short in (
+        {"kind": "hold", "name": "short", "duration": 1e-4},
+        {"kind": "move", "name": "short", "to": "5.9998 D", "speed": "1 D/s"},
+        {"kind": "follow", "name": "short", "times": [0.0, 1e-4], "heights": ["6 D", "6 D"]},
+    ):
+        scene = small_bed.replace(**{"protocol": [hold, short, {**hold, "name": "after"}]})
+        assert is_allowed(scene, 1e-4, "stormer-verlet")
+        with pytest.raises(InputError, match=r"dt = 0\.0005 s is longer than stage 'short'"):
+            simulate(scene, dt=5e-4, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments"),
+    [
+        ({"grains.remanence": 1e-30}, {}),
+        ({"grains.remanence": 1e30}, {}),
+        ({"grains.remanence": 1e30}, {"method": "adaptive-verlet"}),
+        ({"grains.species.0.diameter": 1e-29}, {}),
+        ({"output.scalars": 1e-29, "output.frames": 1e-29}, {}),
+        ({"output.scalars": 1e29, "output.frames": 1e29}, {}),
+        ({}, {"t_end": 1e30}),
+    ],
+)
+def test_more_steps_than_can_be_counted_are_refused(
+    changes: dict[str, Any], arguments: dict[str, Any]
+) -> None:
+    with pytest.raises(StepCountError, match="is the limit") as caught:
+        simulate(load_scene("single-particle").replace(**changes), progress=False, **arguments)
+    assert caught.value.step == 0
+
+
+@pytest.mark.parametrize("end", [1e-12, 1e-300])
+def test_an_end_within_the_first_step_is_reached(end: float) -> None:
+    """Whether the run ends there, or its stage."""
+    scene = load_scene("single-particle")
+    run = simulate(scene, t_end=end, progress=False)
+    assert (run.complete, run.settings()["steps"]) == (True, 1)
+    assert run.dataset["time"].values[-1] == pytest.approx(end, rel=1e-12)
+    run = simulate(scene.replace(**{"protocol.0.duration": 1e-12}), progress=False)
+    assert run.stages[-1].end == pytest.approx(1e-12, rel=1e-12)
+
+
+def test_ticks_of_many_steps_stay_exact() -> None:
+    """Where the product of a tick's number and the steps from record to record passes 64 bits."""
+    from granular.engine.step_size import Step, tick_start, tick_steps
+
+    pace = Step(seconds=1.0).pace(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
+    for tick in (0, 3, 10**9, 10**12):
+        exact = tick * pace.given // pace.every
+        assert tick_start(pace, tick) == exact * pace.h
+        assert tick_steps(pace, tick) == (tick + 1) * pace.given // pace.every - exact

@@ -158,6 +158,12 @@ BAD = [
     ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, descend"),
     ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "give either speed or duration"),
     ({"name": ""}, "must be a text that is not empty"),
+    ({"name": "d\udce4mper"}, "holds signs that are no text"),
+    ({"protocol.lift": None, "protocol.release": None}, "protocol.1: None must be a table"),
+    (
+        {"grains.species": [5], "grains.species.0.diameter": 1},
+        "grains.species.0: has no parts; remove '.diameter'",
+    ),
 ]
 
 
@@ -197,3 +203,9 @@ def test_bad_files(tmp_path: Path) -> None:
     broken.write_text("[grains]\ncount = 3\n")
     with pytest.raises(SceneError, match=r"broken\.toml: grains\.species: must be given"):
         load_scene(broken)
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path, damper: Scene) -> None:
+    file = tmp_path / "marked.toml"
+    file.write_text(damper.to_toml(), encoding="utf-8-sig")
+    assert load_scene(file) == damper

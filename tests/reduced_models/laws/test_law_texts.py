@@ -192,4 +192,3 @@ def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
     found = compiled_field(driven.equation, driven.inputs, "numpy")(*state, 0.7, *ordered)
     assert found[0] == pytest.approx(own[0] + 0.7, rel=1e-13)
     assert found[1:] == pytest.approx(own[1:])
-

@@ -1,0 +1,136 @@
+"""The place of a run directory: made beside it, taken all at once, written to by one process."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import uuid
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # where there is none, nothing keeps two processes apart
+    fcntl = None  # type: ignore[assignment]
+
+from granular.shared.errors import StoreError
+
+SCENE = "scene.toml"
+SETTINGS = "run.json"
+TRAJECTORY = "trajectory.zarr"
+CHECKPOINT = "checkpoint.npz"
+CHECKPOINT_PART = CHECKPOINT + ".part"
+KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT_PART}
+"""What a run directory holds."""
+
+
+def lock(path: Path) -> int | None:
+    """Keep other processes from writing to a directory; what holds it, for `unlock`.
+
+    The lock is the directory's, whatever its name becomes, and ends with the process. None where
+    the file system has no locks.
+
+    Raises
+    ------
+    StoreError
+        If another process writes there.
+    """
+    if fcntl is None:
+        return None
+    held = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(held)
+        raise StoreError(f"another process is running in {path}; wait for it, or stop it") from None
+    except OSError:
+        os.close(held)
+        return None
+    return held
+
+
+def unlock(held: int | None) -> None:
+    """Let others write there."""
+    if held is not None:
+        os.close(held)
+
+
+def empty_part(path: Path) -> tuple[Path, int | None]:
+    """An empty directory beside the place of a run, which `take_place` moves there; and its lock.
+
+    Raises
+    ------
+    StoreError
+        If the place is not empty, or nothing can be made there.
+    """
+    try:
+        place = _real(path)
+        if place.is_symlink() or (place.exists() and not place.is_dir()):
+            what = "a link that leads to itself" if place.is_symlink() else "a file"
+            raise StoreError(f"{path} is {what}; give a new directory")
+        if place.exists() and any(place.iterdir()):
+            raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        _remove_remains(place)
+        while True:
+            # Two processes that begin a run of one name must not write into each other's part.
+            part = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}.part")
+            part.mkdir()
+            try:
+                held = lock(part)
+            except (FileNotFoundError, StoreError):
+                continue  # taken for remains by another process, before it was locked
+            if part.is_dir():
+                return part, held
+            unlock(held)
+    except OSError as error:
+        raise StoreError(f"{path} cannot be made: {error.strerror}") from None
+
+
+def take_place(part: Path, path: Path) -> None:
+    """Move a complete part to its place.
+
+    Raises
+    ------
+    StoreError
+        If something has come to stand there meanwhile.
+    """
+    place = _real(path)
+    try:
+        os.replace(part, place)
+    except OSError as error:
+        if place.is_dir() and any(place.iterdir()):
+            raise StoreError(
+                f"another process has begun a run in {path}; give a new directory"
+            ) from None
+        raise StoreError(f"{path} cannot be made: {error.strerror}") from None
+
+
+def _real(path: Path) -> Path:
+    """Where a run directory really is to be: links are followed."""
+    place = Path(os.path.realpath(path))
+    if not place.name:
+        raise StoreError(f"{path} is no place for a run; give a directory that is yours")
+    return place
+
+
+def _remove_remains(place: Path) -> None:
+    """Remove what runs of this name left that were killed while they began."""
+    name = re.compile(rf"\.{re.escape(place.name)}(\.[0-9a-f]{{8}})?\.part")
+    for part in place.parent.iterdir():
+        if not name.fullmatch(part.name):
+            continue
+        with contextlib.suppress(StoreError, OSError):  # one begins there, or removes it, just now
+            held = lock(part) if {one.name for one in part.iterdir()} <= KNOWN else None
+            if held is not None:
+                shutil.rmtree(part, ignore_errors=True)
+                unlock(held)
+
+
+def is_run(path: Path) -> bool:
+    """Whether a directory holds a run, whole or damaged."""
+    try:
+        return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
+    except OSError:
+        return False

@@ -1,0 +1,98 @@
+"""Stops from outside: Ctrl-C, and SIGTERM where a command takes it for one.
+
+A library leaves SIGTERM to the program that uses it; the command line takes it by `taking_sigterm`.
+"""
+
+from __future__ import annotations
+
+import _thread
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from granular.shared.errors import Terminated
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+AGAIN = 0.05
+"""Seconds after which a stop that was swallowed comes again."""
+
+
+class Stop:
+    """A stop that waits to be looked at.
+
+    Attributes
+    ----------
+    number : int or None
+        Of the signal; None while there was none.
+    """
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+
+    @property
+    def asked(self) -> bool:
+        return self.number is not None
+
+    def error(self) -> KeyboardInterrupt:
+        """What the signal would have raised."""
+        return Terminated() if self.number == signal.SIGTERM else KeyboardInterrupt()
+
+    def _take(self, number: int, _: FrameType | None) -> None:
+        self.number = number
+
+
+@contextlib.contextmanager
+def deferred_stop() -> Iterator[Stop]:
+    """Let a stop wait to be looked at, instead of breaking off in the middle of something.
+
+    Outside the main thread, which alone has signals, none comes.
+    """
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    taken = signal.getsignal(signal.SIGTERM) is _terminate
+    numbers = (signal.SIGINT, signal.SIGTERM) if taken else (signal.SIGINT,)
+    former = {number: signal.signal(number, stop._take) for number in numbers}
+    try:
+        yield stop
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def taking_sigterm() -> Iterator[None]:
+    """Let SIGTERM raise `Terminated`, and let no stop be lost.
+
+    Python drops what is raised in a destructor, or in a callback of the garbage collector: such a
+    stop comes again.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler, hook = signal.signal(signal.SIGTERM, _terminate), sys.unraisablehook
+    sys.unraisablehook = _unraisable
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+        sys.unraisablehook = hook
+
+
+def _terminate(*_: object) -> None:
+    raise Terminated
+
+
+def _unraisable(dropped: UnraisableHookArgs) -> None:
+    if issubclass(dropped.exc_type, KeyboardInterrupt):
+        number = signal.SIGTERM if issubclass(dropped.exc_type, Terminated) else signal.SIGINT
+        threading.Timer(AGAIN, _thread.interrupt_main, (number,)).start()
+    else:
+        sys.__unraisablehook__(dropped)

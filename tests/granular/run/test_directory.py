@@ -1,0 +1,149 @@
+"""The place of a run: through links, begun by several at once, beside remains, on a full disk."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import granular.run.simulation
+from granular import Scene, load_scene, load_trajectory, simulate
+from granular.run.directory import empty_part, lock, take_place, unlock
+from granular.shared.errors import StoreError
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("single-particle").replace(
+        **{"output.scalars": 1e-4, "output.frames": 1e-4, "protocol.0.duration": 0.2}
+    )
+
+
+def begun(scene: Scene, path: Path) -> None:
+    simulate(scene, t_end=1e-3, out=path, progress=False)
+
+
+def parts(path: Path) -> list[Path]:
+    return list(path.glob(".*.part"))
+
+
+@pytest.mark.parametrize("name", ["whole", "dangling", "relative"])
+def test_output_goes_through_a_link(scene: Scene, tmp_path: Path, name: str) -> None:
+    (tmp_path / "real").mkdir()
+    link = tmp_path / name
+    where = {"whole": tmp_path / "real", "dangling": tmp_path / "later", "relative": "real"}
+    link.symlink_to(where[name])
+    begun(scene, link)
+    assert link.is_symlink()
+    assert (link.resolve() / "checkpoint.npz").is_file()
+    simulate(scene, t_end=2e-3, out=link, resume=True, progress=False)
+    assert load_trajectory(link).dataset.sizes["time"] == 21
+    assert not parts(tmp_path)
+
+
+def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "there").symlink_to("back")
+    (tmp_path / "back").symlink_to("there")
+    (tmp_path / "file").touch()
+    (tmp_path / "to-file").symlink_to("file")
+    for name, words in (
+        ("loop", "a link that leads to itself"), ("there", "a link that leads to itself"),
+        ("file", "is a file"), ("to-file", "is a file"), ("file/run", "cannot be made"),
+    ):  # fmt: skip
+        with pytest.raises(StoreError, match=words):
+            begun(scene, tmp_path / name)
+    assert not parts(tmp_path)
+
+
+def test_the_first_of_two_gets_the_place(tmp_path: Path) -> None:
+    path = tmp_path / "run"
+    first, held = empty_part(path)
+    second, other = empty_part(path)
+    assert first != second
+    for part in (first, second):
+        (part / "scene.toml").touch()
+    take_place(second, path)
+    with pytest.raises(StoreError, match="another process has begun a run in"):
+        take_place(first, path)
+    with pytest.raises(StoreError, match="another process is running in"):
+        lock(path)  # the lock of the part is that of the run
+    unlock(other)
+    unlock(lock(path))
+    unlock(held)
+
+
+@pytest.mark.long
+def test_several_processes_begin_at_once(scene: Scene, tmp_path: Path) -> None:
+    scene.save(tmp_path / "scene.toml")
+    words = ("granular", "run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "run"))
+    for _ in range(3):
+        begun_by = [
+            subprocess.Popen(
+                [sys.executable, "-m", *words, "--t-end", "1e-3", "--quiet"],
+                cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            )
+            for _ in range(3)
+        ]  # fmt: skip
+        said = [one.communicate()[1] for one in begun_by]
+        codes = [one.returncode for one in begun_by]
+        assert sorted(codes) == [0, 2, 2], said
+        lines = [line for code, line in zip(codes, said, strict=True) if code]
+        assert all(line.startswith("error: ") and line.count("\n") == 1 for line in lines)
+        assert load_trajectory(tmp_path / "run").complete
+        assert not parts(tmp_path)
+        (tmp_path / "run").rename(tmp_path / f"run{_}")
+
+
+def test_remains_of_a_killed_run_are_removed(scene: Scene, tmp_path: Path) -> None:
+    """But neither what another process makes, nor what is no part of a run."""
+    remains, kept = tmp_path / ".run.0123abcd.part", tmp_path / ".run.0123abce.part"
+    former, other = tmp_path / ".run.part", tmp_path / ".run.more.0123abcd.part"
+    for part in (remains, kept, former, other):
+        (part / "trajectory.zarr").mkdir(parents=True)
+    (kept / "thesis.tex").touch()
+    live, held = empty_part(tmp_path / "run")
+    begun(scene, tmp_path / "run")
+    assert sorted(parts(tmp_path)) == sorted([kept, other, live])
+    unlock(held)
+
+
+@contextlib.contextmanager
+def full_disk(room: int) -> Iterator[None]:
+    """No file can become longer than so many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("room", [100, 5000])
+def test_a_disk_that_is_full_at_the_start(scene: Scene, tmp_path: Path, room: int) -> None:
+    begun(scene, tmp_path / "other")  # loads what is compiled
+    with full_disk(room), pytest.raises(StoreError, match="run cannot be made: File too large"):
+        begun(scene, tmp_path / "run")
+    assert [one.name for one in tmp_path.iterdir()] == ["other"]
+
+
+def test_a_disk_that_fills_up_is_resumed_from(
+    small_bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = small_bed.replace(**{"protocol.settle.duration": 0.1, "output.frames": 1e-3})
+    whole = simulate(scene, progress=False)
+    monkeypatch.setattr(granular.run.simulation, "COMMIT_SECONDS", 0.0)
+    with full_disk(30_000), pytest.raises(StoreError, match="resume it when there is room"):
+        simulate(scene, out=tmp_path / "run", progress=False)
+    part = load_trajectory(tmp_path / "run").dataset.load()
+    assert 0 < part.sizes["frame"] < whole.dataset.sizes["frame"]
+    monkeypatch.undo()
+    again = simulate(scene, out=tmp_path / "run", resume=True, progress=False)
+    assert again.dataset.equals(whole.dataset)

@@ -1,0 +1,59 @@
+"""What is said of a run that takes long, and how it ends when it is told to."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from granular.engine.run import Run
+
+from granular import load_scene, load_trajectory
+from granular.engine.step_size import Step
+from granular.engine.system import natural_system
+from granular.methods import METHODS
+from granular.run.progress import outlook
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_outlook_of_a_long_run() -> None:
+    assert outlook(1e12, 1e6) == "up to 1e+12 steps, 12 days at 1e+06 steps a second"
+    assert outlook(2e9, 1e6) == "up to 2e+09 steps, 33 minutes at 1e+06 steps a second"
+    assert outlook(1e20, 1e6) == "up to 1e+20 steps, 3.2e+06 years at 1e+06 steps a second"
+    assert outlook(5e6, 1e6) is None
+
+
+def test_steps_ahead_are_those_of_all_stages() -> None:
+    scene = load_scene("single-particle").replace(
+        **{"protocol": [{"kind": "hold", "name": name, "duration": 0.01} for name in "abc"]}
+    )
+    method = METHODS["stormer-verlet"]
+    for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
+        run = Run(scene, natural_system(scene), method, Step(seconds=1e-5), t_end)
+        run.advance()
+        assert run.steps_ahead() + run.steps == pytest.approx(count)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="needs signals")
+def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    words = ("granular", "run", "single-particle", "--dt", "1e-12", "-o", str(out))
+    process = subprocess.Popen(
+        [sys.executable, "-m", *words, "--set", "protocol.0.duration=1"],
+        cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stderr is not None
+    said = next(line for line in process.stderr if "steps a second" in line)
+    assert "up to 1e+12 steps" in said
+    process.send_signal(signal.SIGTERM)
+    rest = process.communicate(timeout=60)[1]
+    assert process.returncode == 143
+    assert (
+        rest.splitlines()[-1] == f"error: terminated: what was done is in {out}; --resume goes on"
+    )
+    part = load_trajectory(out)
+    assert not part.complete
+    assert part.settings()["steps"] > 0

@@ -1,0 +1,242 @@
+"""Run directories: damage is noticed by its file's name, or changes nothing that is read."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import granular.run.arrays
+from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
+from granular.shared.errors import StoreError
+
+CUT, END = 0.01234, 0.02
+FORMER = Path(__file__).parents[2] / "data" / "former" / "run"
+
+
+@dataclasses.dataclass(frozen=True)
+class Damage:
+    """A file that was damaged, and how."""
+
+    file: Path
+    how: str
+
+    def do(self, directory: Path, random: np.random.Generator) -> None:
+        """Do it to a copy of the run."""
+        path = directory / self.file
+        content = bytearray(path.read_bytes())
+        if self.how == "missing":
+            path.unlink()
+            return
+        if self.how == "flipped":
+            bit = int(random.integers(8 * len(content)))
+            content[bit // 8] ^= 1 << bit % 8
+        else:
+            del content[0 if self.how == "empty" else int(random.integers(1, len(content))) :]
+        path.write_bytes(content)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("single-particle").replace(
+        **{"output.scalars": 2.5e-4, "output.frames": 1e-3}
+    )
+
+
+@pytest.fixture(scope="module")
+def directory(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A run that was cut within a step, in many small chunks."""
+    path = tmp_path_factory.mktemp("store") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(granular.run.arrays, "TIME_CHUNK", 16)
+        patch.setattr(granular.run.arrays, "FRAME_CHUNK", 8)
+        simulate(scene, t_end=CUT, out=path, progress=False)
+    assert len(list((path / "trajectory.zarr" / "time" / "c").iterdir())) > 3
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(scene: Scene) -> Trajectory:
+    return simulate(scene, t_end=END, progress=False)
+
+
+def everything(run: Trajectory) -> xarray.Dataset:
+    return run.dataset.load()
+
+
+def resumed(scene: Scene, path: Path) -> Trajectory:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return simulate(scene, t_end=END, out=path, resume=True, progress=False)
+
+
+def outcome(made: Callable[[], Trajectory]) -> xarray.Dataset | str:
+    """What is read, or the error's line."""
+    try:
+        return everything(made())
+    except StoreError as error:
+        return str(error)
+
+
+def check(
+    damages: list[Damage], directory: Path, scene: Scene, whole: Trajectory, place: Path,
+    random: np.random.Generator,
+) -> None:  # fmt: skip
+    """Load and resume a copy with each damage: the same values, or one line with its name."""
+    good = everything(load_trajectory(directory))
+    for damage in damages:
+        shutil.rmtree(place, ignore_errors=True)
+        shutil.copytree(directory, place)
+        damage.do(place, random)
+        for made, right in (
+            (lambda: load_trajectory(place), good),
+            (lambda: resumed(scene, place), whole.dataset),
+        ):
+            read = outcome(made)
+            if isinstance(read, str):
+                assert str(place / damage.file) in read, damage
+                assert "\n" not in read
+            else:
+                assert read.equals(right), damage
+                assert read.attrs["scene"] == right.attrs["scene"]
+
+
+def damages(directory: Path, hows: list[str], random: np.random.Generator) -> list[Damage]:
+    """Damages of files drawn by chance, so that each kind of file is among many."""
+    files = sorted(one.relative_to(directory) for one in directory.rglob("*") if one.is_file())
+    return [Damage(files[random.integers(len(files))], how) for how in hows]
+
+
+def test_some_damages_are_noticed(
+    directory: Path, scene: Scene, whole: Trajectory, tmp_path: Path, random: np.random.Generator
+) -> None:
+    chosen = damages(directory, ["flipped"] * 6 + ["truncated", "empty", "missing"], random)
+    check(chosen, directory, scene, whole, tmp_path / "run", random)
+
+
+@pytest.mark.long
+def test_many_damages_are_noticed(
+    directory: Path, scene: Scene, whole: Trajectory, tmp_path: Path, random: np.random.Generator
+) -> None:
+    """Of 200 bits, and 50 files."""
+    hows = ["flipped"] * 200 + ["truncated", "empty", "missing"] * 17
+    check(damages(directory, hows, random), directory, scene, whole, tmp_path / "run", random)
+
+
+@pytest.mark.parametrize("how", ["flipped", "truncated", "empty", "missing"])
+@pytest.mark.parametrize(
+    "file",
+    ["scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.json",
+     "trajectory.zarr/position/zarr.json", "trajectory.zarr/position/c/0/0/0",
+     "trajectory.zarr/time/c/3"],
+)  # fmt: skip
+def test_each_kind_of_file_is_named(
+    directory: Path, tmp_path: Path, random: np.random.Generator, file: str, how: str
+) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(directory, copy)
+    Damage(Path(file), how).do(copy, random)
+    with pytest.raises(StoreError) as caught:
+        everything(load_trajectory(copy))
+    assert str(caught.value).startswith(f"{copy / file} ")
+
+
+def test_a_run_without_positions_is_none(directory: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(directory, copy)
+    shutil.rmtree(copy / "trajectory.zarr" / "position")
+    with pytest.raises(StoreError, match=r"position/zarr\.json is missing; restore it"):
+        load_trajectory(copy)
+    shutil.copytree(
+        directory / "trajectory.zarr" / "position", copy / "trajectory.zarr" / "position"
+    )
+    shutil.rmtree(copy / "trajectory.zarr" / "position" / "c")
+    with pytest.raises(StoreError, match=r"position/c/\d/0/0 is missing; restore it"):
+        everything(load_trajectory(copy))
+
+
+def test_an_edited_scene_is_noticed(directory: Path, tmp_path: Path) -> None:
+    for number, source in enumerate((directory, FORMER)):
+        copy = tmp_path / str(number)
+        shutil.copytree(source, copy)
+        file = copy / "scene.toml"
+        text = file.read_text(encoding="utf-8")
+        file.write_text(text.replace("density = 7368.0", "density = 7369.0"), encoding="utf-8")
+        with pytest.raises(StoreError, match=r"scene\.toml is not "):
+            load_trajectory(copy)
+
+
+def test_edited_settings_are_noticed(directory: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(directory, copy)
+    settings = json.loads((copy / "run.json").read_text())
+    (copy / "run.json").write_text(json.dumps(settings | {"dt": "auto/2"}))
+    with pytest.raises(StoreError, match=r"run\.json is not what the run wrote"):
+        load_trajectory(copy)
+
+
+def test_a_chunk_of_nothing_but_the_fill_value_is_written(directory: Path) -> None:
+    """All stages are number 0, which is the fill value: only what was lost is not there."""
+    chunks = directory / "trajectory.zarr" / "stage" / "c"
+    assert len(list(chunks.iterdir())) == len(list((chunks.parents[1] / "time" / "c").iterdir()))
+
+
+def test_other_programs_check_the_sums_too(directory: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(directory, copy)
+    plain = xarray.open_zarr(copy / "trajectory.zarr", chunks=None)
+    assert (
+        plain["greatest_speed"]
+        .load()
+        .equals(
+            load_trajectory(directory)
+            .dataset["greatest_speed"]
+            .drop_vars("time")
+            .assign_coords(time=plain["time"])
+        )
+    )
+    chunk = copy / "trajectory.zarr" / "greatest_speed" / "c" / "1"
+    content = bytearray(chunk.read_bytes())
+    content[-1] ^= 1
+    chunk.write_bytes(content)
+    with pytest.raises(ValueError, match="checksum"):
+        xarray.open_zarr(copy / "trajectory.zarr", chunks=None).load()
+
+
+def test_a_run_of_the_former_layout_goes_on(tmp_path: Path) -> None:
+    """It has neither checksums nor a manifest, and gets none."""
+    copy = tmp_path / "run"
+    shutil.copytree(FORMER, copy)
+    former = everything(load_trajectory(FORMER))
+    scene = load_trajectory(FORMER).scene
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # other versions
+        later = simulate(scene, t_end=0.23, out=copy, resume=True, progress=False)
+    count = former.sizes["time"] - 1
+    assert np.isfinite(later.dataset["time"].values).all()
+    assert np.array_equal(
+        later.dataset["piston_height"].values[:count], former["piston_height"].values[:count]
+    )
+    assert everything(load_trajectory(copy)).equals(everything(later))
+
+
+def test_what_is_read_does_not_grow_while_the_run_does(
+    scene: Scene, directory: Path, tmp_path: Path
+) -> None:
+    """A reader of a live run keeps the part that was complete when it opened it."""
+    copy = tmp_path / "run"
+    shutil.copytree(directory, copy)
+    early = load_trajectory(copy)
+    before = everything(load_trajectory(copy))
+    resumed(scene, copy)
+    rows = early.dataset.sizes["time"] - 1  # the last one lay on no whole tick
+    assert np.array_equal(
+        early.dataset["greatest_speed"].values[:rows], before["greatest_speed"].values[:rows]
+    )

@@ -1,0 +1,94 @@
+"""Ctrl-C and SIGTERM: what ends, what waits, and that no stop is lost."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator, Sequence
+
+import pytest
+
+from granular.shared.console import launch
+from granular.shared.errors import Terminated
+from granular.shared.stops import deferred_stop, taking_sigterm
+
+
+@pytest.fixture(autouse=True)
+def handlers() -> Iterator[None]:
+    """Handlers are what they were after each test."""
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    yield
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def wait() -> None:
+    """Until a stop comes, at most a minute."""
+    for _ in range(6000):
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_a_command_ends_with_one_line(
+    number: int, code: int, word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(_: Sequence[str]) -> None:
+        os.kill(os.getpid(), number)
+        wait()
+
+    assert launch(command, []) == code
+    assert capsys.readouterr().err == f"error: {word}\n"
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stop_that_a_callback_swallowed_comes_again(number: int, code: int) -> None:
+    """Python drops what is raised in a callback of the garbage collector."""
+
+    def swallow(*_: object) -> None:
+        gc.callbacks.remove(swallow)
+        os.kill(os.getpid(), number)
+        for _ in range(1000):
+            pass
+
+    def command(_: Sequence[str]) -> None:
+        gc.callbacks.append(swallow)
+        gc.collect()
+        wait()
+
+    assert launch(command, []) == code
+
+
+def test_a_stop_waits_to_be_looked_at() -> None:
+    with deferred_stop() as stop:
+        assert not stop.asked
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.asked
+    assert type(stop.error()) is KeyboardInterrupt
+    with taking_sigterm(), deferred_stop() as stop:
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert stop.asked
+    assert isinstance(stop.error(), Terminated)
+
+
+def test_a_library_leaves_sigterm_alone() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with deferred_stop():
+        assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_other_threads_have_no_signals() -> None:
+    seen = []
+
+    def other() -> None:
+        with taking_sigterm(), deferred_stop() as stop:
+            seen.append(stop.asked)
+
+    thread = threading.Thread(target=other)
+    thread.start()
+    thread.join()
+    assert seen == [False]

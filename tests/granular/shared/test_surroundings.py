@@ -1,0 +1,63 @@
+"""Commands in bad surroundings say so in one line, or do what they can."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from granular import load_scene
+from granular.__main__ import main
+from granular.shared.console import launch
+
+Command = Callable[..., subprocess.CompletedProcess[str]]
+PLAIN = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+def error_of(done: subprocess.CompletedProcess[str]) -> str:
+    assert done.stderr.startswith("error: "), done.stderr
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+def test_a_working_directory_that_was_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert launch(main, ["show", "bed"]) == 2
+    said = capsys.readouterr().err
+    assert said == "error: the working directory is not there any more; change to one that is\n"
+
+
+@pytest.mark.parametrize("number", ["0", "-3"])
+def test_no_threads_at_all(command: Command, number: str) -> None:
+    done = command("granular", "run", "single-particle", NUMBA_NUM_THREADS=number)
+    assert done.returncode == 2
+    assert f"NUMBA_NUM_THREADS = '{number}'; give at least 1" in error_of(done)
+
+
+def test_threads_by_a_library_that_is_not_there(command: Command) -> None:
+    words = ("granular", "run", "single-particle", "--t-end", "1e-3", "--quiet")
+    done = command(*words, NUMBA_THREADING_LAYER="none such")
+    assert done.returncode == 2
+    assert "NUMBA_THREADING_LAYER = 'none such' cannot be used" in error_of(done)
+
+
+def test_signs_that_the_terminal_lacks(command: Command, tmp_path: Path) -> None:
+    file = tmp_path / "dämpfer.toml"
+    load_scene("single-particle").replace(name="Dämpfer – 磁").save(file)
+    done = command("granular", "show", str(file), **PLAIN)
+    assert done.returncode == 0, done.stderr
+    assert r"D\xe4mpfer \u2013 \u78c1" in done.stdout
+
+
+def test_warnings_taken_for_errors(command: Command) -> None:
+    words = ("granular", "run", "single-particle", "--t-end", "0.01", "--dt", "7e-4", "--quiet")
+    done = command(*words, PYTHONWARNINGS="error")
+    assert done.returncode == 1
+    assert "warning taken for an error: records come every 0.0007 s" in error_of(done)

@@ -1,0 +1,173 @@
+"""Files of models that were damaged or made up: each is read or refused in one line."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular.shared.errors import InputError
+from reduced_models import ReducedModel, load_model
+
+SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+ODD: tuple[Any, ...] = (
+    None, True, 0, -1, 99, 2**53 + 1, 10**400, 1e-320, 1e99, 1e308, "1.0", "", "NaN", "x\x1b[2J",
+    "z" * 10**5, [], [1.0], [None, None], [2.0, 1.0], [0.1] * 300, {}, {"a": 1}, {"a": {"b": []}},
+    "__import__('os')", '""" + 1 + """', "$\\frac{$",
+)  # fmt: skip
+CONSTANTS = ("NaN", "Infinity", "-Infinity", "1e999", "1_0", "0x1")
+QUICK = 250
+
+
+def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Where something stands in plain data."""
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, value in items:
+        yield (*path, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*path, key))
+
+
+def changed(data: Any, path: tuple[Any, ...], value: Any) -> Any:
+    """Plain data with another value at a place; without it where the value is `...`."""
+    found = copy.deepcopy(data)
+    inner = found
+    for key in path[:-1]:
+        inner = inner[key]
+    if value is ...:
+        del inner[path[-1]]
+    else:
+        inner[path[-1]] = value
+    return found
+
+
+def cases() -> list[bytes]:
+    """Files with one odd value, one value less or more, one flipped bit, or cut."""
+    text = SAVED.read_text()
+    data = json.loads(text)
+    spots = list(places(data))
+    made = [changed(data, spot, value) for spot in spots for value in (..., *ODD)]
+    made += [data | {"more": 1}, changed(data, ("quality", "more"), 1), [], 1, None, "model"]
+    files = [json.dumps(one).encode() for one in made]
+    for spot in spots:
+        marked = json.dumps(changed(data, spot, "here"))
+        files += [marked.replace('"here"', constant).encode() for constant in CONSTANTS]
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        damaged = bytearray(text.encode())
+        damaged[random.integers(len(damaged))] ^= 1 << random.integers(8)
+        files += [bytes(damaged), text.encode()[: random.integers(len(text))]]
+    deep = [b"[" * 10**5, b'{"a":' * 10**5, b'{"format": 1, "format": 1}', b"\xff\xfe", b""]
+    return [*files, *deep, b" " * (9 * 2**20), text.encode("utf-16")]
+
+
+def refused(error: InputError) -> str:
+    """One line, that a person can read."""
+    assert str(error).isprintable()
+    assert len(str(error)) < 1000
+    return "refused"
+
+
+def outcome(content: bytes, path: Path) -> str:
+    """What becomes of a file; a model that is read can be printed, exported and saved again."""
+    path.write_bytes(content)
+    try:
+        model = load_model(path)
+    except InputError as error:
+        return refused(error)
+    assert all(map(math.isfinite, model.parameters.values()))
+    assert "nan" not in str(model)
+    compile(model.numpy_source, "model", "exec")
+    assert ReducedModel.from_plain(model.to_plain()).to_plain() == model.to_plain()
+    return "read"
+
+
+def outcomes(files: list[bytes], path: Path) -> dict[str, int]:
+    found = {"read": 0, "refused": 0}
+    for place, content in enumerate(files):
+        try:
+            found[outcome(content, path)] += 1
+        except Exception as error:
+            raise AssertionError(f"file {place}: {content[:2000]!r}") from error
+    return found
+
+
+def test_damaged_models_are_read_or_refused(tmp_path: Path) -> None:
+    files = cases()
+    chosen = np.random.default_rng(1).choice(len(files), QUICK, replace=False)
+    found = outcomes([files[place] for place in chosen], tmp_path / "model.json")
+    assert found["refused"] > QUICK // 2
+    assert found["read"] > 0
+
+
+@pytest.mark.long
+def test_all_damaged_models_are_read_or_refused(tmp_path: Path) -> None:
+    found = outcomes(cases(), tmp_path / "model.json")
+    print(found)
+    assert found["read"] > 0
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (("format",), 99, "model.format is 99; 1, the one that this release reads, is wanted"),
+        (("parameters", "lam"), None, "model.parameters.lam is None; a number from"),
+        (("parameters", "lam"), 0.0, "model.parameters.lam is 0.0; a number above 0"),
+        (("parameters", "mu"), 1.0, "model.intervals.mu is None; a pair is wanted"),
+        (("equation",), "z'' + k*z = 0", "has the parameters k, and values are given of lam,"),
+        (("equation",), "z'' + k*z.real = 0", "'.' is none of the characters"),
+        (("quality", "starts"), 1.5, "model.quality.starts is 1.5; a whole number"),
+        (("notes",), ["a\x1b[2J"], "model.notes.0 is 'a\\x1b[2J'; a text that can be printed"),
+        (("intervals", "lam"), [2.0, 1.0], "model.intervals.lam is [2.0, 1.0]; a pair in order"),
+        (("map", "scale"), 0.0, "model.map.scale is 0.0; another number"),
+        (("quality", "residul"), 0.0, "unknown key 'residul'; did you mean 'residual'?"),
+        (("initial",), ..., "'initial' is missing"),
+    ],
+)
+def test_a_refusal_names_the_entry(
+    path: tuple[str, ...], value: Any, words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "model.json"
+    file.write_text(json.dumps(changed(json.loads(SAVED.read_text()), path, value)))
+    with pytest.raises(InputError) as caught:
+        load_model(file)
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(str(file))
+
+
+def test_python_of_a_model_holds_no_code_of_its_names(tmp_path: Path) -> None:
+    """The name, source and data of a law stand in a docstring, and nothing ends it early."""
+    seen = tmp_path / "seen"
+    data = json.loads(SAVED.read_text())
+    hostile = f'x""" + open({str(seen)!r}, "w").close() + """\\'
+    data |= {"law": hostile, "source": hostile, "provenance": {"data": hostile}}
+    model = ReducedModel.from_plain(data)
+    space: dict[str, Any] = {}
+    exec(model.numpy_source, space)
+    assert not seen.exists()
+    times = np.linspace(0.0, 1.0, 50)
+    np.testing.assert_allclose(space["simulate"](times), model.simulate(times).height, atol=1e-6)
+
+
+def test_python_of_a_model_has_no_clash_of_names() -> None:
+    """Parameters named as the module's own variables, or as Python's words."""
+    data = json.loads(SAVED.read_text())
+    names = {"lam": "height", "omega": "lambda", "g0": "numpy"}
+    text = data["equation"]
+    for old, new in names.items():
+        text = text.replace(old, new)
+        for table in ("parameters", "intervals", "units"):
+            data[table][new] = data[table].pop(old)
+    other = ReducedModel.from_plain(data | {"equation": text, "law": "renamed", "positive": []})
+    space: dict[str, Any] = {}
+    exec(other.numpy_source, space)
+    times = np.linspace(0.0, 1.0, 50)
+    np.testing.assert_allclose(
+        space["simulate"](times), load_model(SAVED).simulate(times).height, atol=1e-6
+    )
