@@ -319,12 +319,12 @@ def test_two_commands_into_one_directory(tmp_path: Path) -> None:
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 2 MB."""
+    """A disk of 16 MB."""
     place = tmp_path / "disk"
     place.mkdir()
     if not hasattr(os, "geteuid") or os.geteuid() != 0 or sys.platform != "linux":
         pytest.skip("only root may mount a disk")
-    options = ["-t", "tmpfs", "-o", "size=2m", "tmpfs", str(place)]
+    options = ["-t", "tmpfs", "-o", "size=16m", "tmpfs", str(place)]
     if subprocess.run(["mount", *options], capture_output=True, check=False).returncode:
         pytest.skip("no disk can be mounted here")
     yield place
