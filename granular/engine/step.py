@@ -13,7 +13,10 @@ from granular.engine.kick import kick_grains
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
 from granular.engine.state import Measurement, State, X, Y
+from granular.engine.step_size import Step
 from granular.engine.system import Constants
+from granular.methods import Method
+from granular.pairs.far_field import FarField
 from granular.protocol.motion import Motion
 
 
@@ -37,6 +40,14 @@ class Plan(NamedTuple):
     tableau: np.ndarray | None
     fraction: float | None
     far_every: int | None
+
+
+def plan_of(method: Method, step: Step, far: FarField | None) -> Plan:
+    """The tables that the loop takes."""
+    tableau = None if method.tableau is None else np.array(method.tableau)
+    fraction = step.fraction if method.variable else None
+    every = None if far is None else far.every
+    return Plan(np.array(method.kicks), np.array(method.drifts), tableau, fraction, every)
 
 
 @compiled(inline=True)

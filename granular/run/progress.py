@@ -8,10 +8,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from granular.engine.state import HEIGHT
+from granular.run.ahead import expected_seconds, steps_ahead
 
 if TYPE_CHECKING:
     from granular.run.run import Run
-
 
 LONG = 60.0
 """Length of a run [s], by the wall clock, from which on it is told at the start."""
@@ -70,7 +70,7 @@ class ProgressBar:
             stage = run.scene.protocol[progress.stage]
             self._bar = tqdm(
                 desc=f"{run.scene.name}: {stage.name}",
-                total=run.expected_seconds(),
+                total=expected_seconds(run),
                 unit="s",
                 unit_scale=True,
                 file=sys.stderr,
@@ -95,7 +95,7 @@ class ProgressBar:
         if self._told or now - begun < JUDGED or run.steps == made:
             return
         self._told = True
-        words = outlook(run.steps_ahead(), (run.steps - made) / (now - begun))
+        words = outlook(steps_ahead(run), (run.steps - made) / (now - begun))
         if words is not None:
             from tqdm import tqdm
 

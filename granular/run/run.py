@@ -43,7 +43,7 @@ from granular.engine.state import (
     new_measurement,
     new_state,
 )
-from granular.engine.step import Plan
+from granular.engine.step import plan_of
 from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
@@ -57,7 +57,6 @@ from granular.engine.stiffness import collision_frequency
 from granular.engine.system import System
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_density
 from granular.methods import Method
-from granular.pairs.far_field import FarField
 from granular.protocol import Stage
 from granular.protocol.motion import Motion, drive_frequency, greatest_speed, path
 from granular.protocol.stage import Timed
@@ -80,17 +79,6 @@ REST_TOLERANCE = 1e-4
 _PLACE = "place the grains apart from each other, inside the walls and below the piston"
 
 
-def _plan(method: Method, step: Step, far: FarField | None) -> Plan:
-    tableau = None if method.tableau is None else _tableau(method.tableau)
-    fraction = step.fraction if method.variable else None
-    every = None if far is None else far.every
-    return Plan(np.array(method.kicks), np.array(method.drifts), tableau, fraction, every)
-
-
-def _tableau(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
-    return np.array(rows)
-
-
 class Run:
     """The engine's working object: state, progress and recorder, advanced call by call."""
 
@@ -99,7 +87,7 @@ class Run:
     ) -> None:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
-        self.plan = _plan(method, step, system.constants.acting.far)
+        self.plan = plan_of(method, step, system.constants.acting.far)
         self.recorder = Recorder(scene.grains.count)
         self.progress = Progress()
         positions, velocities = scene.initial_motion()
@@ -605,28 +593,3 @@ class Run:
         return misplaced(
             self.state, self.constants, scales, self.steps, self.time * scales.time, remedy
         )
-
-    def steps_ahead(self) -> float:
-        """Steps from here to the end of the run, at the present one.
-
-        A stage that ends at rest or at a force counts whole, and a later one from the height that
-        the piston has now.
-        """
-        progress, last = self.progress, self.scene.protocol[-1]
-        if self.finished or not progress.begun:
-            return 0.0
-        later = self.scene.protocol[progress.stage + 1 :]
-        spans = [stage.span(progress.height) or 0.0 for stage in later]
-        end = progress.start + self.total + math.fsum(spans) / self.system.scales.time
-        end = min(end, self.t_end)
-        if isinstance(last, Timed) and last.until is None and math.isfinite(self.t_end):
-            end = self.t_end  # such a stage is lengthened up to it
-        return max(0.0, end - self.time) / self.pace.h
-
-    def expected_seconds(self) -> float | None:
-        """Length of the present stage [s], as far as it is known."""
-        stage = self._stage
-        if isinstance(stage, Timed) and stage.until == "rest":
-            return None
-        end = min(self.total, self.t_end - self.progress.start)
-        return end * self.system.scales.time if math.isfinite(end) else None

@@ -134,7 +134,7 @@ def test_fit_compare_and_simulate(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("simulate", "nothing.json", "--until", "3"), "cannot be read as a model"),
+        (("simulate", "nothing.json", "--until", "3"), "there is no file 'nothing.json'"),
         (("simulate", "nothing.json"), "--until"),
         (("fit", "lab.csv", "--bound", "lam"), "is not NAME=LOW:HIGH"),
         (("fit", "lab.csv", "--law", "linear", "--bound", "lam=2:1"), "give them in order"),

@@ -63,7 +63,7 @@ class Bed:
         self.count = len(places)
         self.x, self.y = padded_coordinates(self.places)
         moments = random.choice([0.36, 1.0], self.count)
-        self.moments = padded_values(moments) if differing else None
+        self.padded_moments = padded_values(moments) if differing else None
         self.weight = padded_values(0.3 + 0.5 * moments if differing else np.full(self.count, 0.7))
 
     def room(self) -> FarForces:
@@ -72,13 +72,15 @@ class Bed:
 
     def far(self) -> FarForces:
         far = self.room()
-        moments, weight = self.moments, self.weight
+        moments, weight = self.padded_moments, self.weight
         assert find_far_forces(far, self.threaded, self.count, self.x, self.y, moments, weight) == 0
         return far
 
     @property
     def moments(self) -> np.ndarray:
-        return np.ones(self.count) if self.moments is None else self.moments[: self.count]
+        if self.padded_moments is None:
+            return np.ones(self.count)
+        return self.padded_moments[: self.count]
 
     def differences(self) -> tuple[np.ndarray, np.ndarray]:
         apart = self.places[:, None] - self.places[None]
@@ -146,7 +148,7 @@ def test_threads_give_the_same_bits() -> None:
 def test_all_that_is_spread_arrives() -> None:
     bed = Bed(92, differing=True)
     far = bed.far()
-    spread(far.mesh, bed.x, bed.y, bed.moments, bed.count)
+    spread(far.mesh, bed.x, bed.y, bed.padded_moments, bed.count)
     points = far.mesh.windows[0, 2] * far.mesh.windows[0, 3]
     assert far.mesh.source[:points].sum() == pytest.approx(bed.moments.sum(), rel=1e-13)
 

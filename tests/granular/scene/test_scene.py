@@ -158,7 +158,7 @@ BAD = [
     ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, descend"),
     ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "give either speed or duration"),
     ({"name": ""}, "must be a text that is not empty"),
-    ({"name": "d\udce4mper"}, "holds signs that are no text"),
+    ({"name": "d\udce4mper"}, "must be one line of at most 200 signs that can be printed"),
     ({"protocol.lift": None, "protocol.release": None}, "protocol.1: None must be a table"),
     (
         {"grains.species": [5], "grains.species.0.diameter": 1},

@@ -190,7 +190,7 @@ import sys
 from granular import load_trajectory
 from reduced_models.identification.checks import RunCheck, checked_records
 print("started")
-checks = [RunCheck(f"step {dt}", {"dt": dt}) for dt in (4e-3, "auto")]
+checks = [RunCheck(f"step {dt}", {"dt": dt}) for dt in (1e-3, "auto")]
 for outcome in checked_records(load_trajectory(sys.argv[1]), checks, None, False):
     print(type(outcome).__name__, getattr(outcome, "cause", ""))
 """
