@@ -16,6 +16,7 @@ from granular.run.record import PistonRecord
 from granular.shared.console import changes_from, emit, time_step
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
+from granular.shared.messages import quoted
 from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, shown
 
 _MOST_SAMPLES = 10**7
@@ -49,7 +50,9 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
                 raise ValueError
             found[name.strip()] = (float(low or -math.inf), float(high or math.inf))
         except ValueError:
-            raise InputError(f"--bound {item!r} is not NAME=LOW:HIGH; write lam=0:2") from None
+            raise InputError(
+                f"--bound {quoted(item)} is not NAME=LOW:HIGH; write lam=0:2"
+            ) from None
     return found
 
 
@@ -140,7 +143,9 @@ def calibrate_scene(options: Any) -> None:
 
     source = opened(options.record)
     if isinstance(source, Scene):
-        raise InputError(f"{options.record!r} is a scene; give a record, a CSV or Parquet file")
+        raise InputError(
+            f"{quoted(options.record)} is a scene; give a record, a CSV or Parquet file"
+        )
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
     with _saying_what_is_kept(options.out):
@@ -246,7 +251,7 @@ def simulate_model(options: Any) -> None:
     model = load_model(options.model)
     end = si_value(options.until, "s")
     if not 0.0 < end < math.inf:
-        raise InputError(f"--until {options.until!r}; give a time above 0 s")
+        raise InputError(f"--until {quoted(options.until)}; give a time above 0 s")
     if not 2 <= options.samples <= _MOST_SAMPLES:
         raise InputError(f"--samples {options.samples}; give from 2 to {_MOST_SAMPLES}")
     if model.law.inputs:

@@ -26,6 +26,7 @@ from granular.run.record import PistonRecord
 from granular.run.time_step import halved
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from granular.studies.workers import workshop
 from reduced_models.calibration.features import LAW, Features, features
 from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
@@ -114,7 +115,9 @@ def calibrate(
     """
     check_options(confidence=confidence)
     if isinstance(seeds, bool) or not isinstance(seeds, int) or seeds < 2:
-        raise InputError(f"seeds = {seeds!r}; give a whole number from 2 on, to see their scatter")
+        raise InputError(
+            f"seeds = {quoted(seeds)}; give a whole number from 2 on, to see their scatter"
+        )
     if not parameters or len(set(parameters)) != len(parameters):
         raise InputError(f"parameters = {list(parameters)}; give at least one, each once")
     _check_scene(scene)
@@ -170,10 +173,12 @@ def calibrated(
 
 def _check_scene(scene: Scene) -> None:
     if scene.piston is None:
-        raise InputError(f"scene {scene.name!r} has no piston, so there is nothing to calibrate")
+        raise InputError(
+            f"scene {quoted(scene.name)} has no piston, so there is nothing to calibrate"
+        )
     if not any(stage.needs_mass for stage in scene.protocol):
         raise InputError(
-            f"scene {scene.name!r} has no stage in which the piston moves freely; add one"
+            f"scene {quoted(scene.name)} has no stage in which the piston moves freely; add one"
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.designs.candidate import (
     HIGHEST,
     LOWEST,
@@ -58,20 +59,23 @@ class Wish(NamedTuple):
             ("mass", self.mass, " kg"),
         ):  # fmt: skip
             if value is not None and not (_is_number(value) and 0.0 < value < math.inf):
-                raise InputError(f"{name} = {value!r}; give a number above 0{unit}")
+                raise InputError(f"{name} = {quoted(value)}; give a number above 0{unit}")
         if self.grains is not None and self.mass is not None:
             raise InputError(
-                f"grains = {self.grains!r} and mass = {self.mass!r} fix the frequency already; "
+                f"grains = {quoted(self.grains)} and mass = {quoted(self.mass)} fix the frequency "
+                "already; "
                 "give one of them, or none"
             )
         low, high = int(LOWEST[1]), int(HIGHEST[1])
         if self.grains is not None and not (
             isinstance(self.grains, Integral) and low <= self.grains <= high
         ):
-            raise InputError(f"grains = {self.grains!r}; give a whole number from {low} to {high}")
+            raise InputError(
+                f"grains = {quoted(self.grains)}; give a whole number from {low} to {high}"
+            )
         if not (_is_number(self.small_share) and 0.0 <= self.small_share <= HIGHEST[3]):
             raise InputError(
-                f"small_share = {self.small_share!r}; give a share from 0 to {HIGHEST[3]:g}"
+                f"small_share = {quoted(self.small_share)}; give a share from 0 to {HIGHEST[3]:g}"
             )
 
 

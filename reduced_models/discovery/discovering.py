@@ -11,6 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.discovery.polishing import parametrised, polished
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import (
@@ -190,18 +191,18 @@ def _check(method: str, form: str, target: str, degree: int, polish: int, ensemb
         ("target", target, ("acceleration", "height")),
     ):
         if value not in valid:
-            raise InputError(f"{name} = {value!r}; give one of {', '.join(valid)}")
+            raise InputError(f"{name} = {quoted(value)}; give one of {', '.join(valid)}")
     if not isinstance(degree, int) or not 1 <= degree <= 5:
-        raise InputError(f"degree = {degree!r}; give a whole number from 1 to 5")
+        raise InputError(f"degree = {quoted(degree)}; give a whole number from 1 to 5")
     if not isinstance(polish, int) or polish < 0:
-        raise InputError(f"polish = {polish!r}; give a whole number from 0 on")
+        raise InputError(f"polish = {quoted(polish)}; give a whole number from 0 on")
     if method == "sindy" and target == "height":
         raise InputError(
             "target = 'height' needs a symbolic method: give method 'operon' or 'pysr'"
         )
     if method != "sindy" and (ensemble or form != "weak"):
         raise InputError(
-            f"form and ensemble belong to method 'sindy'; leave them out of {method!r}"
+            f"form and ensemble belong to method 'sindy'; leave them out of {quoted(method)}"
         )
 
 
@@ -209,7 +210,7 @@ def _map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
     if isinstance(wanted, HeightMap):
         return wanted
     if wanted != "auto":
-        raise InputError(f"map = {wanted!r}; give 'auto' or a HeightMap")
+        raise InputError(f"map = {quoted(wanted)}; give 'auto' or a HeightMap")
     guess = max((first_guesses(each) for each in records), key=lambda one: one.amplitude)
     # Powers of a height that hardly changes could not be told apart.
     if abs(guess.rest) <= guess.amplitude:

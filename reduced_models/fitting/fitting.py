@@ -18,6 +18,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.fitting.assessment import Training, models_of
 from reduced_models.fitting.bootstrap import REPLICATES
 from reduced_models.fitting.joint_vector import JointVector, joint_normal, joint_vector
@@ -55,6 +56,10 @@ _FIRST_SWINGS = 2.0
 _FIRST_TRIALS, _FIRST_TOLERANCE = 60, 1e-4
 _RIVAL_TRIALS = 20  # of a law as it stands, beside its fit with a map
 _HOPELESS = 4.0  # times the cost of the fit with a map
+MOST_STARTS = 10_000
+"""Ten times a thousand, with which a short record takes minutes."""
+_MOST_NUMBERS = 2**26
+"""Starts times grid points times unknowns, which stand in memory four times: two gigabytes."""
 COARSE_STEPS, FINE_STEPS = 16, 64
 """Grid steps of a period: the phase error of a period is then 4e-6 and 1e-9."""
 
@@ -163,9 +168,11 @@ def fit(
     if not records:
         raise InputError("there is no record to fit; give at least one")
     if not isinstance(map, HeightMap) and map not in ("auto", "fitted"):
-        raise InputError(f"map = {map!r}; give 'auto', 'fitted' or a HeightMap")
+        raise InputError(f"map = {quoted(map)}; give 'auto', 'fitted' or a HeightMap")
     if intervals not in ("linear", "bootstrap", "profile"):
-        raise InputError(f"intervals = {intervals!r}; give 'linear', 'bootstrap' or 'profile'")
+        raise InputError(
+            f"intervals = {quoted(intervals)}; give 'linear', 'bootstrap' or 'profile'"
+        )
     check_options(starts, holdout, confidence)
     chosen = law_of(law, records[0])
     _check_names(chosen, own, bounds or {})
@@ -173,7 +180,8 @@ def fit(
     best = _best(chosen, map, case, starts, seed)
     if not math.isfinite(_information(best)):
         raise InputError(
-            f"no start led to a solution of {chosen.name!r} that stays finite over the record; try "
+            f"no start led to a solution of {quoted(chosen.name)} that stays finite over the "
+            "record; try "
             "another law, more starts or a shorter record"
         )
     found = judged_fit(best.joint, best.theta, case.samples)
@@ -211,12 +219,12 @@ def law_of(law: str | Law, record: PistonRecord) -> Law:
 
 def check_options(starts: int = STARTS, holdout: float = HOLDOUT, confidence: float = 0.95) -> None:
     """Raise `InputError` unless the options of `fit` are in their ranges."""
-    if not isinstance(starts, int) or starts < 1:
-        raise InputError(f"starts = {starts!r}; give a whole number from 1 on")
+    if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MOST_STARTS:
+        raise InputError(f"starts = {quoted(starts)}; give a whole number from 1 to {MOST_STARTS}")
     if not 0.0 <= holdout <= 0.9:
-        raise InputError(f"holdout = {holdout!r}; give a fraction from 0 to 0.9")
+        raise InputError(f"holdout = {quoted(holdout)}; give a fraction from 0 to 0.9")
     if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence = {confidence!r}; give a fraction between 0 and 1")
+        raise InputError(f"confidence = {quoted(confidence)}; give a fraction between 0 and 1")
 
 
 def _check_names(law: Law, own: Sequence[str], bounds: Pairs) -> None:
@@ -339,6 +347,7 @@ def _searched(
     vector = joint_vector(unknowns, len(case.data), case.own)
     bounds = Bounds(*(vector.joined(edge) for edge in theta_bounds(unknowns, case.bounds)))
     coarse = [_coarse(unknowns, data) for data in case.data]
+    _check_memory(starts, max(len(one.weight) for one in coarse), len(vector.places[0]))
     theta = _swung(unknowns, vector, case, coarse, starts, seed)
     if theta is None:
         theta = vector.merged(_start_vectors(unknowns, case, starts, seed))
@@ -349,6 +358,16 @@ def _searched(
             return _Search(unknowns, vector, bounds, theta, costs)
     normal, prior = _coarse_normal(unknowns, vector, case, coarse, math.inf)
     return _Search(unknowns, vector, bounds, *search(normal, theta, prior, bounds=bounds))
+
+
+def _check_memory(starts: int, points: int, unknowns: int) -> None:
+    """Refuse a search that needs more memory than a laboratory's computer has to spare."""
+    most = _MOST_NUMBERS // (points * unknowns)
+    if starts > max(most, STARTS):
+        raise InputError(
+            f"starts = {starts}; at most {most} fit into memory for {unknowns} unknowns and a "
+            f"record that needs {points} steps: give fewer, or a shorter record"
+        )
 
 
 def _swung(

@@ -12,6 +12,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.fitting.fitting import STARTS, fit
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
@@ -53,7 +54,9 @@ class LawEstimator:
         """
         for name, value in parameters.items():
             if name not in self.get_params():
-                raise InputError(f"there is no parameter {name!r}; there are 'law' and 'starts'")
+                raise InputError(
+                    f"there is no parameter {quoted(name)}; there are 'law' and 'starts'"
+                )
             setattr(self, name, value)
         return self
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.fitting.joint_vector import JointVector, joint_normal
 from reduced_models.laws.solution import Solution, finer_grid, solution
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
@@ -104,7 +105,8 @@ def judged_fit(joint: JointRecords, trained: np.ndarray, training: Sequence[int]
         residuals = joint.residuals(theta)
         if any((np.abs(each) >= BLOWN_UP).any() for each in residuals):
             raise InputError(
-                f"no start led to a solution of {name!r} that stays finite over the record; try "
+                f"no start led to a solution of {quoted(name)} that stays finite over the record; "
+                "try "
                 "another law, more starts or a shorter record"
             )
         judged = [
@@ -144,7 +146,7 @@ def _refined(joint: JointRecords, judged: Sequence[_Judged]) -> JointRecords:
             if not one.complete:
                 cause = "cannot be followed by the adaptive solver"
             raise InputError(
-                f"the fitted solution of {grid.unknowns.law.name!r} {cause}; the limit is "
+                f"the fitted solution of {quoted(grid.unknowns.law.name)} {cause}; the limit is "
                 f"{SOLVER_LIMIT:g}: fit a shorter record, or a law that is less stiff"
             )
         grids.append(gridded(grid.unknowns, grid.record, steps))

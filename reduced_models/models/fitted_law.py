@@ -11,6 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.printing import latex, rounded, rounded_equation
@@ -165,7 +166,8 @@ class FittedLaw:
         for name in self.law.inputs:
             if name not in given or np.shape(given[name]) != times.shape:
                 raise InputError(
-                    f"the law {self.law.name!r} has the input {name!r}; give inputs={{{name!r}: "
+                    f"the law {quoted(self.law.name)} has the input {quoted(name)}; give "
+                    f"inputs={{{quoted(name)}: "
                     "one value a time}"
                 )
         start = (
@@ -217,5 +219,6 @@ def _incomplete(name: str, times: np.ndarray, found: Solution) -> str:
             "or leaves where the law is defined)"
         )
     return (
-        f"the solution of the law {name!r} {cause}; start nearer to rest or ask for a shorter time"
+        f"the solution of the law {quoted(name)} {cause}; start nearer to rest or ask for a "
+        "shorter time"
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.laws.law import Law, compiled_field
 from reduced_models.models.fitted_law import FittedLaw
 
@@ -102,7 +103,7 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
         the law is defined.
     """
     if not amplitude > 0.0:
-        raise InputError(f"amplitude = {amplitude!r} m; give one above 0")
+        raise InputError(f"amplitude = {quoted(amplitude)} m; give one above 0")
     height, period = _rest(model)
     omega = 2.0 * math.pi / period if frequency is None else frequency
     size = np.array([amplitude])
@@ -113,13 +114,14 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
         if not np.isfinite(stiffness[0]):
             raise InputError(
                 f"a cycle of amplitude {amplitude:g} m leaves where the law "
-                f"{model.law.name!r} is defined; give a smaller one"
+                f"{quoted(model.law.name)} is defined; give a smaller one"
             )
         if frequency is not None:
             break
         if stiffness[0] <= 0.0:
             raise InputError(
-                f"the law {model.law.name!r} has no stiffness at an amplitude of {amplitude:g} m; "
+                f"the law {quoted(model.law.name)} has no stiffness at an amplitude of "
+                f"{amplitude:g} m; "
                 "give the frequency, or a smaller amplitude"
             )
         before, omega = omega, math.sqrt(float(stiffness[0]))
@@ -151,7 +153,7 @@ def frequency_response(
         If the force is not above zero or the law has no level of rest.
     """
     if not force > 0.0:
-        raise InputError(f"force = {force!r} N/kg; give one above 0")
+        raise InputError(f"force = {quoted(force)} N/kg; give one above 0")
     height, period = _rest(model)
     omega = np.asarray(frequencies, dtype=np.float64)
     edges = model.domain.get("height", (height, height))
@@ -179,7 +181,9 @@ def forced_law(law: Law, name: str = "drive") -> Law:
         If the law has something else of that name.
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
-        raise InputError(f"the law {law.name!r} has a {name!r} already; give another name")
+        raise InputError(
+            f"the law {quoted(law.name)} has a {quoted(name)} already; give another name"
+        )
     text = law.equation.replace("z''", f"(z'' - {name})")
     return Law(
         name=f"{law.name}, driven",
@@ -197,7 +201,8 @@ def _rest(model: FittedLaw) -> tuple[float, float]:
     """Height [m] and small period [s] at rest."""
     if model.at_rest is None:
         raise InputError(
-            f"the law {model.law.name!r} has no level of rest near its record, which this needs"
+            f"the law {quoted(model.law.name)} has no level of rest near its record, which this "
+            "needs"
         )
     return model.at_rest.height, model.at_rest.period
 

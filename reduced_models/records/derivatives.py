@@ -15,6 +15,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
+from granular.shared.messages import quoted
 from reduced_models.records.first_guesses import noise_level
 
 DerivativeMethod = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]
@@ -91,7 +92,9 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
         If the record has fewer than 20 samples.
     """
     if method not in DERIVATIVE_METHODS:
-        raise InputError(f"derivative = {method!r}; give one of {', '.join(DERIVATIVE_METHODS)}")
+        raise InputError(
+            f"derivative = {quoted(method)}; give one of {', '.join(DERIVATIVE_METHODS)}"
+        )
     if len(record) < LEAST_SAMPLES:
         raise RecordError(
             f"the record has {len(record)} samples; at least {LEAST_SAMPLES} are needed to "

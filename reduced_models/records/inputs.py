@@ -10,6 +10,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
+from granular.shared.messages import quoted
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
 """Of the stages of a step of the grid's Runge-Kutta method, in steps."""
@@ -27,7 +28,7 @@ def column(record: PistonRecord, name: str) -> np.ndarray:
     if found is None:
         there = ", ".join(map(repr, column_names(record))) or "none"
         raise RecordError(
-            f"the law has the input {name!r}, and the record no column of that name; found: "
+            f"the law has the input {quoted(name)}, and the record no column of that name; found: "
             f"{there}; add the column or name another one"
         )
     return found

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
+from granular.shared.messages import quoted, visible
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -83,8 +84,7 @@ def prepared(out: str | Path | None) -> Path | None:
 
 def shown(path: Path, most: int = 80) -> str:
     """A path for a message, cut where it is long."""
-    text = str(path)
-    return text if len(text) <= most else f"{text[:most]}..."
+    return visible(path, most)
 
 
 def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
@@ -134,7 +134,8 @@ def _refuse_run_options(options: RunOptions) -> None:
         given = getattr(options, name)
         if given != value:
             raise InputError(
-                f"{name} = {given!r} applies to a scene only; this is a run or a record: leave "
+                f"{name} = {quoted(given)} applies to a scene only; this is a run or a record: "
+                "leave "
                 f"{name} out"
             )
 
@@ -144,7 +145,9 @@ def _simulated(scene: Scene, out: Path | None, options: RunOptions) -> Trajector
 
     scene = scene.replace(**options.changes)
     if scene.piston is None:
-        raise InputError(f"scene {scene.name!r} has no piston, so there is nothing to identify")
+        raise InputError(
+            f"scene {quoted(scene.name)} has no piston, so there is nothing to identify"
+        )
     return simulate(
         scene,
         dt=options.dt,
@@ -161,7 +164,7 @@ def run_notes(run: Trajectory) -> tuple[str, ...]:
     if run.complete:
         return ()
     last = run.stages[-1] if run.stages else None
-    where = "before its first stage" if last is None else f"in stage {last.name!r}"
+    where = "before its first stage" if last is None else f"in stage {quoted(last.name)}"
     when = float(run.dataset["time"].values[-1])
     return (
         f"the run was cut at t = {when:.4g} s, {where}, so the record is not whole; finish it with "
