@@ -12,6 +12,8 @@ from typing import Any
 import jax
 
 from granular.shared.caches import own_folder, toolkit_cache
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted, visible
 
 _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
@@ -23,11 +25,32 @@ def _cache_folder() -> Path | None:
     return own_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)
 
 
+def _check_platform(chosen: str) -> None:
+    """Refuse a device that JAX is told to take and does not find, before anything is computed.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    try:
+        jax.devices()
+    except (RuntimeError, AssertionError) as error:  # the latter where its plug-in is missing
+        why = f", {error}" if str(error) else ""
+        raise InputError(
+            f"JAX_PLATFORMS = {quoted(chosen)}, which JAX cannot use here{visible(why)}; unset it, "
+            "or set it to cpu"
+        ) from None
+
+
 _set: Any = jax.config.update
 _set("jax_enable_x64", True)
 _folder = _cache_folder()
 _set("jax_compilation_cache_dir", None if _folder is None else str(_folder))
 _set("jax_persistent_cache_min_compile_time_secs", 0.0)
 _set("jax_persistent_cache_min_entry_size_bytes", -1)
+
+if "JAX_PLATFORMS" in os.environ:
+    _check_platform(os.environ["JAX_PLATFORMS"])
 
 __all__ = ["jax"]

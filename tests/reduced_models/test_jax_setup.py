@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 CODE = """
@@ -40,3 +44,17 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
     assert printed == ["None", "7.0"]
     assert "others may write to it" in said
     assert not list(shared.iterdir())
+
+
+@pytest.mark.parametrize("platform", ["cuda", "nonsense"])
+def test_a_device_that_is_not_there_is_said_in_one_line(
+    command: Callable, tmp_path: Path, platform: str
+) -> None:
+    if platform == "cuda" and importlib.util.find_spec("jax_cuda12_plugin"):
+        pytest.skip("JAX may find one here")
+    record = tmp_path / "lab.csv"
+    record.write_text("time,height\n" + "".join(f"{k},{k % 7}\n" for k in range(40)))
+    done = command("reduced_models", "fit", str(record), "--law", "linear", JAX_PLATFORMS=platform)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: JAX_PLATFORMS = {platform!r}, which JAX cannot use here")
+    assert done.stderr.count("\n") == 1
