@@ -132,10 +132,13 @@ def test_an_end_within_the_first_step_is_reached(end: float) -> None:
 
 def test_ticks_of_many_steps_stay_exact() -> None:
     """Where the product of a tick's number and the steps from record to record passes 64 bits."""
+    from granular.compiled.entry import entry
+
     from granular.engine.step_size import Step, tick_start, tick_steps
 
+    start, steps = entry(tick_start), entry(tick_steps)
     pace = Step(seconds=1.0).pace(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
     for tick in (0, 3, 10**9, 10**12):
         exact = tick * pace.given // pace.every
-        assert tick_start(pace, tick) == exact * pace.h
-        assert tick_steps(pace, tick) == (tick + 1) * pace.given // pace.every - exact
+        assert start(pace, tick) == exact * pace.h
+        assert steps(pace, tick) == (tick + 1) * pace.given // pace.every - exact
