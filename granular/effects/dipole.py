@@ -39,5 +39,5 @@ def head_on_stiffness(speed: float, mass: float, moment: float) -> float:
     """
     # The quotient first: it is exactly 1 where all grains are of one material.
     strength = moment * (moment / mass)
-    cube = strength / (4.0 * speed * speed)
-    return 6.0 * strength / cube ** (5.0 / 3.0) if speed > 0.0 else 0.0
+    square = 4.0 * speed * speed
+    return 6.0 * strength / (strength / square) ** (5.0 / 3.0) if square > 0.0 else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 from granular.effects.walls import SIDES, TOP
 from granular.engine.far import total_force
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.state import State, new_measurement, new_state
 from granular.engine.system import Constants, natural_system
 from granular.methods import METHODS
@@ -84,13 +85,11 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement = new_measurement(state)
-    outside = measure_forces(state, constants, 0.0, measurement)
+    with unfinite_as(_misplaced):
+        outside = measure_forces(state, constants, 0.0, measurement)
     force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
-        raise InputError(
-            "a grain stands behind a wall, above the piston, or on another grain; move it into "
-            "the cell, clear of the others"
-        )
+        raise _misplaced()
     potential = sum(potential_energies(state, constants, 0.0, measurement))
     kinetic, _ = kinetic_energy(state, constants)
     wall_forces = state.wall_forces * scales.force
@@ -101,6 +100,13 @@ def evaluate(
         potential_energy=float(potential * scales.energy),
         kinetic_energy=float(kinetic * scales.energy),
         normal_load=_normal_load(state, constants) * scales.force,
+    )
+
+
+def _misplaced() -> InputError:
+    return InputError(
+        "a grain stands behind a wall, above the piston, or on another grain; move it into the "
+        "cell, clear of the others"
     )
 
 

@@ -8,26 +8,14 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from granular.engine.state import HEIGHT
-from granular.run.ahead import expected_seconds, steps_ahead
+from granular.run.outlook import outlook, stage_seconds, steps_ahead
 
 if TYPE_CHECKING:
     from granular.run.run import Run
 
-LONG = 60.0
-"""Length of a run [s], by the wall clock, from which on it is told at the start."""
 
 JUDGED = 0.5
 """For so long [s] the steps are counted before: the first call, which compiles, does not count."""
-
-
-def outlook(steps: float, rate: float) -> str | None:
-    """How long a run of so many steps takes at a rate [1/s]; None where it is not long."""
-    seconds = steps / rate
-    if seconds < LONG:
-        return None
-    sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
-    unit, size = next(one for one in sizes if seconds >= one[1])
-    return f"up to {steps:.2g} steps, {seconds / size:.2g} {unit} at {rate:.2g} steps a second"
 
 
 class ProgressBar:
@@ -70,7 +58,7 @@ class ProgressBar:
             stage = run.scene.protocol[progress.stage]
             self._bar = tqdm(
                 desc=f"{run.scene.name}: {stage.name}",
-                total=expected_seconds(run),
+                total=stage_seconds(run),
                 unit="s",
                 unit_scale=True,
                 file=sys.stderr,

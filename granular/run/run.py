@@ -220,7 +220,7 @@ class Run:
         measure(self.time, self.state, self.constants, self.motion, self.measurement, self._row)
         self._row[columns.TURNED] = self.seen[TURNED]
         if outside:
-            raise self._misplaced(remedy)
+            raise self.misplaced(remedy)
         return self._row
 
     def begin_stage(self) -> None:
@@ -289,22 +289,15 @@ class Run:
             scales.time,
         )
         self._use(pace)
-        self._check_length()
+        end = min(self.total, self.t_end - self.progress.start)
+        self._check_count("the way to the end", end / pace.h if end < math.inf else 0.0, MOST_COUNT)
         if self.plan.fraction is not None:
             open_density(speed, 0.5 * pace.length, self.plan.fraction, self.state, self.constants)
 
-    def _check_length(self) -> None:
-        """Refuse a stage of more steps than can be counted."""
-        end = min(self.total, self.t_end - self.progress.start)
-        steps = end / self.pace.h
-        if math.isfinite(end) and not steps <= MOST_COUNT:
-            seconds = end * self.system.scales.time
-            raise self._countless(
-                f"stage {self._stage.name!r}, {seconds:.3g} s,", steps, MOST_COUNT
-            )
-
-    def _countless(self, what: str, steps: float, limit: float) -> RunError:
-        return countless(what, steps, limit, self.steps, self.time * self.system.scales.time)
+    def _check_count(self, what: str, steps: float, limit: float) -> None:
+        if not steps <= limit:
+            seconds = self.time * self.system.scales.time
+            raise countless(what, steps, limit, self.steps, seconds)
 
     def _resolved(self, frequency: float) -> float:
         """The frequency that an automatic step is to resolve, with the drive and the drag."""
@@ -315,8 +308,8 @@ class Run:
         drive = max(drive_frequency(self.motion), 0.0 if swing is None else swing.omega)
         resolved = max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
         steps = record * resolved / self.step.fraction
-        if self.step.automatic and not steps <= MOST_STEPS:
-            raise self._countless("the time from record to record", steps, MOST_STEPS)
+        if self.step.automatic:
+            self._check_count("the time from record to record", steps, MOST_STEPS)
         return resolved
 
     def _use(self, pace: Pace) -> None:
@@ -430,7 +423,7 @@ class Run:
         self.progress.ticks += done
         if status == OUTSIDE:
             self._keep(rows[:kept])
-            raise self._misplaced(self._shorter)
+            raise self.misplaced(self.shorter)
         return status, done, rows[: kept + 1]
 
     def _call(self, ticks: int) -> None:
@@ -470,9 +463,9 @@ class Run:
 
     def _let_go(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self._energy(self._look(self._shorter))
+        before = self._energy(self._look(self.shorter))
         self.constants = take_out(self.state, self.constants)
-        self.state.ledger[WORK] += self._energy(self._look(self._shorter)) - before
+        self.state.ledger[WORK] += self._energy(self._look(self.shorter)) - before
 
     def _set_steps(self, frequency: float) -> None:
         if self.plan.fraction is None:
@@ -575,20 +568,20 @@ class Run:
         if wrong is not None:
             seconds = self.system.scales.time
             moment = float(rows[wrong[0], columns.TIME]) * seconds
-            raise unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self._shorter)
+            raise unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self.shorter)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at
         self.recorder.add_frame(moment, self.state, self.constants)
 
     @property
-    def _shorter(self) -> str:
+    def shorter(self) -> str:
         """What to do about steps that are too long."""
         if self.step.automatic:
             return f"shorten dt (for instance {multiple(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
-    def _misplaced(self, remedy: str) -> RunError:
+    def misplaced(self, remedy: str) -> RunError:
         scales = self.system.scales
         return misplaced(
             self.state, self.constants, scales, self.steps, self.time * scales.time, remedy

@@ -8,6 +8,7 @@ import os
 import signal
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ import numba
 import numpy as np
 
 from granular.engine.ledger import doubtful
+from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
 from granular.methods import method_named
@@ -128,17 +130,20 @@ class _Job:
     def carry_out(self, progress: bool, stop: Stop) -> Trajectory:
         run = self.run
         self._commit(complete=False)
+        failure = partial(run.misplaced, run.shorter)
         with ProgressBar(progress) as bar:
             try:
                 while not run.at_end and not stop.asked:
-                    run.advance()
+                    with unfinite_as(failure):
+                        run.advance()
                     bar.show(run)
                     if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
                         self.kept = self._snapshot()
                         self._commit(complete=False)
                 self.kept = self._snapshot()
                 complete = run.at_end
-                until = run.run_tail() if complete else run.time
+                with unfinite_as(failure):
+                    until = run.run_tail() if complete else run.time
             except RunError as error:
                 error.trajectory = self._result(complete=False, until=run.time)
                 raise

@@ -456,6 +456,9 @@ def main() -> None:
     parser.add_argument("--common", action="store_true", help="only cases of common effects")
     parser.add_argument("--show", action="store_true", help="print the cases, too")
     options = parser.parse_args()
+    import granular.run.simulation
+    import granular.run.summary  # noqa: F401
+
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     number, done = options.first, 0
     while done < options.count:

@@ -135,8 +135,9 @@ def test_ticks_of_many_steps_stay_exact() -> None:
     from granular.compiled import entry
     from granular.engine.step_size import Step, tick_start, tick_steps
 
+    start, steps = entry(tick_start), entry(tick_steps)
     pace = Step(seconds=1.0).pace(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
     for tick in (0, 3, 10**9, 10**12):
         exact = tick * pace.given // pace.every
-        assert entry(tick_start)(pace, tick) == exact * pace.h
-        assert entry(tick_steps)(pace, tick) == (tick + 1) * pace.given // pace.every - exact
+        assert start(pace, tick) == exact * pace.h
+        assert steps(pace, tick) == (tick + 1) * pace.given // pace.every - exact

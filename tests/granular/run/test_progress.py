@@ -13,8 +13,7 @@ from granular import load_scene, load_trajectory
 from granular.engine.step_size import Step
 from granular.engine.system import natural_system
 from granular.methods import METHODS
-from granular.run.ahead import steps_ahead
-from granular.run.progress import outlook
+from granular.run.outlook import outlook, steps_ahead
 from granular.run.run import Run
 
 ROOT = Path(__file__).parents[3]
