@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 from reduced_models.fitting.refinement import JudgedFit
 from reduced_models.fitting.uncertainty import (
     Analysis,
@@ -74,6 +76,11 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
     """The reduced model of each record of a fit, with intervals, quality and notes."""
     joint, theta = found.joint, found.theta
     normal = joint.normal_matrix(theta)
+    if not np.isfinite(normal).all():
+        raise InputError(
+            f"the fit of {quoted(joint.unknowns.law.name)} changes so steeply with its parameters "
+            "that their intervals cannot be reckoned; try another law, or check the units"
+        )
     residuals = tuple(joint.residuals(theta))
     again = None
     if training.replicates:

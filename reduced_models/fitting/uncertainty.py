@@ -210,7 +210,11 @@ def _information(
             relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
     asked, nuisance = normal[:count, :count], normal[count:, count:]
     cross = normal[:count, count:]
-    left = asked - cross @ np.linalg.solve(nuisance, cross.T)
+    try:
+        known = np.linalg.solve(nuisance, cross.T)
+    except np.linalg.LinAlgError:  # a motion that forgets its start at once tells nothing of it
+        known = np.linalg.pinv(nuisance, hermitian=True) @ cross.T
+    left = asked - cross @ known
     return np.asarray(left * np.outer(relative, relative)) / max(variance, 1e-300)
 
 

@@ -1,0 +1,146 @@
+"""A user's words in messages: short, on one line, and unable to steer a terminal or a page."""
+
+from __future__ import annotations
+
+import io
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, load_scene
+from granular.shared.console import BAD_INPUT, emit, launch
+from granular.shared.errors import GranularError, InputError, RunError
+from granular.shared.html import Page
+from granular.shared.messages import LONGEST, MOST, one_line, printable, quoted, visible
+from granular.shared.plotting import line_look, plain_label
+
+STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
+LARGE = (
+    "x" * 10**6, ["y" * 10**6] * 10**4, {k: k for k in range(10**5)}, 10**5000, 10**400, -(10**999),
+    b"\x00" * 10**6, np.zeros(10**6), STEERING, [STEERING], {STEERING: STEERING}, (((((1,),),),),),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("value", LARGE, ids=[type(one).__name__ for one in LARGE])
+def test_values_are_quoted_on_a_short_line(value: object) -> None:
+    text = quoted(value)
+    assert text.isprintable()
+    assert 0 < len(text) <= LONGEST
+
+
+def test_short_values_are_quoted_as_python_writes_them() -> None:
+    for value in ("", "a b", "it's", 3, -2.5, None, True, [1, 2], {"a": 1}, "größe λ"):
+        assert quoted(value) == repr(value)
+    assert quoted("a\x1b[31m") == r"'a\x1b[31m'"
+    assert visible("a\tb" * 100).startswith(r"a\tb")
+    assert len(visible("ab" * 1000)) == LONGEST
+
+
+def test_a_long_message_keeps_its_remedy() -> None:
+    text = one_line(f"the value {'x' * 10**6} is too long;\n  write it shorter")
+    assert text.endswith("; write it shorter")
+    assert text.startswith("the value xxx")
+    assert len(text) < MOST + 100
+    assert printable("two\nlines\tand \x1b[1m") == "two\nlines\tand \\x1b[1m"
+
+
+def test_every_error_is_one_line() -> None:
+    for error in (
+        GranularError(f"a\nb{STEERING}"),
+        InputError(f"a\nb{STEERING}"),
+        RunError(f"a\nb{STEERING}", step=1, time=2.0, remedy="wait"),
+    ):
+        assert str(error).isprintable()
+
+
+def record_of(folder: Path, text: str) -> PistonRecord:
+    path = folder / "record.csv"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    return PistonRecord.from_csv(path)
+
+
+BAD = {
+    "a scene's name": lambda words, _: load_scene(words),
+    "a scene's file": lambda words, _: load_scene(f"{words[:50]}.toml"),
+    "a key": lambda words, _: load_scene("bed").replace(**{f"grains.{words}": 1}),
+    "a part": lambda words, _: load_scene("bed").replace(**{words: 1}),
+    "a number": lambda words, _: load_scene("bed").replace(**{"cell.width": words}),
+    "a unit": lambda words, _: load_scene("bed").replace(**{"cell.width": f"1 {words}"}),
+    "a whole number": lambda words, _: load_scene("bed").replace(**{"grains.count": words}),
+    "a list": lambda words, _: load_scene("bed").replace(**{"grains.count": [words] * 1000}),
+    "a name": lambda words, _: load_scene("bed").replace(name=words),
+    "a choice": lambda words, _: load_scene("bed").replace(**{"grains.mixing": words}),
+    "a kind": lambda words, _: load_scene("bed").replace(protocol=[{"kind": words}]),
+    "a table": lambda words, _: load_scene("bed").replace(grains=words),
+    "a column": lambda words, _: PistonRecord([0, 1], [0, 1], extra={words: [1]}),
+    "a column's unit": lambda words, folder: record_of(
+        folder, f'time,"height [{words}]"\n0,1\n1,2\n'
+    ),
+    "a cell": lambda words, folder: record_of(folder, f'time,height\n0,"{words}"\n1,2\n'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", ["z" * 10**5, STEERING * 100], ids=["long", "steering"])
+@pytest.mark.parametrize("place", BAD)
+def test_nothing_that_a_user_gave_floods_a_message(place: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        BAD[place](words, tmp_path)
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) < 1200  # with paths, known words and remedies beside what is quoted
+
+
+def test_the_terminal_gets_no_control_signs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def command(_: object) -> None:
+        warnings.warn(f"look {STEERING}", stacklevel=1)
+        emit({"name": STEERING}, f"result\n{STEERING}\n", as_json=False)
+        emit({"name": STEERING}, "", as_json=True)
+        raise InputError(f"bad {STEERING}")
+
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert launch(command, []) == BAD_INPUT
+    for stream in capsys.readouterr():
+        assert all(sign.isprintable() or sign == "\n" for sign in stream)
+
+
+def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it cannot show is escaped, as with LANG=C."""
+    streams = [io.TextIOWrapper(io.BytesIO(), encoding="ascii") for _ in range(2)]
+    monkeypatch.setattr(sys, "stdout", streams[0])
+    monkeypatch.setattr(sys, "stderr", streams[1])
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+
+    def command(_: object) -> None:
+        emit({}, "5 µm", as_json=False)
+        raise InputError("größe λ")
+
+    assert launch(command, []) == BAD_INPUT
+    wanted = (b"5 \\xb5m\n", b"error: gr\\xf6\\xdfe \\u03bb\n")
+    for stream, words in zip(streams, wanted, strict=True):
+        stream.flush()
+        assert stream.buffer.getvalue() == words  # type: ignore[attr-defined]
+
+
+def test_pages_hold_no_control_signs() -> None:
+    page = Page(STEERING, STEERING)
+    for write in (page.section, page.text, page.note, page.preformatted, page.footer):
+        write(STEERING)
+    page.table([STEERING], [[STEERING], ["<b>"]])
+    text = page.render()
+    assert all(sign.isprintable() or sign in "\n\t" for sign in text)
+    assert "<b>" not in text
+    text.encode("utf-8")
+
+
+def test_lines_and_labels_of_figures() -> None:
+    looks = [line_look(place) for place in range(32)]
+    assert len({tuple(one.values()) for one in looks}) == 32
+    assert plain_label("$\\frac{$") == "\\$\\frac{\\$"
+    assert len(plain_label("x" * 1000)) == 60

@@ -1,0 +1,160 @@
+"""Files that are no files, or too much of one, are refused at once; numbers are what they are."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, load_scene, simulate
+from granular.shared import files, tables
+from granular.shared.errors import InputError, RecordError, SceneError
+from granular.shared.files import read_text
+from granular.shared.toml import parse_toml, read_toml
+
+
+def test_texts_with_and_without_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes("\ufeffname = 'λ'\n".encode())
+    assert read_toml(path) == {"name": "λ"}
+    assert read_text(path, 100) == "name = 'λ'\n"
+    packaged = Path(files.__file__).parents[1] / "scenes" / "bed.toml"
+    path.write_text(packaged.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert load_scene(path) == load_scene("bed")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
+def test_pipes_devices_and_directories_are_no_files(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "file.csv").touch()
+    for name, words in (
+        ("pipe.csv", "is a pipe or a device; make a file of it first"),
+        ("zero.csv", "is a pipe or a device"),
+        ("folder.csv", "is a directory; name a file in it"),
+        ("nothing.csv", "there is no file"),
+        ("file.csv/it.csv", "there is no file"),
+        ("null\0.csv", "cannot be read"),
+        ("long" * 1000 + ".csv", "cannot be read"),
+    ):
+        with pytest.raises(RecordError, match=words):
+            PistonRecord.from_csv(tmp_path / name)
+
+
+def test_long_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "long.csv"
+    with path.open("wb") as file:
+        file.truncate(2**40)  # a hole, which takes no place
+    with pytest.raises(RecordError, match="is too long; at most 256 MB are read"):
+        PistonRecord.from_csv(path)
+    with pytest.raises(SceneError, match="is too long; at most 16 MB"):
+        load_scene(path.rename(tmp_path / "long.toml"))
+
+
+def test_few_bytes_may_hold_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Parquet file of equal numbers takes no place on the disk."""
+    pytest.importorskip("pyarrow")
+    path = tmp_path / "record.parquet"
+    PistonRecord(np.arange(1000.0), np.ones(1000)).to_parquet(path)
+    monkeypatch.setattr(tables, "_MOST_NUMBERS", 1999)
+    with pytest.raises(RecordError, match="1000 rows of 2 columns of numbers; at most 1999"):
+        PistonRecord.from_parquet(path)
+    with path.open("r+b") as file:
+        file.truncate(2**40)
+    with pytest.raises(RecordError, match="is too long"):
+        PistonRecord.from_parquet(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" + ".".join(["a"] * 10**5) + "]",
+        ".".join(["a"] * 10**5) + " = 1",
+        "x = {" + " . ".join(['"a"'] * 10**5) + " = 1}",
+        "[[" + ".".join(["'a'"] * 10**5) + "]]",
+        "x = " + "[" * 10**5,
+        "x = " + "{a = " * 10**5,
+    ],
+    ids=["header", "key", "inline table", "array of tables", "lists", "tables"],
+)
+def test_headers_of_many_parts_are_refused_at_once(text: str) -> None:
+    with pytest.raises(ValueError, match=r"a key of more than 20 parts|too deep"):
+        parse_toml(text)
+
+
+def test_dots_that_are_no_keys() -> None:
+    numbers = ", ".join(f"{k}.{k}" for k in range(1000))
+    assert len(parse_toml(f"a.b.c.d = [{numbers}]")["a"]["b"]["c"]["d"]) == 1000
+    assert parse_toml("name = '1.2.3.4'") == {"name": "1.2.3.4"}
+
+
+def test_two_times_ten_thousand_columns(tmp_path: Path) -> None:
+    names = ["time", "height", *(f"c{k}" for k in range(20_000))]
+    lines = [",".join(names), *(",".join([str(k)] * len(names)) for k in range(20))]
+    path = tmp_path / "wide.csv"
+    path.write_text("\n".join(lines))
+    assert len(PistonRecord.from_csv(path).extra) == 20_000
+    with pytest.raises(RecordError, match="unknown column 'depth'") as caught:
+        PistonRecord.from_csv(path, {"depth": "m"})
+    assert len(str(caught.value)) < 600
+
+
+CELLS = (
+    "1_0.5",
+    "0x10",
+    "\uff11\uff12",
+    "\u0663",
+    "True",
+    "1 2",
+    "1,5",
+    "½",
+    "−1",
+    "1e",
+    "--1",
+    "",
+)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_cell_is_a_number_or_it_is_said(cell: str, tmp_path: Path) -> None:
+    """Python's own reading of numbers knows underscores and the digits of all scripts."""
+    path = tmp_path / "record.csv"
+    path.write_text(f'time,height\n0,1\n1,"{cell}"\n', encoding="utf-8")
+    with pytest.raises(RecordError, match=r"height of sample 1 is .*, not a number"):
+        PistonRecord.from_csv(path)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[True, False], ["1", "2"], [1 + 2j, 3], np.ma.array([1.0, 2.0], mask=[0, 1]), [None, 1.0],
+     [10**400, 1], np.array(["2020", "2021"], dtype="datetime64[D]"), {1: 2}, "ab", [[1], [2]]],
+)  # fmt: skip
+def test_an_array_holds_numbers_or_it_is_said(values: object) -> None:
+    with pytest.raises(RecordError, match="height: "):
+        PistonRecord([0.0, 1.0], values)  # type: ignore[arg-type]
+
+
+def test_whole_numbers_keep_their_last_digit() -> None:
+    bed = load_scene("bed")
+    for seed in (2**53 + 1, 2**63 - 1, "9007199254740993", np.int64(2**53 + 1)):
+        assert bed.replace(**{"arrangement.seed": seed}).arrangement.seed == int(seed)
+    for seed in (2**63, 10**400, "9" * 400, True, np.True_, "1_0", "\u0661", 2.5, np.nan, "1e400"):
+        with pytest.raises(SceneError, match=r"arrangement\.seed: "):
+            bed.replace(**{"arrangement.seed": seed})
+
+
+@pytest.mark.parametrize("value", [True, np.True_, "1_0", "\uff11", 10**400, "1e400", [1.0], None])
+def test_what_is_no_quantity(value: object) -> None:
+    with pytest.raises(SceneError, match=r"cell\.width: "):
+        load_scene("bed").replace(**{"cell.width": value})
+
+
+def test_a_truth_value_is_no_time() -> None:
+    scene = load_scene("single-particle")
+    with pytest.raises(InputError, match="t_end = True; give a time above 0 s"):
+        simulate(scene, t_end=True, progress=False)
+    with pytest.raises(InputError, match="dt = True; give"):
+        simulate(scene, dt=True, progress=False)
