@@ -1,4 +1,4 @@
-"""Random scenes are run, or refused, or stopped by an error of ours: nothing else becomes of them."""
+"""Random scenes are run, refused, or stopped by an error of ours: nothing else becomes of them."""
 
 from __future__ import annotations
 
