@@ -8,6 +8,7 @@ import shutil
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import xarray
 
 import granular.run.arrays
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
+from granular.run.checkpoint import write_checkpoint
 from granular.shared.errors import StoreError
 
 CUT, END = 0.01234, 0.02
@@ -210,21 +212,25 @@ def test_other_programs_check_the_sums_too(directory: Path, tmp_path: Path) -> N
         xarray.open_zarr(copy / "trajectory.zarr", chunks=None).load()
 
 
-def test_a_run_of_the_former_layout_goes_on(tmp_path: Path) -> None:
-    """It has neither checksums nor a manifest, and gets none."""
+class Trap:
+    """What runs a program when it is unpickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (Path("sprung"),)
+
+
+def test_nothing_in_a_checkpoint_is_executed(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     copy = tmp_path / "run"
-    shutil.copytree(FORMER, copy)
-    former = everything(load_trajectory(FORMER))
-    scene = load_trajectory(FORMER).scene
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # other versions
-        later = simulate(scene, t_end=0.23, out=copy, resume=True, progress=False)
-    count = former.sizes["time"] - 1
-    assert np.isfinite(later.dataset["time"].values).all()
-    assert np.array_equal(
-        later.dataset["piston_height"].values[:count], former["piston_height"].values[:count]
-    )
-    assert everything(load_trajectory(copy)).equals(everything(later))
+    shutil.copytree(directory, copy)
+    kept = dict(np.load(copy / "checkpoint.npz"))
+    for strange in ({"x": np.array(Trap(), dtype=object)}, {"outcome": np.array([Trap()])}):
+        write_checkpoint(copy, kept | strange)
+        with pytest.raises(StoreError, match=r"checkpoint\.npz is damaged"):
+            load_trajectory(copy)
+    assert not (tmp_path / "sprung").exists()
 
 
 def test_what_is_read_does_not_grow_while_the_run_does(
