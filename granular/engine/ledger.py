@@ -7,12 +7,8 @@ import dataclasses
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.columns import COLUMNS
 from granular.scene.scene import Scene
 
-POTENTIALS = ("pair", "wall", "weight", "contact")
-ENERGIES = ("kinetic", *POTENTIALS, "piston")
-LOSSES = ("drag_loss", "friction_loss", "contact_loss", "piston_loss")
 WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
 DOUBTFUL = 1e-4
@@ -39,10 +35,6 @@ def is_coarse(scene: Scene) -> bool:
 def doubtful(scene: Scene) -> float:
     """Residual over the energy turned over beyond which a run of the scene is called degraded."""
     return DOUBTFUL * (COARSE_DOUBT if is_coarse(scene) else 1.0)
-
-
-def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
-    return rows[:, [COLUMNS.index(name) for name in names]]
 
 
 @dataclasses.dataclass
@@ -82,21 +74,19 @@ class Ledger:
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
         """A ledger that begins with this record; ``coarse`` as `is_coarse` says."""
         rows = row[None]
-        potential = float(_columns(rows, *POTENTIALS).sum())
         return cls(
-            start=float(_columns(rows, *ENERGIES).sum()),
-            potential=potential,
+            start=float(columns.energies(rows)[0]),
+            potential=float(columns.potentials(rows)[0]),
             piston=float(row[columns.PISTON]),
-            moved=_LEAST_TURNOVER * float(np.abs(_columns(rows, *POTENTIALS)).sum()),
+            moved=_LEAST_TURNOVER * float(columns.potential_sizes(rows)[0]),
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What each record is off by beyond rounding: [F* D], and over the energy turned over."""
-        potential = _columns(rows, *POTENTIALS).sum(axis=1)
-        total = _columns(rows, *ENERGIES).sum(axis=1)
-        lost, work = _columns(rows, *LOSSES).sum(axis=1), _columns(rows, "work")[:, 0]
-        moved = np.maximum(_columns(rows, "turned")[:, 0], self.moved)
+        potential, total = columns.potentials(rows), columns.energies(rows)
+        lost, work = columns.losses(rows), rows[:, columns.WORK]
+        moved = np.maximum(rows[:, columns.TURNED], self.moved)
         residual = total - self.start + lost - work
         floor = _ROUNDING * (np.abs(potential) + np.abs(total) + lost + np.abs(work))
         excess = np.maximum(np.abs(residual) - floor, 0.0)
