@@ -20,7 +20,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects.dipole import pair_energy
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants
+from granular.engine.constants import Constants, value_of
 from granular.engine.state import LOSSES, State
 from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
 from granular.scene.schema import quantity
@@ -127,8 +127,8 @@ class ContactLaw(NamedTuple):
                 k = spring(law, law.radius[i], law.radius[j])
                 total += energy(k, overlap)
                 slope = 2.0 * _stiffness(k, overlap)
-                stiffness[i] += slope if masses is None else slope / masses[i]
-                stiffness[j] += slope if masses is None else slope / masses[j]
+                stiffness[i] += slope / value_of(masses, i)
+                stiffness[j] += slope / value_of(masses, j)
         energies[place] = total
         return 0
 
@@ -147,8 +147,8 @@ class ContactLaw(NamedTuple):
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
             if overlap > 0.0:
-                first = 1.0 if masses is None else masses[i]
-                second = 1.0 if masses is None else masses[j]
+                first = value_of(masses, i)
+                second = value_of(masses, j)
                 mass = first * second / (first + second)
                 k = spring(law, law.radius[i], law.radius[j])
                 nx, ny = dx / r, dy / r

@@ -21,7 +21,7 @@ from typing import NamedTuple
 from granular.compiled import Array, compiled, entry
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.compensation import speed_up
-from granular.engine.constants import Constants
+from granular.engine.constants import Constants, value_of
 from granular.engine.state import LOSSES, VX, VY, State
 from granular.pairs.vector import lane_sum
 from granular.scene.scales import Scales
@@ -84,7 +84,7 @@ class DragLaw(NamedTuple):
     ) -> int:  # fmt: skip
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         for i in range(constants.grains):
-            mass = 1.0 if constants.masses is None else constants.masses[i]
+            mass = value_of(constants.masses, i)
             vx, vy = state.vx[i], state.vy[i]
             slopes[VX, i] -= law.rate * vx
             slopes[VY, i] -= law.rate * vy

@@ -113,6 +113,21 @@ class Effect(Section):
     loss_record: ClassVar[Record | None] = None
     grain_records: ClassVar[tuple[Record, ...]] = ()
 
+    @property
+    def parts(self) -> tuple[Effect, ...]:
+        """The effects that it is made of, each with a law."""
+        return (self,)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Digests of a user's functions and texts in it, for the run's settings."""
+        return ()
+
+    @property
+    def is_flow(self) -> bool:
+        """Whether it is a flow that Runge-Kutta methods cannot take."""
+        return False
+
     def law(self, setting: Setting) -> Any:
         """The law in natural units; None for what is no law of its own."""
         raise NotImplementedError
@@ -147,5 +162,3 @@ class Effect(Section):
 
 def in_joules(name: str, meaning: str) -> Record:
     return Record(name, "J", meaning, "energy")
-
-

@@ -130,9 +130,7 @@ class SlabWall(NamedTuple):
 
     @staticmethod
     @compiled
-    def measure(
-        law: SlabWall, count: int, side: Side, slopes: Array, energies: Array
-    ) -> None:
+    def measure(law: SlabWall, count: int, side: Side, slopes: Array, energies: Array) -> None:
         """As of `granular.effects.wall_side.distance_energies`."""
         for i in range(count):
             w = side.sign * (side.place[i] - side.offset)
@@ -147,4 +145,3 @@ class SlabWall(NamedTuple):
     def turning_stiffness(law: SlabWall, speed: float) -> float:
         """At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer."""
         return 4.0 * wall_infinite.turning_stiffness(speed)
-

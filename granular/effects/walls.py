@@ -200,14 +200,14 @@ class WallLaws(NamedTuple):
     ) -> int:  # fmt: skip
         """Add the stiffness of the grains against the piston, over the mass."""
         side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
-        _measure_side(
-            law.top, constants.grains, moments_of(constants), side, slopes, state.scratch
-        )
+        _measure_side(law.top, constants.grains, moments_of(constants), side, slopes, state.scratch)
         return 0
 
     @staticmethod
     @compiled
-    def collision(law: WallLaws, room: None, place: int, speed: float, constants: Constants) -> float:
+    def collision(
+        law: WallLaws, room: None, place: int, speed: float, constants: Constants
+    ) -> float:
         """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
         return max(
             _turning_side(law.left, speed),

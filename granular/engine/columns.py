@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 COLUMNS = (
@@ -25,8 +23,8 @@ COLUMNS = (
     "grains",
     "turned",
 )
-"""Time; height and velocity of the piston; the force on each wall; the kinetic energy of the grains,
-that of the pairs and of the piston; work from outside, and what the piston loses; the least
+"""Time; height and velocity of the piston; the force on each wall; the kinetic energy of the
+grains, that of the pairs and of the piston; work from outside, and what the piston loses; the least
 distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
 bed can meet; the number of grains; the energy turned over so far. Behind them stand the energy of
 each law, and what each of them took. In natural units."""
@@ -56,19 +54,20 @@ ENERGIES = len(COLUMNS)
 """Where the energies of the laws begin."""
 
 
-def all_columns(names: Sequence[str]) -> tuple[str, ...]:
-    """Every column of a record, for laws of these names."""
-    return (*COLUMNS, *map(energy_column, names), *map(loss_column, names))
+def all_columns(laws: int) -> tuple[str, ...]:
+    """Every column of a record, with that many laws."""
+    places = range(laws)
+    return (*COLUMNS, *map(energy_column, places), *map(loss_column, places))
 
 
-def energy_column(name: str) -> str:
-    """Column of the energy of a law of that name."""
-    return f"{name} energy"
+def energy_column(place: int) -> str:
+    """Column of the energy of the law in that place."""
+    return f"energy {place}"
 
 
-def loss_column(name: str) -> str:
-    """Column of what a law of that name took."""
-    return f"{name} loss"
+def loss_column(place: int) -> str:
+    """Column of what the law in that place took."""
+    return f"loss {place}"
 
 
 def width(laws: int) -> int:

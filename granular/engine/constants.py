@@ -115,3 +115,9 @@ def moments_of(constants: Constants) -> Array | None:
 @compiled(inline=True)
 def _given(values: Array | None, otherwise: Array | None) -> Array | None:
     return otherwise if values is None else values
+
+
+@compiled(inline=True)
+def value_of(values: Array | None, i: int) -> float:
+    """Value of one grain; 1 where all grains are alike."""
+    return 1.0 if values is None else values[i]

@@ -22,7 +22,6 @@ from granular.engine.state import (
 )
 from granular.protocol.motion import TABLE, Motion, outer_force, path
 
-
 lift = sum_over("lift", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 

@@ -14,7 +14,6 @@ from granular.engine.constants import Constants, moments_of
 from granular.engine.state import Measurement, State
 from granular.protocol.motion import Motion
 
-
 _collision = greatest_over("collision")
 _against_piston = sum_over("against_piston")
 

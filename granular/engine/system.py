@@ -17,7 +17,6 @@ from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 
-
 FAR_EVERY = 8
 """Steps from one evaluation of the far field to the next: 0.8 of the inverse of the highest angular
 frequency with the automatic step, well short of resonance with the fastest mode, at pi of it

@@ -304,7 +304,9 @@ class Run:
         rate = max((one.decay_rate(scales) for one in effects), default=0.0)
         record = self.scene.output.scalars / scales.time
         slowest = max(frequency, self.step.fraction / record)
-        drive = max([drive_frequency(self.motion), *(one.drive_frequency(scales) for one in effects)])
+        drive = max(
+            [drive_frequency(self.motion), *(one.drive_frequency(scales) for one in effects)]
+        )
         resolved = max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
         steps = record * resolved / self.step.fraction
         if self.step.automatic:

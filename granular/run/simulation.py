@@ -246,7 +246,13 @@ def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
         "method": method,
         "pairs": scene.pair_method,
         "versions": versions(),
+        **({"own": own} if (own := _own_sources(scene)) else {}),
     }
+
+
+def _own_sources(scene: Scene) -> list[str]:
+    """Digests of a user's own functions and formulas in a scene."""
+    return sorted(one for effect in scene.effects.laws for one in effect.sources)
 
 
 def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:
@@ -265,6 +271,11 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
                 f"the run in {path} has another {what}: {former[name]}, not {settings[name]}; "
                 "resume with the same, or give a new directory"
             )
+    if former.get("own", []) != settings.get("own", []):
+        raise StoreError(
+            f"the run in {path} was made with other functions of an own effect, which have changed "
+            "since; resume with the same, or give a new directory"
+        )
     if former.get("versions") != settings["versions"]:
         warnings.warn(
             f"the run in {path} was made with other versions ({former.get('versions')}); what "

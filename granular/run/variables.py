@@ -80,6 +80,7 @@ FRAME_HEIGHT = Variable(
 def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     """The scalar records that a scene has: what does not act is not recorded."""
     effects = scene.effects
+    laws = list(enumerate(effects.laws))
     chosen: list[Variable] = []
     if scene.piston is not None:
         chosen += _PISTON
@@ -89,10 +90,10 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += _summed((energy_column(one.key), one.energy_record) for one in effects.laws[::-1])
+    chosen += _summed((energy_column(place), one.energy_record) for place, one in laws[::-1])
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += _summed((loss_column(one.key), one.loss_record) for one in effects.laws)
+    chosen += _summed((loss_column(place), one.loss_record) for place, one in laws)
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking else []
@@ -128,7 +129,7 @@ def run_variables(scene: Scene) -> tuple[Variable, ...]:
 
 def columns_of(scene: Scene) -> tuple[str, ...]:
     """Every column of a scene's records."""
-    return all_columns([effect.key for effect in scene.effects.laws])
+    return all_columns(len(scene.effects.laws))
 
 
 def si_column(

@@ -24,11 +24,14 @@ class Scales:
     ----------
     length, mass, force : float
         D [m], m [kg], F* [N].
+    current : float
+        mu/D^2 [A], with the moment mu of a grain of the first species.
     """
 
     length: float
     mass: float
     force: float
+    current: float = 1.0
 
     @classmethod
     def of(cls, grains: Grains) -> Scales:
@@ -37,7 +40,7 @@ class Scales:
         volume = math.pi * grains.thickness * diameter**2 / 4.0
         moment = grains.remanence * volume / MAGNETIC_CONSTANT
         force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)
-        return cls(length=diameter, mass=grains.density * volume, force=force)
+        return cls(diameter, grains.density * volume, force, moment / diameter**2)
 
     @property
     def time(self) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from granular.effects.effect import Effect
-from granular.effects.registry import effects as known_effects
+from granular.effects.registry import find, names
 from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import Arrangement, initial_motion
@@ -48,7 +48,7 @@ class Effects(Section):
         object.__setattr__(self, "_given", _read_effects(given, None))
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in known_effects():
+        if name.startswith("_") or find(name) is None:
             raise AttributeError(f"there is no effect {name!r}")
         return self._given.get(name)
 
@@ -69,12 +69,12 @@ class Effects(Section):
     @property
     def laws(self) -> tuple[Effect, ...]:
         """Those that act but for the dipole, in the order in which the loop takes them."""
-        others = [effect for effect in self.all if effect.key != "dipole"]
-        return tuple(sorted(others, key=lambda effect: (effect.rank, effect.key)))
+        parts = [one for effect in self.all if effect.key != "dipole" for one in effect.parts]
+        return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
-        return tuple(known_effects())
+        return names()
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
@@ -93,18 +93,24 @@ class Effects(Section):
         return {name: effect.to_plain() for name, effect in self._given.items()}
 
 
+IMPORT = "(import the file of your own ones first: --import FILE, or an installed package)"
+
+
 def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str, Effect]:
-    known, found = known_effects(), {}
+    known: dict[str, type[Effect]] = {}
     for name in plain:
-        if name not in known:
-            raise FieldError(unknown(name, tuple(known), "key"))
+        effect = find(name)
+        if effect is None:
+            raise FieldError(f"{unknown(name, names(), 'effect')} {IMPORT}")
+        known[name] = effect
+    found = {}
     for name in sorted(plain):
         try:
-            effect = One(True, section=known[name]).read(plain[name], diameter)
+            section = One(True, section=known[name]).read(plain[name], diameter)
         except FieldError as error:
             raise error.within(name) from None
-        if effect is not None:
-            found[name] = effect
+        if section is not None:
+            found[name] = section
     return found
 
 

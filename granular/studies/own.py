@@ -1,19 +1,18 @@
-"""Measures from a Python file that the user names on the command line."""
+"""Measures and effects from a Python file that the user names on the command line."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import sys
 from collections.abc import Mapping
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FunctionType
 from typing import Any
 
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.messages import visible
+from granular.shared.own_files import module_of
 from granular.studies.cases import measure_name
 
 LONGEST_FILE = 2**20
@@ -73,12 +72,8 @@ def own_measures(path: str | Path) -> dict[str, OwnMeasure]:
     }
 
 
-@functools.lru_cache
 def _functions(file: str, text: str) -> dict[str, FunctionType]:
-    module = ModuleType(f"imported_{Path(file).stem}")
-    module.__file__ = file
-    sys.modules[module.__name__] = module  # data classes in the file look it up there
-    exec(compile(text, file, "exec"), vars(module))
+    module = module_of(file, text)
     return {
         name: found
         for name, found in vars(module).items()
