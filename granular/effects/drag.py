@@ -39,6 +39,7 @@ class Drag(Effect):
 
     key = "drag"
     damps = True
+    takes_along = ()
     loss_record = in_joules("drag_loss", "energy lost to viscous drag")
 
     coefficient: float = quantity("kg/s", default=0.1, least=0.0)

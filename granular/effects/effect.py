@@ -101,6 +101,8 @@ class Effect(Section):
         Whether it stops grains at a threshold, and cannot be undone backward in time.
     damps : bool
         Whether it takes energy wherever grains move.
+    takes_along : tuple of str or None
+        Of an effect with a ``kick``: the others with one that are solved with it.
     energy_record, loss_record : Record or None
         Of its energy, and of what it takes; those of one name are added up.
     """
@@ -109,6 +111,7 @@ class Effect(Section):
     rank: ClassVar[int] = 0
     dry: ClassVar[bool] = False
     damps: ClassVar[bool] = False
+    takes_along: ClassVar[tuple[str, ...] | None] = None
     energy_record: ClassVar[Record | None] = None
     loss_record: ClassVar[Record | None] = None
     grain_records: ClassVar[tuple[Record, ...]] = ()
@@ -132,8 +135,10 @@ class Effect(Section):
         """The law in natural units; None for what is no law of its own."""
         raise NotImplementedError
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None) -> None:
-        """Raise `FieldError`, with the path from the scene, unless it fits the apparatus."""
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        """Raise `FieldError`, with the path from the scene, unless it fits apparatus and others."""
 
     def load_weight(self, setting: Setting) -> np.ndarray | None:
         """What each grain weighs (m,) in the sums over 1/r^3 that the pairs' pass takes along."""

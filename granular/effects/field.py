@@ -162,7 +162,9 @@ class FieldText(Effect):
         number, unit = dict(self.values)[name].split(" ", 1)
         return float(number), tuple(map(Fraction, unit_size(unit)[1]))
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None) -> None:
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         known = tuple(one.name for one in grains.species)
         for name, _ in self.factor:
             if name not in known:
@@ -225,9 +227,11 @@ class Field(Effect):
     def parts(self) -> tuple[Effect, ...]:
         return self.fields
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None) -> None:
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         for one in self.fields:
-            one.check(grains, cell, piston)
+            one.check(grains, cell, piston, others)
 
 
 @functools.cache

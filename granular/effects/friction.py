@@ -22,6 +22,7 @@ threshold, and chatters unless the step is very small.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,7 @@ class Friction(Effect):
     key = "friction"
     dry = True
     damps = True
+    takes_along = ("drag",)
     loss_record = in_joules("friction_loss", "energy lost to dry friction")
     grain_records = (Record("normal_load", "N", "normal force on the plates", "force"),)
 
@@ -108,7 +110,9 @@ class Friction(Effect):
         own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
         return own, moments * np.sin(tilt)
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None) -> None:
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         self.factors(grains, cell)
 
     def law(self, setting: Setting) -> FrictionLaw:

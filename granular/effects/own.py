@@ -77,7 +77,6 @@ from granular.effects.registry import register
 from granular.pairs.direct import padded_values
 from granular.scene.scales import Scales
 from granular.scene.schema import Quantity, Whole, unknown
-from granular.scene.units import unit_size
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.shared.own_files import module_of
@@ -119,7 +118,7 @@ class OwnEffect(Effect):
         """The parameters in natural units."""
         return self.definition.parameters(
             *(
-                float(getattr(self, field.name)) / natural_size(field.metadata["kind"], scales)
+                float(getattr(self, field.name)) / scales.unit(_unit(field.metadata["kind"]))
                 for field in dataclasses.fields(self)
             )
         )
@@ -150,13 +149,8 @@ def rebuilt(key: str, origin: tuple[str, str] | None, written: Any, values: Any)
     return one
 
 
-def natural_size(kind: Any, scales: Scales) -> float:
-    """The natural unit of a parameter, in SI."""
-    unit = kind.unit if isinstance(kind, Quantity) else "1"
-    _, (length, mass, time, current) = unit_size(unit)
-    return float(
-        scales.length**length * scales.mass**mass * scales.time**time * scales.current**current
-    )
+def _unit(kind: Any) -> str:
+    return kind.unit if isinstance(kind, Quantity) else "1"
 
 
 def effect(written: type) -> Any:

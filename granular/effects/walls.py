@@ -7,6 +7,7 @@ piston force.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,7 +106,9 @@ class Walls(Effect):
             if wall.length is not None and not upright:
                 raise FieldError("is the cell's width here; leave it out", side, "length")
 
-    def check(self, grains: Grains, cell: Cell, piston: Piston | None) -> None:
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
         """Raise `FieldError` unless slabs fit the cell and the piston's height."""
         try:
             self._check_size(cell.width, None if piston is None else piston.height)

@@ -11,6 +11,7 @@ import dataclasses
 import math
 
 from granular.scene.parts import Grains
+from granular.scene.units import unit_size
 
 MAGNETIC_CONSTANT = 4e-7 * math.pi
 """Permeability of free space [H/m], the value of [D, Table 4.3]."""
@@ -41,6 +42,13 @@ class Scales:
         moment = grains.remanence * volume / MAGNETIC_CONSTANT
         force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)
         return cls(diameter, grains.density * volume, force, moment / diameter**2)
+
+    def unit(self, text: str) -> float:
+        """The natural unit of a quantity that is given in such an SI unit, in SI."""
+        length, mass, time, current = unit_size(text)[1]
+        return float(
+            self.length**length * self.mass**mass * self.time**time * self.current**current
+        )
 
     @property
     def time(self) -> float:

@@ -130,8 +130,10 @@ class Scene(Section):
     def validate(self) -> None:
         self._check_piston()
         self._check_walls()
-        for effect in self.effects.all:
-            effect.check(self.grains, self.cell, self.piston)
+        acting = {effect.key: effect for effect in self.effects.all}
+        for effect in acting.values():
+            effect.check(self.grains, self.cell, self.piston, acting)
+        self._check_kicks()
         if self.output.record is not None:
             names = tuple(stage.name for stage in self.protocol)
             if self.output.record not in names:
@@ -145,6 +147,17 @@ class Scene(Section):
             )
         self._check_pairs()
         self.initial_motion()
+
+    def _check_kicks(self) -> None:
+        """Of the effects that are solved together with the forces, one must know the others."""
+        kicks = [effect for effect in self.effects.laws if effect.takes_along is not None]
+        for other in kicks[:-1]:
+            if other.key not in (kicks[-1].takes_along or ()):
+                raise FieldError(
+                    f"cannot act together with {other.key!r}; take one of them away",
+                    "effects",
+                    kicks[-1].key,
+                )
 
     def initial_motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2).

@@ -25,6 +25,7 @@ _BASE: dict[str, tuple[float, Dimension]] = {
     "T": (1.0, (0, 1, -2, -1)),
     "Pa": (1.0, (-1, 1, -2, 0)),
     "Hz": (1.0, (0, 0, -1, 0)),
+    "S": (1.0, (-2, -1, 3, 2)),
 }
 _PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
 _PLAIN: dict[str, tuple[float, Dimension]] = {
