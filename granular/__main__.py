@@ -87,9 +87,11 @@ def parser(prog: str = PROG) -> Parser:
     add_output(add("scenes", "list the packaged scenes"))
     one = add("show", "tell what a scene holds, in SI and in natural units")
     add_scene(one)
+    _add_import(one)
     add_output(one)
     one = add("run", "run a scene")
     add_scene(one)
+    _add_import(one)
     one.add_argument("-o", "--out", metavar="DIR", help="directory to write the run to")
     one.add_argument("--t-end", type=float, metavar="S", help="stop at this time [s]")
     one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
@@ -110,11 +112,14 @@ def _add_sweep(one: Parser) -> None:
     one.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address")
     one.add_argument("--mpi", action="store_true", help="run on the ranks of mpi4py.futures")
     one.add_argument("--keep-runs", action="store_true", help="keep the whole runs too")
-    one.add_argument(
-        "--import", dest="own", metavar="FILE",
-        help="Python file whose functions the study may name as its measure; it is run",
-    )  # fmt: skip
+    _add_import(one, "effects that scenes name, and functions that the study names as its measure")
     add_output(one)
+
+
+def _add_import(one: Parser, what: str = "effects that scenes name") -> None:
+    one.add_argument(
+        "--import", dest="own", metavar="FILE", help=f"Python file with your own {what}; it is run"
+    )
 
 
 def _add_export(one: Parser) -> None:
@@ -131,6 +136,7 @@ def _add_export(one: Parser) -> None:
     )  # fmt: skip
     one.add_argument("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2")
     one.add_argument("--force", action="store_true", help="replace what is there")
+    _add_import(one)
     add_output(one)
 
 
@@ -151,6 +157,7 @@ def _add_render(one: Parser) -> None:
     one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
     one.add_argument("--fps", type=float, metavar="F", help="the movie's frames a second (25)")
     one.add_argument("--force", action="store_true", help="replace the file if it is there")
+    _add_import(one)
     add_output(one)
 
 
@@ -161,6 +168,10 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         "scenes": _scenes, "show": _show, "run": _run, "export": _export, "render": _render,
         "sweep": _sweep,
     }  # fmt: skip
+    if getattr(options, "own", None) is not None:
+        from granular.studies.own import import_file
+
+        import_file(options.own)
     commands[options.command](options)
 
 
@@ -171,6 +182,7 @@ def _scene(options: Any) -> Scene:
 
 
 def _scenes(options: Any) -> None:
+    from granular.effects.registry import names
     from granular.scene.loading import SCENES, scene_names
 
     first = {}
@@ -179,7 +191,8 @@ def _scenes(options: Any) -> None:
         comment = [line[1:].strip() for line in lines if line.startswith("#")]
         first[name] = " ".join(comment)
     width = max(map(len, first))
-    emit(first, "\n".join(f"{name:{width}}  {text}" for name, text in first.items()), options.json)
+    lines = [f"{name:{width}}  {text}" for name, text in first.items()]
+    emit(first, "\n".join([*lines, "", f"effects: {', '.join(names())}"]), options.json)
 
 
 def _show(options: Any) -> None:

@@ -28,6 +28,7 @@ from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
+from granular.run.sources import own_sources
 from granular.run.store import Store, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
@@ -246,13 +247,8 @@ def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
         "method": method,
         "pairs": scene.pair_method,
         "versions": versions(),
-        **({"own": own} if (own := _own_sources(scene)) else {}),
+        **({"own": own} if (own := own_sources(scene)) else {}),
     }
-
-
-def _own_sources(scene: Scene) -> list[str]:
-    """Digests of a user's own functions and formulas in a scene."""
-    return sorted(one for effect in scene.effects.laws for one in effect.sources)
 
 
 def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
+from granular.effects.own import effects_of
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
@@ -45,13 +46,13 @@ class OwnMeasure:
         return found
 
 
-def own_measures(path: str | Path) -> dict[str, OwnMeasure]:
-    """The functions that a Python file defines, by their names; the file is run once.
+def import_file(path: str | Path) -> str:
+    """Run a Python file that the user names, once, so that scenes may name its effects; its text.
 
     Parameters
     ----------
     path : str or Path
-        Of a file that the user names: whoever runs the command is who trusts it.
+        Whoever runs the command is who trusts the file.
 
     Raises
     ------
@@ -61,14 +62,22 @@ def own_measures(path: str | Path) -> dict[str, OwnMeasure]:
     path = Path(path)
     text = read_text(path, LONGEST_FILE)
     try:
-        found = _functions(str(path), text)
+        effects_of(str(path), text)
+    except InputError:
+        raise
     except Exception as error:
         raise InputError(
             f"{visible(path)} cannot be imported: {type(error).__name__}: {error}; mend it"
         ) from None
+    return text
+
+
+def own_measures(path: str | Path) -> dict[str, OwnMeasure]:
+    """The functions that a Python file defines, by their names; see `import_file`."""
+    text = import_file(path)
     return {
         name: OwnMeasure(str(path), text, name, measure_name(function))
-        for name, function in found.items()
+        for name, function in _functions(str(path), text).items()
     }
 
 
