@@ -13,7 +13,7 @@ half of a step takes them in the opposite order, so that the step stays symmetri
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class Contact(Effect):
 
     key = "contact"
     rank = 1
+    example: ClassVar[Any] = {"modulus": "1 MPa", "restitution": 0.8}
     dry = True  # its dashpots are solved pair by pair
     energy_record = in_joules("contact_energy", "energy of the contacts")
     loss_record = in_joules("contact_loss", "energy lost in contacts")

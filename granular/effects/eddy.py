@@ -12,7 +12,7 @@ another rate. Its flow is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
@@ -39,6 +39,7 @@ class Eddy(Effect):
 
     key = "eddy"
     rank = 1
+    example: ClassVar[Any] = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     damps = True
     loss_record = in_joules("eddy_loss", "energy lost to eddy currents")
 

@@ -105,6 +105,10 @@ class Effect(Section):
         Of an effect with a ``kick``: the others with one that are solved with it.
     energy_record, loss_record : Record or None
         Of its energy, and of what it takes; those of one name are added up.
+    grain_records : tuple of Record
+        Of what it finds for each grain.
+    example : plain data
+        Parameters as a scene may have them, for the reference and for the test of all effects.
     """
 
     key: ClassVar[str] = ""
@@ -115,6 +119,7 @@ class Effect(Section):
     energy_record: ClassVar[Record | None] = None
     loss_record: ClassVar[Record | None] = None
     grain_records: ClassVar[tuple[Record, ...]] = ()
+    example: ClassVar[Any] = True
 
     @property
     def parts(self) -> tuple[Effect, ...]:
@@ -125,6 +130,9 @@ class Effect(Section):
     def sources(self) -> tuple[str, ...]:
         """Digests of a user's functions and texts in it, for the run's settings."""
         return ()
+
+    def check_compiling(self, setting: Setting) -> None:
+        """Raise `InputError` if a user's function does not compile."""
 
     @property
     def is_flow(self) -> bool:

@@ -15,7 +15,7 @@ import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numba
 import numpy as np
@@ -208,6 +208,10 @@ class Field(Effect):
     """
 
     key = "field"
+    example: ClassVar[Any] = [
+        {"energy": "k*(y - h)**2/2*(1 + sin(w*t)/4)", "k": "1 N/m", "h": "3 D", "w": "60 1/s"},
+        {"energy": "a*mass*sin(x/l)", "a": "0.1 m^2/s^2", "l": "1 D"},
+    ]
 
     fields: tuple[FieldText, ...] = declare(Many(section=FieldText, least=1))
 

@@ -6,7 +6,7 @@ mu (g_x, g_y) [Jackson, Classical Electrodynamics (1999), 5.7]. A uniform field 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
@@ -25,6 +25,7 @@ class Gradient(Effect):
     """
 
     key = "gradient"
+    example: ClassVar[Any] = {"x": "0.05 T/m", "y": "-0.1 T/m"}
     energy_record = in_joules("gradient_energy", "energy in the external field")
 
     x: float = quantity("T/m", default=0.0)

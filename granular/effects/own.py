@@ -64,7 +64,7 @@ import numpy as np
 
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.own_check import check
+from granular.effects.own_check import check, check_compiling
 from granular.effects.own_definition import (
     DEFINITIONS,
     FUNCTIONS,
@@ -101,6 +101,9 @@ class OwnEffect(Effect):
         p = self.natural(setting.scales)
         check(self.definition, p, setting)
         return self.law_of(self.definition, p, None)
+
+    def check_compiling(self, setting: Setting) -> None:
+        check_compiling(self.definition, self.natural(setting.scales))
 
     @staticmethod
     def law_of(definition: Definition, p: Any, factor: np.ndarray | None) -> OwnLaw:
@@ -193,6 +196,7 @@ def effect(written: type) -> Any:
         "key": key,
         "definition": definition,
         "written": written,
+        "example": content.get("example", True),
         "damps": "flow" in functions,
         "energy_record": energy,
         "loss_record": loss,

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numba.core.errors import NumbaError
 
 from granular.effects.effect import Setting
 from granular.effects.own_definition import Definition, Grain, failed
 from granular.shared.errors import InputError
+from granular.shared.messages import one_line
 
 CLOSE = 1e-5
 """Relative difference between a derivative and what a function says."""
@@ -39,6 +42,33 @@ def check(definition: Definition, p: Any, setting: Setting) -> None:
     if "flow" in functions:
         for grain in grains:
             _check_flow(definition, p, grain)
+
+
+def check_compiling(definition: Definition, p: Any) -> None:
+    """Raise `InputError` where a function does not compile."""
+    grain = Grain(1.5, 1.5, 1.0, 1.0)
+    pair = (p, 1.5, grain, grain)
+    arguments: dict[str, tuple[Any, ...]] = {
+        "flow": (p, grain, 0.1, 0.1, 0.1), "pair_energy": pair, "pair_force": pair,
+        "pair_stiffness": pair, "reach": (p,), "frequency": (p,),
+    }  # fmt: skip
+    for name, kernel in definition.kernels.items():
+        if name in ("reach", "frequency"):
+            continue  # called by Python alone
+        try:
+            kernel(*arguments.get(name, (p, grain, 0.0)))
+        except NumbaError as error:
+            raise InputError(
+                f"effect {definition.key!r}: {name!r} does not compile: {_reason(error)}; take "
+                "arithmetic, math, and functions that are compiled themselves"
+            ) from None
+
+
+def _reason(error: BaseException) -> str:
+    """The line of the compiler's message that tells the most."""
+    lines = [one.strip() for one in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
+    told = [one for one in lines if one and not one.startswith(("Failed in", "During", "File"))]
+    return one_line(told[0] if told else type(error).__name__)
 
 
 def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -> Any:

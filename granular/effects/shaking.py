@@ -9,7 +9,7 @@ the cell.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
@@ -33,6 +33,7 @@ class Shaking(Effect):
     """
 
     key = "shaking"
+    example: ClassVar[Any] = {"amplitude": "0.5 mm", "frequency": "20 Hz", "angle": 1.0}
     energy_record = in_joules("weight_energy", "potential energy of the weight")
 
     amplitude: float = quantity("m", least=0.0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import compiled
 from granular.compiled.dispatch import by_law
@@ -35,6 +35,7 @@ class WallFriction(Effect):
     """
 
     key = "wall_friction"
+    example: ClassVar[Any] = {"coefficient": 0.3}
     dry = True
     damps = True
     takes_along = ("drag",)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
+from numba.core.errors import NumbaError
 
 from granular.effects.effect import Effect, Setting
 from granular.engine.constants import Acting, Constants, Resistance, Sides
@@ -93,9 +96,7 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
 
 def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> Acting:
     grains, effects = scene.grains, scene.effects.laws
-    named = {effect.key: effect for effect in effects}
-    places = {effect.key: place for place, effect in enumerate(effects)}
-    setting = Setting(grains, scene.cell, scales, species, named, places)
+    setting = _setting(scene, scales, species)
     weights = [found for one in effects if (found := one.load_weight(setting)) is not None]
     dipole, walls = scene.effects.dipole, scene.effects.walls
     summed = None if dipole is None else scene.pair_method
@@ -110,6 +111,31 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
         listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
         far=None if smooth is None or radius is None else _far_field(scene, scales, radius, method),
     )
+
+
+def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
+    effects = scene.effects.laws
+    places = {effect.key: place for place, effect in enumerate(effects)}
+    acting = {effect.key: effect for effect in scene.effects.all}
+    return Setting(scene.grains, scene.cell, scales, species, acting, places)
+
+
+@contextlib.contextmanager
+def own_code_compiles(scene: Scene) -> Iterator[None]:
+    """Let what the compiler says of a user's function be one line.
+
+    Raises
+    ------
+    InputError
+        If one does not compile.
+    """
+    try:
+        yield
+    except NumbaError:
+        setting = _setting(scene, Scales.of(scene.grains), scene.grains.assignment())
+        for effect in scene.effects.laws:
+            effect.check_compiling(setting)
+        raise
 
 
 def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | None) -> FarField:

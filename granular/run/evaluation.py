@@ -11,7 +11,7 @@ from granular.engine.far import total_force
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.state import State, new_measurement, new_state
-from granular.engine.system import System, natural_system
+from granular.engine.system import System, natural_system, own_code_compiles
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -85,7 +85,7 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement = new_measurement(state)
-    with unfinite_as(_misplaced):
+    with unfinite_as(_misplaced), own_code_compiles(scene):
         outside = measure_forces(state, constants, 0.0, measurement)
     force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():

@@ -18,7 +18,7 @@ import numpy as np
 from granular.engine.ledger import doubtful
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.step_size import Step
-from granular.engine.system import System, natural_system
+from granular.engine.system import System, natural_system, own_code_compiles
 from granular.methods import method_named
 from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.run.allowed import check_end, check_method, check_step
@@ -114,7 +114,8 @@ def simulate(
     with deferred_stop() as stop:
         store = None if out is None else _open_store(Path(out), run, settings, resume)
         try:
-            return _Job(run, store, settings).carry_out(progress, stop)
+            with own_code_compiles(scene):
+                return _Job(run, store, settings).carry_out(progress, stop)
         finally:
             if store is not None:
                 store.release()
