@@ -87,23 +87,23 @@ class Friction(Effect):
             If the grains of a species do not fit between the plates, or fall over.
         """
         diameter = np.array([one.diameter for one in grains.species])
-        thickness, gap = grains.thickness, cell.separation
-        if gap < thickness:
+        thickness, gap = grains.of_species("thickness"), cell.separation
+        if gap < thickness.max():
             raise FieldError(
-                f"{gap:g} m must be at least the grains' thickness, {thickness:g} m",
+                f"{gap:g} m must be at least the grains' thickness, {thickness.max():g} m",
                 "cell",
                 "separation",
             )
         diagonal = np.hypot(diameter, thickness)
         if (diagonal <= gap).any():
-            least = math.sqrt(gap**2 - thickness**2)
+            least = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
             raise FieldError(
                 f"{diameter[diagonal <= gap][0]:g} m must be above {least:.3g} m, or the grain "
                 "falls over between the plates and has no angle of tilt",
                 "grains",
                 "species",
             )
-        moments = (diameter / diameter[0]) ** 2
+        moments = grains.moment_ratios()
         lean = np.arctan(thickness / diameter)
         tilt = np.arcsin(gap / diagonal) - lean
         arm = np.cos(tilt) + (1.0 / 3.0 if self.torque == "second" else 0.0)
@@ -125,14 +125,15 @@ class Friction(Effect):
             dynamic=self.dynamic,
             threshold=threshold,
             load=self.load / scales.force,
-            factor=padded_values(own[setting.species]),
+            factor=padded_values(own[setting.species] * setting.grains.spread_factors()),
             rate=None if other is None else other.decay_rate(scales),
             entry=LOSSES + setting.places["friction"],
             drag=None if other is None else LOSSES + setting.places["drag"],
         )
 
     def load_weight(self, setting: Setting) -> np.ndarray:
-        return padded_values(self.factors(setting.grains, setting.cell)[1][setting.species])
+        weight = self.factors(setting.grains, setting.cell)[1][setting.species]
+        return padded_values(weight * setting.grains.spread_factors())
 
     def grain_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
         """The normal force on the plates [F*]."""

@@ -28,9 +28,9 @@ def check(definition: Definition, p: Any, setting: Setting) -> None:
     functions = definition.functions
     width = setting.cell.width / setting.scales.length
     ends = len(setting.grains.species)
-    mass = [(one.diameter / setting.scales.length) ** 2 for one in setting.grains.species]
+    mass, moment = setting.grains.mass_ratios(), setting.grains.moment_ratios()
     grains = [
-        Grain(x * width, y * width, mass[k % ends], mass[k % ends])
+        Grain(x * width, y * width, float(mass[k % ends]), float(moment[k % ends]))
         for k, (x, y) in enumerate(_PLACES)
     ]
     if "force" in functions:

@@ -19,7 +19,7 @@ from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_side import Side, distance_energies, distance_forces
 from granular.effects.wall_slab import SlabWall
-from granular.engine.constants import Constants, moments_of
+from granular.engine.constants import Constants, moments_of, over_mass, value_of
 from granular.engine.state import HEIGHT, State
 from granular.pairs.vector import lane_sum
 from granular.scene.parts import Cell, Grains, Piston
@@ -189,10 +189,12 @@ class WallLaws(NamedTuple):
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the grains at the walls."""
+        _under_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[place] = _measure_walls(
             law, constants.grains, moments_of(constants), state.x, state.y,
             constants.width, state.piston[HEIGHT], stiffness, state.scratch,
         )  # fmt: skip
+        over_mass(stiffness, constants.moments, constants.masses, constants.grains)
         return 0
 
     @staticmethod
@@ -204,6 +206,7 @@ class WallLaws(NamedTuple):
         """Add the stiffness of the grains against the piston, over the mass."""
         side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
         _measure_side(law.top, constants.grains, moments_of(constants), side, slopes, state.scratch)
+        over_mass(slopes, constants.moments, constants.masses, constants.grains)
         return 0
 
     @staticmethod
@@ -212,12 +215,22 @@ class WallLaws(NamedTuple):
         law: WallLaws, room: None, place: int, speed: float, constants: Constants
     ) -> float:
         """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
-        return max(
+        ratio = constants.least_ratio
+        speed /= math.sqrt(ratio)
+        return ratio * max(
             _turning_side(law.left, speed),
             _turning_side(law.right, speed),
             _turning_side(law.bottom, speed),
             _turning_side(law.top, speed),
         )
+
+
+@compiled
+def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+    """What `over_mass` takes back: of grains of moment 1, for what the walls add such to."""
+    if moments is not None:
+        for i in range(count):
+            stiffness[i] *= value_of(masses, i) / moments[i]
 
 
 @compiled

@@ -78,7 +78,9 @@ class Constants(NamedTuple):
         numbers as the masses, as in species of one material and thickness: a second array in here
         makes a step of 92 grains 10 % slower. Kernels ask `moments_of`.
     least_mass, least_moment : float
-        Of the lightest species.
+        Of the grain that others come closest to: the lightest, where all are of one material.
+    least_ratio : float
+        Least moment over mass; 1 where all are of one material and thickness.
     width : float
         Cell width [D].
     piston_mass, piston_weight : float
@@ -97,6 +99,7 @@ class Constants(NamedTuple):
     moments: Array | None
     least_mass: float
     least_moment: float
+    least_ratio: float
     width: float
     piston_mass: float
     piston_weight: float
@@ -121,3 +124,11 @@ def _given(values: Array | None, otherwise: Array | None) -> Array | None:
 def value_of(values: Array | None, i: int) -> float:
     """Value of one grain; 1 where all grains are alike."""
     return 1.0 if values is None else values[i]
+
+
+@compiled
+def over_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+    """Make stiffnesses of grains of moment 1 such over the mass; the same if moments are masses."""
+    if moments is not None:
+        for i in range(count):
+            stiffness[i] *= moments[i] / value_of(masses, i)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import sum_over
 from granular.effects.dipole import ENERGY
-from granular.engine.constants import Constants, moments_of
+from granular.engine.constants import Constants, moments_of, over_mass
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
 from granular.engine.state import Measurement, State
 from granular.pairs.direct import direct_sum
@@ -131,6 +131,7 @@ def potential_energies(
     stiffness = measurement.stiffness
     for i in range(constants.grains):
         stiffness[i] *= 6.0
+    over_mass(stiffness, constants.moments, constants.masses, constants.grains)
     energies[:] = 0.0
     _measure(constants.acting.laws, state.rooms, state, constants, time, stiffness, energies)
     return ENERGY * measurement.extremes[0] + far_energy(state.far_forces)

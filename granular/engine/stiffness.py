@@ -10,7 +10,7 @@ import math
 from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import greatest_over, sum_over
 from granular.effects.dipole import head_on_stiffness
-from granular.engine.constants import Constants, moments_of
+from granular.engine.constants import Constants
 from granular.engine.state import Measurement, State
 from granular.protocol.motion import Motion
 
@@ -33,12 +33,12 @@ def collision_frequency(constants: Constants, speed: float) -> float:
 
 
 @compiled
-def _total_and_largest(slopes: Array, count: int, moments: Array | None) -> tuple[float, float]:
+def _total_and_largest(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
     """Stiffness of all grains [F*/D], and the largest of one grain per mass."""
     total, largest = 0.0, 0.0
     for i in range(count):
         largest = max(largest, slopes[i])
-        total += slopes[i] if moments is None else slopes[i] * moments[i]
+        total += slopes[i] if masses is None else slopes[i] * masses[i]
     return total, largest
 
 
@@ -58,6 +58,6 @@ def stiffest_mode(
         slopes = measurement.against_piston
         slopes[:] = 0.0
         _against_piston(constants.acting.laws, state.rooms, state, constants, slopes)
-        total, largest = _total_and_largest(slopes, constants.grains, moments_of(constants))
+        total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), collision_frequency(constants, speed))

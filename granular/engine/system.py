@@ -68,21 +68,24 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     """
     scales = Scales.of(scene.grains)
     species = scene.grains.assignment()
-    ratios = np.array([one.diameter for one in scene.grains.species])
-    ratios = (ratios / scales.length) ** 2
+    masses = scene.grains.mass_ratios()[species]
+    moments = scene.grains.moment_ratios()[species] * scene.grains.spread_factors()
+    several = len(scene.grains.species) > 1
+    alike = bool((masses == moments).all())
+    weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
     effects = scene.effects.laws
     acting = _acting(scene, scales, species, method)
-    masses = None if len(ratios) == 1 else padded_values(ratios[species])
     piston_mass, piston_weight = _piston_mass(
         scene, scales, sum(effect.pull(scales) for effect in effects)
     )
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
-        masses=masses,
-        moments=None,
-        least_mass=float(ratios.min()),
-        least_moment=float(ratios.min()),
+        masses=padded_values(masses) if several else None,
+        moments=None if alike else padded_values(moments),
+        least_mass=1.0 if weakest is None else float(masses[weakest]),
+        least_moment=1.0 if weakest is None else float(moments[weakest]),
+        least_ratio=float((moments / masses).min(initial=1.0)) if not alike else 1.0,
         width=scene.cell.width / scales.length,
         piston_mass=piston_mass,
         piston_weight=piston_weight,
@@ -107,7 +110,9 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
         dipole=None if dipole is None else True,
         sides=Sides() if walls is None else Sides(*(one and True for one in walls.sides)),
         weight=weights[0] if weights else None,
-        cut=None if radius is None else CutOff(radius, len(grains.species) > 1, smooth),
+        cut=None
+        if radius is None
+        else CutOff(radius, len(grains.species) > 1 or grains.spread > 0.0, smooth),
         listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
         far=None if smooth is None or radius is None else _far_field(scene, scales, radius, method),
     )

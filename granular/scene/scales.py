@@ -38,10 +38,13 @@ class Scales:
     def of(cls, grains: Grains) -> Scales:
         """The natural units of a bed: those of its first species."""
         diameter = grains.species[0].diameter
-        volume = math.pi * grains.thickness * diameter**2 / 4.0
-        moment = grains.remanence * volume / MAGNETIC_CONSTANT
+        thickness, density, remanence = (
+            float(grains.of_species(name)[0]) for name in ("thickness", "density", "remanence")
+        )
+        volume = math.pi * thickness * diameter**2 / 4.0
+        moment = remanence * volume / MAGNETIC_CONSTANT
         force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)
-        return cls(diameter, grains.density * volume, force, moment / diameter**2)
+        return cls(diameter, density * volume, force, moment / diameter**2)
 
     def unit(self, text: str) -> float:
         """The natural unit of a quantity that is given in such an SI unit, in SI."""

@@ -28,10 +28,11 @@ ALLOWED = {
         "the one place where formulas become code: trees of the grammar, names made there",
     ("granular/shared/moved.py", "import_module"):
         "modules of the packages by their former names, from a table in the source",
-    ("granular/studies/own.py", "exec"):
-        "the file of measures that a user names on the command line, by --import",
-    ("granular/studies/own.py", "compile"):
+    ("granular/shared/own_files.py", "exec"):
+        "the file of measures and effects that a user names on the command line, by --import",
+    ("granular/shared/own_files.py", "compile"):
         "the same file",
+    ("granular/effects/registry.py", "import_module"): "the files of the package itself",
     ("granular/compiled/cache.py", "pickle.loads"):
         "compiled code that was sealed, in a folder that belongs to the user alone",
     ("validation/exact/__init__.py", "import_module"): "names from a table in the source",

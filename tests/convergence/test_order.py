@@ -39,7 +39,7 @@ def reference(scene: Scene) -> np.ndarray:
 
     scales = Scales.of(scene.grains)
     gravity = scene.effects.gravity.acceleration / scales.acceleration
-    rate = scene.effects.drag.kernel(scales) if scene.effects.drag else 0.0
+    rate = scene.effects.drag.decay_rate(scales) if scene.effects.drag else 0.0
 
     def motion(_: float, state: np.ndarray) -> list[float]:
         y, v = state
