@@ -213,7 +213,7 @@ def _enter_drag(entry: int | None, state: State, energy: float) -> None:
 
 @compiled
 def _push_grain(
-    law: FrictionLaw, rate: float, span: float, share: float, state: State, i: int, mass: float
+    entry: int | None, rate: float, span: float, share: float, state: State, i: int, mass: float
 ) -> None:
     """Kick and drag of one grain under a share of its force."""
     decay, gain, a, b, c = drag.flow(rate, span)
@@ -222,7 +222,7 @@ def _push_grain(
     state.vx[i] = decay * vx + gain * ax
     state.vy[i] = decay * vy + gain * ay
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-    _enter_drag(law.drag, state, mass * lost)
+    _enter_drag(entry, state, mass * lost)
 
 
 @compiled
@@ -234,7 +234,7 @@ def _start_grain(
     if force <= law.static * load:
         return
     share = 1.0 - law.dynamic * load / force
-    _push_grain(law, rate, span, share, state, i, mass)
+    _push_grain(law.drag, rate, span, share, state, i, mass)
     _, gain, _, _, _ = drag.flow(rate, span)
     way = drag.way(rate, span, gain, 0.0, share * force / mass)
     state.ledger[law.entry] += law.dynamic * load * way
@@ -316,11 +316,11 @@ def _kick_with_friction(
         elif _slow(law, span, state, i, mass, load):
             _slide_grain(law, rate, span, state, i, mass, load)
         elif opening:
-            _push_grain(law, rate, span, 1.0, state, i, mass)
+            _push_grain(law.drag, rate, span, 1.0, state, i, mass)
             _rub_grain(law, span, state, i, mass, load)
         else:
             _rub_grain(law, span, state, i, mass, load)
-            _push_grain(law, rate, span, 1.0, state, i, mass)
+            _push_grain(law.drag, rate, span, 1.0, state, i, mass)
 
 
 @compiled

@@ -52,33 +52,18 @@ edited one is compiled anew.
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import math
-import types as python_types
-from collections.abc import Callable
 from typing import Any, ClassVar
 
-import numba
-import numpy as np
-
-from granular.compiled.dispatch import OPTIONS
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.own_check import check, check_compiling
-from granular.effects.own_definition import (
-    DEFINITIONS,
-    FUNCTIONS,
-    Definition,
-    Kind,
-    functions_digest,
-)
+from granular.effects.own_definition import FUNCTIONS, Definition, Kind
 from granular.effects.own_law import OwnLaw
+from granular.effects.own_section import define, functions_in, name_of, natural_values
 from granular.effects.registry import register
-from granular.pairs.direct import padded_values
 from granular.scene.scales import Scales
-from granular.scene.schema import Quantity, Whole, unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
 from granular.shared.own_files import module_of
 
 
@@ -100,31 +85,16 @@ class OwnEffect(Effect):
         """
         p = self.natural(setting.scales)
         check(self.definition, p, setting)
-        return self.law_of(self.definition, p, None)
+        reach = self.definition.functions.get("reach")
+        ends = math.inf if reach is None else float(reach(p))
+        return OwnLaw(Kind(self.definition.digest), tuple(p), ends, None)
 
     def check_compiling(self, setting: Setting) -> None:
         check_compiling(self.definition, self.natural(setting.scales))
 
-    @staticmethod
-    def law_of(definition: Definition, p: Any, factor: np.ndarray | None) -> OwnLaw:
-        """The law of a definition with these parameters."""
-        reach = definition.functions.get("reach")
-        DEFINITIONS[definition.digest] = definition
-        return OwnLaw(
-            Kind(definition.digest),
-            tuple(p),
-            math.inf if reach is None else float(reach(p)),
-            None if factor is None else padded_values(factor),
-        )
-
     def natural(self, scales: Scales) -> Any:
         """The parameters in natural units."""
-        return self.definition.parameters(
-            *(
-                float(getattr(self, field.name)) / scales.unit(_unit(field.metadata["kind"]))
-                for field in dataclasses.fields(self)
-            )
-        )
+        return natural_values(self, self.definition, scales)
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -152,10 +122,6 @@ def rebuilt(key: str, origin: tuple[str, str] | None, written: Any, values: Any)
     return one
 
 
-def _unit(kind: Any) -> str:
-    return kind.unit if isinstance(kind, Quantity) else "1"
-
-
 def effect(written: type) -> Any:
     """Make a class an effect that scenes can name; see the head of this file.
 
@@ -170,47 +136,31 @@ def effect(written: type) -> Any:
     InputError
         If the class is no such.
     """
-    key = "".join(f"_{one.lower()}" if one.isupper() else one for one in written.__name__)
-    key = key.lstrip("_")
-    content = {
-        name: value for name, value in vars(written).items()
-        if name not in ("__dict__", "__weakref__")
-    }  # fmt: skip
-    functions = {
-        name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)
-    }
-    _check_functions(key, content, functions)
-    fields = [name for name in content.get("__annotations__", {}) if name not in functions]
-    digest = f"{key}_{functions_digest(functions, fields)}"
-    definition = Definition(
-        key, digest, collections.namedtuple("Parameters", fields), functions,  # type: ignore[misc]
-        {name: _kernel(function) for name, function in functions.items()},
-    )  # fmt: skip
+    key, functions = name_of(written), functions_in(dict(vars(written)))
+    if not set(functions) & {"force", "flow", "pair_force"}:
+        raise InputError(
+            f"effect {key!r} does nothing; give it a static method 'force', 'pair_force' or 'flow'"
+        )
+    needed = [_NEED[name] for name in functions if name in _NEED]
     meaning = (written.__doc__ or key).strip().splitlines()[0].rstrip(".")
-    for name in functions:
-        del content[name]
     has_energy = "energy" in functions or "pair_energy" in functions
-    energy = in_joules(f"{key}_energy", f"energy of: {meaning}") if has_energy else None
-    loss = in_joules(f"{key}_loss", f"lost to: {meaning}") if "flow" in functions else None
-    content |= {
-        "key": key,
-        "definition": definition,
-        "written": written,
-        "example": content.get("example", True),
-        "damps": "flow" in functions,
-        "energy_record": energy,
-        "loss_record": loss,
-    }  # fmt: skip
-    made = type(written.__name__, (OwnEffect,), content)
-    for field in dataclasses.fields(made):
-        if not isinstance(field.metadata.get("kind"), Quantity | Whole):
-            raise InputError(f"effect {key!r}: {field.name} must be a number; give quantity(unit)")
+    made = define(
+        written,
+        OwnEffect,
+        FUNCTIONS,
+        needed,
+        "effect",
+        key=key,
+        written=written,
+        damps="flow" in functions,
+        example=vars(written).get("example", True),
+        energy_record=in_joules(f"{key}_energy", f"energy of: {meaning}") if has_energy else None,
+        loss_record=in_joules(f"{key}_loss", f"lost to: {meaning}")
+        if "flow" in functions
+        else None,
+    )
     register(made)
     return made
-
-
-def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    return numba.njit(**OPTIONS)(function)  # type: ignore[no-any-return]
 
 
 _NEED = {
@@ -218,25 +168,7 @@ _NEED = {
     "pair_force": "pair_energy", "pair_energy": "pair_force", "pair_stiffness": "pair_energy",
     "reach": "pair_energy",
 }  # fmt: skip
-
-
-def _check_functions(key: str, content: dict[str, Any], functions: dict[str, Any]) -> None:
-    if not set(functions) & {"force", "flow", "pair_force"}:
-        raise InputError(
-            f"effect {key!r} does nothing; give it a static method 'force', 'pair_force' or 'flow'"
-        )
-    for name in functions:
-        if name not in FUNCTIONS:
-            raise InputError(f"effect {key!r}: {unknown(name, FUNCTIONS, 'function')}")
-        if name in _NEED and _NEED[name] not in functions:
-            raise InputError(
-                f"effect {key!r} has {name!r} and no {_NEED[name]!r}; give it, as a static method"
-            )
-    for name, value in content.items():
-        if not name.startswith("_") and name not in functions and hasattr(OwnEffect, name):
-            raise InputError(f"effect {key!r}: {quoted(name)} has a meaning of its own; rename it")
-        if isinstance(value, python_types.FunctionType):
-            raise InputError(f"effect {key!r}: {name!r} must be static; write @staticmethod above")
+"""What a function cannot be without."""
 
 
 def effects_of(file: str, text: str) -> dict[str, type[OwnEffect]]:

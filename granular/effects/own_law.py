@@ -88,7 +88,7 @@ def grain_at(state: State, masses: Array | None, moments: Array | None, i: int) 
 Loop = Callable[..., Any]
 
 
-def _by_kind(make: Callable[[Definition], Loop]) -> Loop:
+def by_kind(make: Callable[[Definition], Loop]) -> Loop:
     """A kernel ``(kind, *rest)`` that the kind chooses when it is compiled."""
 
     def call(kind: Any, *rest: Any) -> Any:
@@ -256,9 +256,9 @@ def _make_pair_energy(definition: Definition) -> Loop:
     return measure
 
 
-_grain_forces = _by_kind(_make_grain_forces)
-_grain_energy = _by_kind(_make_grain_energy)
-_work = _by_kind(_make_work)
-_flow = _by_kind(_make_flow)
-_pair_forces = _by_kind(_make_pair_forces)
-_pair_energy = _by_kind(_make_pair_energy)
+_grain_forces = by_kind(_make_grain_forces)
+_grain_energy = by_kind(_make_grain_energy)
+_work = by_kind(_make_work)
+_flow = by_kind(_make_flow)
+_pair_forces = by_kind(_make_pair_forces)
+_pair_energy = by_kind(_make_pair_energy)

@@ -46,6 +46,12 @@ class ExperimentalWall(NamedTuple):
     """The law as the kernels take it."""
 
     @staticmethod
+    @compiled(inline=True)
+    def is_behind(law: ExperimentalWall, w: float) -> bool:
+        """Behind the wall the force is no number, so that the total tells."""
+        return False
+
+    @staticmethod
     @compiled
     def force(law: ExperimentalWall, w: float) -> float:
         return force(w)

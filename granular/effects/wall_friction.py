@@ -62,7 +62,7 @@ class WallFriction(Effect):
         scales, width = setting.scales, setting.cell.width
         walls, other = setting.effects["walls"], setting.effects.get("drag")
         left, right = (
-            None if side is None else side.law_of(width, scales.length)
+            None if side is None else side.law_of(width, scales)
             for side in (walls.left, walls.right)
         )
         return WallFrictionLaw(

@@ -6,6 +6,7 @@ piston force.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import by_law
 from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.own_wall import WallText, wall_laws
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_side import Side, distance_energies, distance_forces
@@ -23,11 +25,32 @@ from granular.engine.constants import Constants, moments_of, over_mass, value_of
 from granular.engine.state import HEIGHT, State
 from granular.pairs.vector import lane_sum
 from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.schema import FieldError, Section, choice, one, quantity
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, Kind, Section, declare, one, quantity, unknown
 
 LAWS = ("experimental", "infinite", "slab")
+FORMULA = "formula"
+"""Law of a wall whose energy is written as a formula."""
 SIDES = ("left", "right", "bottom", "top")
 LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
+
+
+@dataclasses.dataclass(frozen=True)
+class LawName(Kind):
+    """The name of a law of a wall."""
+
+    def parse(self, value: Any, diameter: float | None) -> str:
+        known = (*LAWS, FORMULA, *wall_laws())
+        if not isinstance(value, str) or value not in known:
+            raise FieldError(unknown(str(value), known, "choice"))
+        return value
+
+
+class Own(Kind):
+    """A section that is made already."""
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        return value
 
 
 class Wall(Section):
@@ -43,22 +66,42 @@ class Wall(Section):
         bottom and the piston are as long as the cell is wide.
     gap_start, gap_end : float or None
         A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
+    own : section or None
+        Of a law of one's own; in a scene its keys stand beside ``law``. See
+        `granular.effects.own_wall`.
     """
 
-    law: str = choice(*LAWS, default="experimental")
+    law: str = declare(LawName(), default="experimental")
     length: float | None = quantity("m", above=0.0, default=None, optional=True)
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
+    own: Any = declare(Own(True), default=None)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
-        return super().from_plain({"law": plain} if isinstance(plain, str) else plain, diameter)
+        plain = {"law": plain} if isinstance(plain, str) else plain
+        if not isinstance(plain, Mapping) or "own" in plain:
+            return super().from_plain(plain, diameter)
+        given = {name: value for name, value in plain.items() if name != "law"}
+        law = plain.get("law", FORMULA if "energy" in plain else None)
+        if law == FORMULA:
+            return cls(law=FORMULA, own=WallText.from_plain(given, diameter))
+        if isinstance(law, str) and law in wall_laws():
+            return cls(law=law, own=wall_laws()[law].from_plain(given, diameter))
+        return super().from_plain(plain, diameter)
+
+    def to_plain(self) -> dict[str, Any]:
+        if self.own is None:
+            return super().to_plain()
+        return {"law": self.law, **self.own.to_plain()}
 
     @property
     def has_gap(self) -> bool:
         return self.gap_start is not None
 
     def validate(self) -> None:
+        if (self.own is None) != (self.law in LAWS):
+            raise FieldError("a law of one's own needs its parameters", "law")
         if self.law != "slab" and (self.length is not None or self.has_gap):
             raise FieldError(f"only a slab has a length or a gap; this wall is {self.law!r}", "law")
         if (self.gap_start is None) != (self.gap_end is None):
@@ -68,8 +111,10 @@ class Wall(Section):
                 f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end"
             )
 
-    def law_of(self, width: float, unit: float) -> Any:
-        """The law in natural units, for a cell of that width [m] and the length unit D [m]."""
+    def law_of(self, width: float, scales: Scales) -> Any:
+        """The law in natural units, for a cell of that width [m]."""
+        if self.own is not None:
+            return self.own.law(scales)
         if self.law == "experimental":
             return ExperimentalWall()
         if self.law == "infinite":
@@ -77,7 +122,7 @@ class Wall(Section):
         ends = [0.0, width if self.length is None else self.length]
         if self.gap_start is not None and self.gap_end is not None:
             ends = [0.0, self.gap_start, self.gap_end, ends[1]]
-        natural = np.array(ends) / unit
+        natural = np.array(ends) / scales.length
         return SlabWall(natural[::2].copy(), natural[1::2].copy(), not self.has_gap)
 
 
@@ -139,6 +184,11 @@ class Walls(Effect):
         return tuple(getattr(self, side) for side in SIDES)
 
     @property
+    def sources(self) -> tuple[str, ...]:
+        own = [wall.own for wall in self.sides if wall is not None and wall.own is not None]
+        return tuple(source for one in own for source in one.sources)
+
+    @property
     def has_slab(self) -> bool:
         return any(wall is not None and wall.law == "slab" for wall in self.sides)
 
@@ -148,9 +198,9 @@ class Walls(Effect):
 
     def law(self, setting: Setting) -> WallLaws:
         """The laws in natural units; see `Wall.law_of`."""
-        width, unit = setting.cell.width, setting.scales.length
+        width, scales = setting.cell.width, setting.scales
         return WallLaws(
-            *(None if wall is None else wall.law_of(width, unit) for wall in self.sides)
+            *(None if wall is None else wall.law_of(width, scales) for wall in self.sides)
         )
 
 

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import pytest
 
-from granular import Scene, effect, evaluate, load_scene, quantity, simulate
+from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
 from granular.effects.registry import effects
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.state import new_state
@@ -99,7 +99,33 @@ class Mud:
         return left * vx, left * vy
 
 
+@wall_law
+class Soft:
+    """A wall that pushes like a spring."""
+
+    k: float = quantity("N/m", default=5.0)
+    end: float = quantity("m", default=0.018)
+
+    @staticmethod
+    def energy(p, w):  # type: ignore[no-untyped-def]
+        return p.k * max(p.end - w, 0.0) ** 4 / p.end**2
+
+    @staticmethod
+    def force(p, w):  # type: ignore[no-untyped-def]
+        return 4.0 * p.k * max(p.end - w, 0.0) ** 3 / p.end**2
+
+    @staticmethod
+    def stiffness(p, w):  # type: ignore[no-untyped-def]
+        return 12.0 * p.k * max(p.end - w, 0.0) ** 2 / p.end**2
+
+
+OWN_WALLS = {
+    "left": {"law": "soft", "k": "4 N/m"},
+    "top": {"energy": "a*(l/w)**3", "a": "20 uJ", "l": "6 mm"},
+}
 NAMES = sorted(effects())
+EXAMPLES: dict[str, Any] = {name: one.example for name, one in effects().items()}
+EXAMPLES["own walls"] = OWN_WALLS
 ALONE = {"dipole": True, "walls": True}
 
 
@@ -118,13 +144,13 @@ def small(name: str, **more: Any) -> Scene:
             "arrangement.speed": "30 D/s",
             "arrangement.jitter": 0.1,
             "output": {"scalars": 5 * STEP, "frames": 10 * STEP},
-            "effects": ALONE | {name: effects()[name].example},
+            "effects": ALONE | {name if name in NAMES else "walls": EXAMPLES[name]},
         }
     )
     return scene.replace(**more)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_the_force_is_minus_the_gradient(name: str) -> None:
     scene = small(name)
     start = scene.initial_motion()[0]
@@ -151,7 +177,7 @@ def test_pairs_alone_keep_the_momentum() -> None:
         assert np.abs(force.sum(axis=0)).max() < 1e-14 * np.abs(force).max() * len(force)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
     runs = [
         simulate(small(name), dt=dt, t_end=20 * STEP, progress=False) for dt in (STEP, STEP / 2)
