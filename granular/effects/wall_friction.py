@@ -124,7 +124,7 @@ def _none(law: Any, w: float) -> float:
     return 0.0
 
 
-_force = by_law("force", _none)
+_force = by_law("force", "w", _none)
 
 
 @compiled

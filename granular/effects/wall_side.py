@@ -42,8 +42,10 @@ def _behind(law: Any, w: float) -> bool:
     return not w > 0.0
 
 
-_is_behind = by_law("is_behind", _behind)
-_force, _energy, _stiffness = (by_law(name, _none) for name in ("force", "energy", "stiffness"))
+_is_behind = by_law("is_behind", "w", _behind)
+_force, _energy, _stiffness = (
+    by_law(name, "w", _none) for name in ("force", "energy", "stiffness")
+)
 
 
 @compiled(inline=True)

@@ -290,9 +290,11 @@ def _no_tangent(
     """Forces along the wall, of a law of the distance alone."""
 
 
-_forces = by_law("add_forces", distance_forces)
-_tangential_forces = by_law("add_tangential_forces", _no_tangent)
-_energies = by_law("measure", distance_energies)
+_forces = by_law("add_forces", "count moments side force normal tangential", distance_forces)
+_tangential_forces = by_law(
+    "add_tangential_forces", "count moments along_force tangential", _no_tangent
+)
+_energies = by_law("measure", "count side stiffness energies", distance_energies)
 
 
 @compiled
@@ -300,7 +302,7 @@ def _unknown(law: Any, speed: float) -> float:
     return 0.0
 
 
-_turning = by_law("turning_stiffness", _unknown)
+_turning = by_law("turning_stiffness", "speed", _unknown)
 
 
 @compiled(inline=True)

@@ -63,8 +63,8 @@ def _pair_forces(
         )  # fmt: skip
 
 
-_add_forces = sum_over("add_forces")
-_measure = sum_over("measure", backward=True)
+_add_forces = sum_over("add_forces", "state constants time")
+_measure = sum_over("measure", "state constants time stiffness energies", backward=True)
 
 
 @entry(inline=True)

@@ -34,9 +34,9 @@ def _plain_kick(span: float, state: State, constants: Constants, opening: bool) 
     return 0
 
 
-_kick = last_with("kick", _plain_kick)
-_flow = sum_over("flow")
-_flow_back = sum_over("flow", backward=True)
+_kick = last_with("kick", "span state constants opening", _plain_kick)
+_flow = sum_over("flow", "span state constants opening")
+_flow_back = sum_over("flow", "span state constants opening", backward=True)
 
 
 @compiled(inline=True)

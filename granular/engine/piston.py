@@ -22,10 +22,10 @@ from granular.engine.state import (
 )
 from granular.protocol.motion import TABLE, Motion, outer_force, path
 
-lift = sum_over("lift", 0.0)
+lift = sum_over("lift", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 
-enter_work = sum_over("work")
+enter_work = sum_over("work", "span state constants time")
 """Enter the work that forces which depend on time do in ``span``, at a time [tau]."""
 
 

@@ -23,7 +23,7 @@ from granular.engine.state import (
 )
 from granular.protocol.motion import Motion, outer_force, path
 
-_slow = sum_over("slow")
+_slow = sum_over("slow", "slopes span state constants")
 
 
 @compiled

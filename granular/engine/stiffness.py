@@ -14,8 +14,8 @@ from granular.engine.constants import Constants
 from granular.engine.state import Measurement, State
 from granular.protocol.motion import Motion
 
-_collision = greatest_over("collision")
-_against_piston = sum_over("against_piston")
+_collision = greatest_over("collision", "speed constants")
+_against_piston = sum_over("against_piston", "state constants slopes")
 
 
 @entry
