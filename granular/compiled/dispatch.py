@@ -227,4 +227,4 @@ def _made(call: Kernel, choose: Kernel, names: str) -> Kernel:
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     given = [inspect.Parameter(name, kind) for name in ("context", *names.split())]
     choose.__signature__ = inspect.Signature(given)  # type: ignore[attr-defined]
-    return intrinsic(choose)  # type: ignore[no-any-return]
+    return intrinsic(choose)

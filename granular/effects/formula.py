@@ -33,10 +33,12 @@ if TYPE_CHECKING:
 
 Functions = dict[str, Callable[..., Any]]
 
-LENGTH, TIME, MASS, MOMENT, ENERGY = (
+LENGTH, TIME, MASS, MOMENT, ENERGY, FORCE = (
     tuple(map(Fraction, powers))
-    for powers in ((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (2, 0, 0, 1), (2, 1, -2, 0))
-)
+    for powers in (
+        (1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (2, 0, 0, 1), (2, 1, -2, 0), (1, 1, -2, 0),
+    )
+)  # fmt: skip
 """Dimensions: powers of metre, kilogram, second and ampere."""
 
 _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
@@ -45,7 +47,7 @@ _FORM = "1"
 
 
 @dataclasses.dataclass(frozen=True)
-class _Values(Kind):
+class Values(Kind):
     """Parameters by their names, each as a number and its SI unit: ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
@@ -56,6 +58,12 @@ class _Values(Kind):
             except SceneError as error:
                 raise FieldError(str(error), name) from None
         return tuple(sorted(found.items()))
+
+
+def value_and_dimension(text: str) -> tuple[float, Dimension]:
+    """Value in SI and dimension of a parameter as `Values` has it."""
+    number, unit = text.split(" ", 1)
+    return float(number), tuple(map(Fraction, unit_size(unit)[1]))
 
 
 def _in_si(given: Any, diameter: float | None) -> str:
@@ -81,7 +89,7 @@ class Formula(Section):
     variables: ClassVar[Mapping[str, Dimension]] = {}
 
     energy: str = text()
-    values: tuple[tuple[str, str], ...] = declare(_Values(), default=())
+    values: tuple[tuple[str, str], ...] = declare(Values(), default=())
 
     @staticmethod
     def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
@@ -137,8 +145,7 @@ class Formula(Section):
 
     def _value(self, name: str) -> tuple[float, Dimension]:
         """Value in SI and dimension of a parameter."""
-        number, unit = dict(self.values)[name].split(" ", 1)
-        return float(number), tuple(map(Fraction, unit_size(unit)[1]))
+        return value_and_dimension(dict(self.values)[name])
 
     def natural(self, scales: Scales) -> tuple[float, ...]:
         """The parameters in natural units, in the order of `values`."""
@@ -154,7 +161,8 @@ class Formula(Section):
     @property
     def definition(self) -> Definition:
         """What kernels know it by."""
-        found = _definition(type(self), self.energy, tuple(name for name, _ in self.values))
+        kind: Any = type(self)
+        found: Definition = _definition(kind, self.energy, tuple(name for name, _ in self.values))
         DEFINITIONS[found.digest] = found
         return found
 
@@ -244,4 +252,4 @@ class _Compiled(Mapping[str, Callable[..., Any]]):
         return len(self.functions)
 
     def __getitem__(self, name: str) -> Callable[..., Any]:
-        return numba.njit(**OPTIONS)(self.functions[name])  # type: ignore[no-any-return]
+        return numba.njit(**OPTIONS)(self.functions[name])

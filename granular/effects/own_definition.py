@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import types as python_types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,17 +48,17 @@ class Definition(NamedTuple):
         Of its functions, and of all that they use of their file.
     parameters : type
         Named tuple of the values in natural units.
-    functions : dict of str to function
+    functions : mapping of str to function
         As they were written.
-    kernels : dict of str to function
+    kernels : mapping of str to function
         The same, to be called by kernels.
     """
 
     key: str
     digest: str
     parameters: Any
-    functions: dict[str, Callable[..., Any]]
-    kernels: dict[str, Callable[..., Any]]
+    functions: Mapping[str, Callable[..., Any]]
+    kernels: Mapping[str, Callable[..., Any]]
 
 
 DEFINITIONS: dict[str, Definition] = {}

@@ -128,7 +128,7 @@ def _make_grain_forces(definition: Definition) -> Loop:
 
 def _make_grain_energy(definition: Definition) -> Loop:
     energy, values_of = definition.kernels.get("energy"), definition.parameters
-    stiffness = definition.kernels.get("stiffness", _nothing)
+    stiffness: Loop = definition.kernels.get("stiffness", _nothing)
     if energy is None:
         return lambda kind, law, state, constants, time, slopes: 0.0
 
@@ -229,7 +229,7 @@ def _make_pair_forces(definition: Definition) -> Loop:
 
 def _make_pair_energy(definition: Definition) -> Loop:
     energy, values_of = definition.kernels.get("pair_energy"), definition.parameters
-    stiffness = definition.kernels.get("pair_stiffness", _nothing)
+    stiffness: Loop = definition.kernels.get("pair_stiffness", _nothing)
     if energy is None:
         return lambda kind, law, room, state, constants, slopes: 0.0
 

@@ -64,7 +64,7 @@ def define(
     definition = Definition(
         key,
         f"{key}_{functions_digest(functions, fields)}",
-        collections.namedtuple("Parameters", fields),  # type: ignore[misc]
+        collections.namedtuple("Parameters", fields),
         functions,
         {name: _kernel(function) for name, function in functions.items()},
     )
@@ -72,7 +72,7 @@ def define(
     for name in functions:
         del content[name]
     made = type(written.__name__, (base,), content | {"definition": definition} | more)
-    for field in dataclasses.fields(made):  # type: ignore[arg-type]
+    for field in dataclasses.fields(made):
         if not isinstance(field.metadata.get("kind"), Quantity | Whole):
             raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")
     return made
@@ -94,7 +94,7 @@ def functions_in(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
 def natural_values(section: Section, definition: Definition, scales: Scales) -> Any:
     """The parameters of a section in natural units."""
     values = []
-    for field in dataclasses.fields(section):  # type: ignore[arg-type]
+    for field in dataclasses.fields(section):
         kind = field.metadata["kind"]
         unit = kind.unit if isinstance(kind, Quantity) else "1"
         values.append(float(getattr(section, field.name)) / scales.unit(unit))
@@ -102,4 +102,4 @@ def natural_values(section: Section, definition: Definition, scales: Scales) -> 
 
 
 def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    return numba.njit(**OPTIONS)(function)  # type: ignore[no-any-return]
+    return numba.njit(**OPTIONS)(function)

@@ -108,7 +108,9 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
     return Acting(
         laws=tuple(effect.law(setting) for effect in effects),
         dipole=None if dipole is None else True,
-        sides=Sides() if walls is None else Sides(*(one and True for one in walls.sides)),
+        sides=Sides()
+        if walls is None
+        else Sides(*(None if one is None else True for one in walls.sides)),
         weight=weights[0] if weights else None,
         cut=None
         if radius is None

@@ -227,3 +227,24 @@ def test_what_is_absent_has_no_law(name: str) -> None:
     acting = natural_system(small(name).replace(**{f"effects.{name}": None})).constants.acting
     others = set(ALONE) - {name, "dipole"}
     assert len(acting.laws) == len(others)
+
+
+@pytest.mark.parametrize(
+    "stage",
+    [
+        {"kind": "path", "height": "h0 - a*(1 - cos(w*t))", "a": "0.05 D", "w": "2000 1/s"},
+        {"kind": "force", "force": "f*exp(-t/s) - f*sin(t/s)", "f": "0.5 N", "s": "0.2 ms"},
+    ],
+    ids=lambda stage: str(stage["kind"]),
+)
+def test_the_ledger_of_a_stage_by_formula_closes(stage: dict[str, Any]) -> None:
+    scene = small("walls", **{"piston.mass": "20 g", "output.scalars": 2 * STEP})
+    scene = scene.replace(protocol=[{"name": "own", "duration": 20 * STEP} | stage])
+    assert Scene.from_plain(scene.to_plain()) == scene
+    runs = [simulate(scene, dt=dt, progress=False) for dt in (STEP / 2, STEP / 4)]
+    coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
+    assert 3.0 < coarse / fine < 5.0
+    if stage["kind"] == "path":
+        data = runs[0].dataset
+        wanted = 0.036 - 0.05 * 0.006 * (1.0 - np.cos(2000.0 * data["time"].values))
+        np.testing.assert_allclose(data["piston_height"].values, wanted, rtol=0.0, atol=1e-12)
