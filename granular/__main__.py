@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.console import (
     Parser,
+    add_import,
     add_output,
     add_run,
     add_scene,
@@ -110,10 +111,7 @@ def _add_sweep(one: Parser) -> None:
     one.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address")
     one.add_argument("--mpi", action="store_true", help="run on the ranks of mpi4py.futures")
     one.add_argument("--keep-runs", action="store_true", help="keep the whole runs too")
-    one.add_argument(
-        "--import", dest="own", metavar="FILE",
-        help="Python file whose functions the study may name as its measure; it is run",
-    )  # fmt: skip
+    add_import(one)
     add_output(one)
 
 
@@ -194,8 +192,10 @@ def _show(options: Any) -> None:
 
 
 def _run(options: Any) -> None:
+    from granular.own import import_own
     from granular.run.simulation import simulate
 
+    import_own(options.own_files)
     run = simulate(
         _scene(options),
         dt=time_step(options.dt),
@@ -303,13 +303,12 @@ def _render_movie(options: Any) -> None:
 
 
 def _sweep(options: Any) -> None:
+    from granular.own import import_own
     from granular.studies.file import load_study
-    from granular.studies.own import own_measures
     from granular.studies.remote import executor
     from granular.studies.sweep import sweep
 
-    own = None if options.own is None else own_measures(options.own)
-    study = load_study(options.study, own)
+    study = load_study(options.study, import_own(options.own_files))
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give at least 1")
     with executor(options.dask, options.mpi) as pool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from granular.methods.method import COMPENSATED, Method, method_from_plain
@@ -83,7 +83,7 @@ def compensated(method: Method) -> Method:
     return dataclasses.replace(method, name=method.name + COMPENSATED, compensated=True)
 
 
-def add_methods(methods: Mapping[str, Method]) -> None:
+def add_methods(methods: Iterable[Method]) -> None:
     """Let `method_named` know methods of the user's own, for as long as the process lives.
 
     Raises
@@ -91,7 +91,7 @@ def add_methods(methods: Mapping[str, Method]) -> None:
     InputError
         If one takes the name of another.
     """
-    for method in methods.values():
+    for method in methods:
         former = _own.get(method_of(method).name, method)
         if former != method:
             raise InputError(
