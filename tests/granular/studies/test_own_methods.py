@@ -43,7 +43,7 @@ def test_a_study_file_may_hold_the_table(tmp_path: Path, here: Executor) -> None
         'scene = "single-particle"\ndt = 1e-4\nt_end = 0.02\n'
         "[method]\nname = 'in-a-file'\norder = 2\nkicks = [0, 1, 0]\ndrifts = [0.5, 0.5]\n"
         "[[cases]]\n'arrangement.seed' = 1\n"
-        "[[cases]]\nmethod = { name = 'in-a-case', order = 1, kicks = [1, 0], drifts = [1] }\n"
+        "[[cases]]\nmethod = { name = 'in-a-case', order = 2, kicks = [0.5, 0.5], drifts = [1] }\n"
     )
     study = load_study(tmp_path / "study.toml")
     found = sweep(study.pop("scene"), executor=here, progress=False, **study)
