@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from types import FunctionType
 from typing import Any
 
+from granular.observables.of_frames import Observable
 from granular.run.trajectory import Trajectory
 from granular.shared.own_file import OwnFile, contents
 from granular.studies.cases import measure_name
@@ -20,7 +21,7 @@ class OwnMeasure:
     ----------
     file : OwnFile
     name : str
-        Of the function.
+        Of the function, or of an observable, whose value at the end of a run it is.
     known_as : str
         As `granular.studies.cases.measure_name` has it.
     """
@@ -31,14 +32,28 @@ class OwnMeasure:
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """What the function finds."""
-        found: Mapping[str, Any] = contents(self.file)[self.name](run)
-        return found
+        found = contents(self.file)[self.name]
+        if isinstance(found, Observable):
+            return {found.name: found(run).values[-1].tolist()}
+        figures: Mapping[str, Any] = found(run)
+        return figures
 
 
 def own_measures(file: OwnFile) -> dict[str, OwnMeasure]:
-    """The functions that a user's file defines, by their names."""
+    """The functions and observables that a user's file defines, by their names."""
     return {
-        name: OwnMeasure(file, name, measure_name(found))
+        name: OwnMeasure(file, name, measure_name(function))
+        for name, function in _functions(file).items()
+    }
+
+
+def _functions(file: OwnFile) -> dict[str, FunctionType]:
+    every = {
+        name: found.function if isinstance(found, Observable) else found
         for name, found in contents(file).items()
+    }
+    return {
+        name: found
+        for name, found in every.items()
         if isinstance(found, FunctionType) and found.__module__ == file.module
     }

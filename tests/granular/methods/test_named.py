@@ -67,7 +67,7 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
         "mine = Method('from-a-file', 2, kicks=(0.5, 0.5), drifts=(1,))\n"
         "def swing(run): return {}\n"
     )
-    assert list(import_own([tmp_path / "mine.py"])) == ["swing"]
+    assert list(import_own([tmp_path / "mine.py"]).measures) == ["swing"]
     assert method_named("from-a-file").kicks == (0.5, 0.5)
     assert method_named("from-a-file+compensated").compensated
     (tmp_path / "other.py").write_text(
