@@ -1,5 +1,6 @@
 from .effects.own import effect as effect
 from .effects.own_wall import wall_law as wall_law
+from .methods import Method as Method
 from .run.evaluation import Evaluation as Evaluation
 from .run.evaluation import evaluate as evaluate
 from .run.record import PistonRecord as PistonRecord

@@ -52,28 +52,23 @@ edited one is compiled anew.
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.own_check import check, check_compiling
-from granular.effects.own_definition import FUNCTIONS, Definition, Kind
+from granular.effects.own_definition import FUNCTIONS, Kind
 from granular.effects.own_law import OwnLaw
-from granular.effects.own_section import define, functions_in, name_of, natural_values
+from granular.effects.own_section import OwnSection, define, functions_in, name_of, natural_values
 from granular.effects.registry import register
 from granular.scene.scales import Scales
 from granular.shared.errors import InputError
-from granular.shared.own_files import module_of
 
 
-class OwnEffect(Effect):
+class OwnEffect(OwnSection, Effect):
     """Base of the effects that `effect` makes."""
 
     rank = 1
-    definition: ClassVar[Definition]
-    written: ClassVar[type]
-    origin: ClassVar[tuple[str, str] | None] = None
 
     def law(self, setting: Setting) -> OwnLaw:
         """The law in natural units.
@@ -97,29 +92,12 @@ class OwnEffect(Effect):
         return natural_values(self, self.definition, scales)
 
     @property
-    def sources(self) -> tuple[str, ...]:
-        """Digests of what it is made of, for the run's settings."""
-        return (self.definition.digest,)
-
-    @property
     def is_flow(self) -> bool:
         return "flow" in self.definition.functions
 
     def drive_frequency(self, scales: Scales) -> float:
         found = self.definition.functions.get("frequency")
         return 0.0 if found is None else abs(float(found(self.natural(scales))))
-
-    def __reduce__(self) -> Any:
-        """Any process can have it so: with the file's text, or with the class as it was written."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return rebuilt, (self.key, self.origin, None if self.origin else self.written, values)
-
-
-def rebuilt(key: str, origin: tuple[str, str] | None, written: Any, values: Any) -> OwnEffect:
-    """An own effect in another process."""
-    found = effect(written) if origin is None else effects_of(*origin)[key]
-    one: OwnEffect = found(**values)
-    return one
 
 
 def effect(written: type) -> Any:
@@ -151,7 +129,6 @@ def effect(written: type) -> Any:
         needed,
         "effect",
         key=key,
-        written=written,
         damps="flow" in functions,
         example=vars(written).get("example", True),
         energy_record=in_joules(f"{key}_energy", f"energy of: {meaning}") if has_energy else None,
@@ -170,20 +147,4 @@ _NEED = {
 }  # fmt: skip
 """What a function cannot be without."""
 
-
-def effects_of(file: str, text: str) -> dict[str, type[OwnEffect]]:
-    """The effects that a user's file defines, by their names; the file is run once.
-
-    Raises whatever the file raises.
-    """
-    module = module_of(file, text)
-    found = {}
-    for one in vars(module).values():
-        if (
-            isinstance(one, type)
-            and issubclass(one, OwnEffect)
-            and one.__module__ == module.__name__
-        ):
-            one.origin = (file, text)
-            found[one.key] = one
-    return found
+OwnEffect.made_by = staticmethod(effect)

@@ -6,7 +6,7 @@ import collections
 import dataclasses
 import types as python_types
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numba
 
@@ -16,11 +16,69 @@ from granular.scene.scales import Scales
 from granular.scene.schema import Quantity, Section, Whole, unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from granular.shared.own_file import OwnFile, contents
+
+
+class OwnSection(Section):
+    """Base of what is made of a user's class.
+
+    Attributes
+    ----------
+    definition : Definition
+    written : type
+        The class as it was written.
+    origin : OwnFile or None
+        The file that it came from, where the command line named one.
+    made_by : function
+        The decorator.
+    """
+
+    definition: ClassVar[Definition]
+    written: ClassVar[type]
+    origin: ClassVar[OwnFile | None] = None
+    made_by: ClassVar[Callable[[type], Any]]
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Digest of its functions, for the run's settings."""
+        return (self.definition.digest,)
+
+    def __reduce__(self) -> Any:
+        """Any process can have it so: by the file's text, or by the class as it was written."""
+        values = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        if self.origin is not None:
+            return _of_file, (self.origin, self.definition.key, values)
+        if self.__module__ != "__main__":
+            return _of_module, (type(self), values)
+        return _of_script, (type(self).made_by, self.written, values)
+
+
+def mark_origin(file: OwnFile) -> dict[str, type[OwnSection]]:
+    """The effects and wall laws that a file defines, by their names; they know the file then."""
+    found = {}
+    for one in list(contents(file).values()):
+        own = isinstance(one, type) and issubclass(one, OwnSection)
+        if own and one.__module__ == file.module:
+            one.origin = file
+            found[one.definition.key] = one
+    return found
+
+
+def _of_file(file: OwnFile, key: str, values: dict[str, Any]) -> Any:
+    return mark_origin(file)[key](**values)
+
+
+def _of_module(made: type, values: dict[str, Any]) -> Any:
+    return made(**values)
+
+
+def _of_script(made_by: Callable[[type], Any], written: type, values: dict[str, Any]) -> Any:
+    return made_by(written)(**values)
 
 
 def define(
-    written: type, base: type[Section], known: Sequence[str], needed: Sequence[str], what: str, /,
-    **more: Any,
+    written: type, base: type[OwnSection], known: Sequence[str], needed: Sequence[str],
+    what: str, /, **more: Any,
 ) -> Any:  # fmt: skip
     """A subclass of ``base`` with the class's parameters, and its functions as ``definition``.
 
@@ -71,7 +129,9 @@ def define(
     DEFINITIONS[definition.digest] = definition
     for name in functions:
         del content[name]
-    made = type(written.__name__, (base,), content | {"definition": definition} | more)
+    made = type(
+        written.__name__, (base,), content | {"definition": definition, "written": written} | more
+    )
     for field in dataclasses.fields(made):
         if not isinstance(field.metadata.get("kind"), Quantity | Whole):
             raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")

@@ -38,9 +38,8 @@ from granular.effects.dimensions import Dimension
 from granular.effects.formula import LENGTH, Formula, Functions
 from granular.effects.own_definition import Definition, Kind
 from granular.effects.own_law import by_kind
-from granular.effects.own_section import define, natural_values
+from granular.effects.own_section import OwnSection, define, natural_values
 from granular.scene.scales import Scales
-from granular.scene.schema import Section
 from granular.shared.errors import InputError
 
 _WALL_LAWS: dict[str, type[OwnWall]] = {}
@@ -105,20 +104,14 @@ def _maker(name: str) -> Any:
 _force, _energy, _stiffness = (_maker(name) for name in ("force", "energy", "stiffness"))
 
 
-class OwnWall(Section):
+class OwnWall(OwnSection):
     """Base of the wall laws that `wall_law` makes."""
-
-    definition: ClassVar[Definition]
 
     def law(self, scales: Scales) -> OwnWallLaw:
         """The law in natural units."""
         values = natural_values(self, self.definition, scales)
         _check(self.definition, values)
         return OwnWallLaw(Kind(self.definition.digest), tuple(values))
-
-    @property
-    def sources(self) -> tuple[str, ...]:
-        return (self.definition.digest,)
 
 
 class WallText(Formula):
@@ -183,3 +176,6 @@ def _check(definition: Definition, p: Any) -> None:
                 f"wall law {definition.key!r}: 'force' gives {found:.6g} where its energy asks for "
                 f"{-slope:.6g} (natural units); mend one of them"
             )
+
+
+OwnWall.made_by = staticmethod(wall_law)

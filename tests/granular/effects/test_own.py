@@ -17,11 +17,11 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
 from granular.engine.system import natural_system
+from granular.own import import_own
 from granular.run.sources import own_sources
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases
 from granular.studies.measures import measure_named
-from granular.studies.own import import_file
 
 SCALES = SimpleNamespace(one=1.0)
 ROOT = Path(__file__).parents[3]
@@ -54,8 +54,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from granular import evaluate, load_scene
-from granular.studies.own import import_file
-import_file(sys.argv[1])
+from granular.own import import_own
+import_own([sys.argv[1]])
 scene = load_scene("single-particle").replace(effects={"leaf": {"k": "2 N/m"}})
 print(evaluate(scene, np.array([[0.05, 0.05]])).force[0, 1])
 print(sum(1 for _ in Path(sys.argv[2]).rglob("*.kernel")))
@@ -219,7 +219,7 @@ def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
     for factor in ("1.0", "2.0"):
         path = tmp_path / f"own{factor}.py"
         path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
-        import_file(path)
+        import_own([path])
         scene = bed(leaf={"k": "1 N/m"})
         measure = measure_named("last-values")
         (case,) = make_cases(
