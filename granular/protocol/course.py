@@ -55,9 +55,10 @@ class Course(Stage):
                 if name.text not in self.variables and name.text not in given:
                     known = (*self.variables, *given)
                     raise InputError(f"{unknown(name.text, known, 'name')}; or give it beside")
-            for name in given:
-                if name in self.variables or name not in {one.text for one in names(tree)}:
-                    raise FieldError(f"the formula has no parameter {quoted(name)}", name)
+            used = {one.text for one in names(tree)}
+            for key in given:
+                if key in self.variables or key not in used:
+                    raise FieldError(f"the formula has no parameter {quoted(key)}", key)
             dimensions = {name: value_and_dimension(text)[1] for name, text in self.values}
             found = dimension_of(tree, dict(self.variables) | dimensions)
             if found != self.dimension:
