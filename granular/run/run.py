@@ -126,9 +126,14 @@ class Run:
         Raises
         ------
         StoreError
-            If the run has gone farther than its end is now to be.
+            If the run has gone farther than its end is now to be, or a former version made it.
         """
         state = self.state
+        if not set(kept_arrays(state)) <= set(kept):
+            raise StoreError(
+                "the run was made with a former version, whose checkpoints hold other arrays; give "
+                "a new directory"
+            )
         put_arrays(state, kept)
         self.band[:], self.seen[:] = kept["band"], kept["seen"]
         memory = json.loads(str(kept["memory"]))
