@@ -45,7 +45,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # the fall squeezes grains below a diameter; see notebook 4
     record = simulate(damper(count=92 if QUICK else 368, lift=1.0), progress=False).piston()
 KNOWN_WEIGHT = "z'' + 2*lam*z' = 9.8*((rest/z)**power - 1)"
-bounds = {"lam": (0.0, 5.0), "rest": (0.01, 0.1), "power": (0.5, 6.0)}
+bounds = {"lam": (0.0, 5.0), "rest": (0.02, 0.08), "power": (1.0, 4.0)}
 known_weight = fit(record, KNOWN_WEIGHT, bounds=bounds)
 print(known_weight)
 
