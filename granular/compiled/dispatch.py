@@ -179,7 +179,8 @@ def _unrolled(
 ) -> tuple[Signature, Kernel]:
     """The calls, one after another, and what joins their results."""
     none = types.float64 if isinstance(empty, float) else types.int64
-    result = calls[0].sig.return_type if calls else none
+    # Not a literal: the sum of what two calls return is not what the first one always does.
+    result = types.unliteral(calls[0].sig.return_type) if calls else none
 
     def write(context: Any, builder: Any, sig: Signature, values: Sequence[Any]) -> Any:
         if not calls:
