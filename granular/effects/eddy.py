@@ -18,7 +18,7 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import LOSSES, VX, VY, State
-from granular.scene.scales import MAGNETIC_CONSTANT, Scales
+from granular.scene.scales import Scales
 from granular.scene.schema import quantity, whole
 
 
@@ -52,7 +52,7 @@ class Eddy(Effect):
         """Drag coefficient [kg/s] of a grain of the first species."""
         moment = scales.current * scales.length**2
         sheet = self.plates * self.conductivity * self.thickness
-        strength = 3.0 * MAGNETIC_CONSTANT**2 * sheet * moment**2
+        strength = 3.0 * scales.permeability**2 * sheet * moment**2
         return strength / (128.0 * math.pi * self.distance**4)
 
     def decay_rate(self, scales: Scales) -> float:

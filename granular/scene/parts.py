@@ -7,6 +7,7 @@ and what is done to them the protocol.
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -75,11 +76,20 @@ class Grains(Section):
         total = sum(one.share for one in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
+        if self.spread == 0.0:
+            object.__setattr__(self, "seed", 1)  # of no random numbers
         if self.mixing == "every-kth" and len(self.species) != 2:
             raise FieldError(
                 f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'",
                 "mixing",
             )
+
+    def to_plain(self) -> dict[str, Any]:
+        """As of `Section.to_plain`; a spread is told of where there is one."""
+        plain = super().to_plain()
+        if self.spread == 0.0:
+            del plain["spread"], plain["seed"]
+        return plain
 
     def counts(self) -> tuple[int, ...]:
         """How many grains each species has."""

@@ -54,6 +54,11 @@ class Scales:
         )
 
     @property
+    def permeability(self) -> float:
+        """mu0 [H/m]"""
+        return MAGNETIC_CONSTANT
+
+    @property
     def time(self) -> float:
         return math.sqrt(self.mass * self.length / self.force)
 
