@@ -6,23 +6,23 @@ import json
 import os
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 
-Outcomes = Callable[..., Counter[str]]
+Tried = Callable[..., list[dict[str, Any]]]
 
 
 @pytest.fixture
-def outcomes() -> Outcomes:
-    """How many trials of a program had each outcome; a process of its own, whose end is seen."""
+def tried() -> Tried:
+    """What became of the trials of a program; a process of its own, whose end is seen."""
 
-    def outcomes(program: str, *words: str, compiled: bool = True) -> Counter[str]:
+    def tried(program: str, *words: str, compiled: bool = True) -> list[dict[str, Any]]:
         paths = (str(ROOT), os.environ.get("PYTHONPATH", ""))
         surroundings = {
             "NUMBA_DISABLE_JIT": "0" if compiled else "1",
@@ -35,8 +35,6 @@ def outcomes() -> Outcomes:
         cases = [json.loads(line) for line in done.stdout.splitlines()]
         faults = [case for case in cases if case["outcome"] == "fault"]
         assert (done.returncode, faults) == (0, []), cases[-1:]
-        found = Counter(case["outcome"] for case in cases)
-        print(dict(found))
-        return found
+        return cases
 
-    return outcomes
+    return tried

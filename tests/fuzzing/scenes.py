@@ -325,15 +325,15 @@ def within(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, former)
 
 
-def tried(case: Case, seconds: float) -> Outcome:
-    """The outcome of a case, and what there is to say of it."""
+def tried(case: Case, seconds: float, *, figures: bool = False) -> Outcome:
+    """The outcome of a case, and what is to be said of it; or figures of its second record."""
     from granular.shared.errors import InputError, RunError
 
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
             with within(seconds):
-                run_case(case, said)
+                run = run_case(case, said)
         except KeyboardInterrupt as stop:
             part = getattr(stop, "trajectory", None)
             bad = "" if part is None or part.path is not None else unfinite(part)
@@ -344,6 +344,10 @@ def tried(case: Case, seconds: float) -> Outcome:
             if error.trajectory is None:
                 return FAULT, f"no trajectory: {error}"
             return judged("stopped", error)
+    if figures:
+        data = run.dataset.isel(time=slice(2))
+        rows = {name: data[name].values for name in data if data[name].dims == ("time",)}
+        return "fine", json.dumps({str(name): float(row[-1]) for name, row in rows.items()})
     return "fine", "; ".join(sorted({str(one.message)[:60] for one in said}))
 
 
@@ -353,8 +357,8 @@ def judged(outcome: str, error: Exception) -> Outcome:
     return (outcome, f"{type(error).__name__}: {text}") if printed else (FAULT, repr(text))
 
 
-def run_case(case: Case, said: list[warnings.WarningMessage]) -> None:
-    """Run a case, and assert what holds of every run."""
+def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
+    """The run of a case, and assert what holds of every run."""
     import tomllib
 
     from granular import Scene, simulate
@@ -370,6 +374,7 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> None:
     check_run(run, said)
     if case.resumed is not None and run.dataset.sizes["time"] > 1:
         check_resumed(case, run)
+    return run
 
 
 @contextlib.contextmanager
@@ -439,6 +444,7 @@ def main() -> None:
     parser = wanted(__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="from when on a case is cut")
     parser.add_argument("--common", action="store_true", help="only cases of common effects")
+    parser.add_argument("--figures", action="store_true", help="what two programs may compare")
     options = parser.parse_args()
     import granular.run.simulation
     import granular.run.summary  # noqa: F401
@@ -455,7 +461,7 @@ def main() -> None:
         case = Case(options.seed, number)
         if options.show:
             print(json.dumps({"scene": case.plain, **case.arguments}, indent=1), file=sys.stderr)
-        return tried(case, options.seconds)
+        return tried(case, options.seconds, figures=options.figures)
 
     tell(trial, numbers())
 
