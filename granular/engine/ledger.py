@@ -19,8 +19,12 @@ DOUBTFUL = 1e-4
 """Residual beyond which a run is called degraded."""
 COARSE_FACTOR = 10.0
 """With the source's regularised friction, or its list of pairs under friction, the first limit is
-this much wider, and the second `COARSE_DOUBT`: the former's force follows the velocity before each
-kick, to first order only; the latter misses pairs that come closer."""
+this much wider, and the second `COARSE_DOUBT`: beds of the source are run with them at its steps.
+Of 119 random runs of these kinds, at most 12 grains, 18 were off by more than 1e-4, which most often
+was the step: at a quarter of it they were off by a sixteenth, whatever list, skin and threshold
+speed. Two things are not: a list that is made anew takes pairs in and leaves others out, 6e-4 in such
+a run at any step (3e-6 with all pairs); and where the force of regularised friction is far above the
+others, under a normal load of 1 N on a grain, it chatters (0.09; 0.002 at a sixteenth of the step)."""
 COARSE_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
 _LEAST_TURNOVER = 1e-5

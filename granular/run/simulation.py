@@ -288,7 +288,7 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
     if residual > doubtful(trajectory.scene):
         remedy = "a shorter dt is more accurate"
         if trajectory.scene.pair_method == "verlet-list":
-            remedy = "pairs that come to the list or leave it change the energy; 'direct' has none"
+            remedy += ", and so is pairs.method = 'direct', without a list that misses pairs"
         warnings.warn(
             f"the energy ledger is off by {residual:.2g} of the energy turned over; {remedy}",
             stacklevel=3,
