@@ -6,6 +6,7 @@ compiled, so that all that acts can be met within seconds, and lines can be watc
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numba
@@ -134,6 +135,41 @@ def test_ledger_closes_to_second_order(name: str) -> None:
     whole, half = (residual(run(scene, dt)) for dt in (STEP, STEP / 2))
     assert 0.0 < whole < 1e-4
     assert whole / half == pytest.approx(4.0, abs=0.1)
+
+
+LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}}
+"""A list that is made anew while grains cross its radius."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "steps", "words"),
+    [
+        ({}, 1, None),
+        ({}, 4, "a shorter dt is more accurate"),
+        ({"effects.friction": {}}, 4, "a shorter dt is more accurate"),
+        ({"effects.friction.scheme": "regularised"}, 4, None),
+        ({"effects.friction": {}, "pairs.method": "verlet-list"}, 4, None),
+        (LISTED, 0.5, "so is pairs.method = 'direct'"),
+    ],
+)
+def test_a_ledger_that_is_off_is_told(
+    changes: dict[str, Any], steps: float, words: str | None
+) -> None:
+    """From 1e-4 on; from 1e-2 on where grains rub by the source's law or under its list."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        off = residual(run(small(**changes), steps * STEP))
+    told = [str(one.message) for one in said if "ledger is off" in str(one.message)]
+    assert (off > 1e-4) == (steps != 1)
+    assert len(told) == (words is not None)
+    assert words is None or words in told[0]
+
+
+@pytest.mark.filterwarnings("ignore:the energy ledger is off")
+def test_no_step_mends_what_the_list_misses() -> None:
+    """Pairs that come to a list or leave it change the energy at once."""
+    listed = [residual(run(small(**LISTED), dt)) for dt in (STEP / 2, STEP / 4)]
+    assert min(listed) > 100.0 * residual(run(small(), STEP / 2))
 
 
 FARTHEST = {1: 3e-3, 2: 1e-5, 4: 1e-8, 6: 1e-12, 8: 1e-12}

@@ -207,6 +207,12 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
         small_bed.replace(**{"pairs.tolerance": 0.1})
 
 
+def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
+    high = bed.replace(**{"pairs.method": "mesh", "piston.height": "1e12 D"})
+    with pytest.raises(InputError, match=r"needs 3\.72e\+13 points .* take 'direct'"):
+        simulate(high, t_end=0.01, progress=False)
+
+
 def test_impulses_are_refused_where_they_cannot_be(small_bed: Scene, small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"pairs\.far_every = 4: grains rub"):
         simulate(on_mesh(rubbing(small_bed), far_every=4), t_end=0.01, progress=False)
