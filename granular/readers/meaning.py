@@ -335,6 +335,13 @@ def _without_gaps(
     return kept["own"], kept["others"]
 
 
+def _is_clock(steps: np.ndarray, counts: np.ndarray) -> bool:
+    """Whether most ticks are as long as the others, and none holds far more samples."""
+    usual = np.median(steps)
+    even = np.abs(steps - usual) < 0.01 * usual
+    return bool(even.mean() > 0.8 and counts.max() <= 2 * np.median(counts) + 1)
+
+
 def _spread(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
     """Times that a clock has rounded to its tick, spread evenly between its ticks.
 
@@ -345,9 +352,9 @@ def _spread(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
     if not same.any() or (steps < 0.0).any() or same.mean() < TICK:
         return time
     firsts = np.flatnonzero(np.concatenate([[True], ~same]))
-    if len(firsts) < 3:
-        return time
     ticks = time[firsts]
+    if len(firsts) < 3 or not _is_clock(np.diff(ticks), np.diff(firsts)):
+        return time
     # The last run has no tick behind it: it is as dense as the others.
     rate = (firsts[-1] - firsts[0]) / (ticks[-1] - ticks[0])
     places = np.arange(len(time), dtype=float)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.readers.reading import Reading
-from granular.shared.errors import RecordError
+from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import replacing
 from granular.shared.messages import quoted, visible
 
@@ -167,7 +167,7 @@ class PistonRecord:
 
         found = meaning_of(sheet_of(table), Reading(units=units or {}, **said))
         if found.notes:
-            warnings.warn("; ".join(found.notes), stacklevel=2)
+            warnings.warn("; ".join(found.notes), RecordWarning, stacklevel=2)
         return cls.of_meaning(found)
 
     @classmethod
@@ -186,7 +186,7 @@ class PistonRecord:
         except RecordError as error:
             raise RecordError(f"{visible(path)}: {error}") from None
         if found.notes:
-            warnings.warn(f"{visible(path)}: {'; '.join(found.notes)}", stacklevel=3)
+            warnings.warn(f"{visible(path)}: {'; '.join(found.notes)}", RecordWarning, stacklevel=3)
         return record
 
     @classmethod

@@ -17,7 +17,7 @@ import numpy as np
 from trials import Outcome, Random, a_minute, random_of, refused, tell, wanted
 
 from granular import PistonRecord
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, RecordWarning
 from reduced_models.records.first_guesses import first_guesses
 
 # Motions ----------------------------------------------------------------------------------------
@@ -191,6 +191,7 @@ def main() -> None:
         def trial(number: int) -> Outcome:
             with a_minute(), warnings.catch_warnings():
                 warnings.simplefilter("error")
+                warnings.simplefilter("ignore", RecordWarning)
                 return glanced_at(random_of(options.seed, number), Path(folder), options.show)
 
         tell(trial, range(options.first, options.first + options.count))
