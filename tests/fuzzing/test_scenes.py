@@ -46,6 +46,6 @@ def assert_same(one: dict[str, float], other: dict[str, float], case: int) -> No
     assert set(one) == set(other)
     energy = max((abs(one[name]) for name in one if name.endswith("_energy")), default=0.0)
     for name, value in one.items():
-        least = 1e-9 * energy if name.endswith(("_energy", "_loss", "work")) else 1e-12
+        least = max(1e-9 * energy, 1e-100) if name.endswith(("_energy", "_loss", "work")) else 1e-12
         close = math.isclose(value, other[name], rel_tol=1e-6, abs_tol=least)
         assert close or math.isnan(value), (case, name, value, other[name])
