@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from granular.readers.reading import Reading, reading_from_plain
 from granular.shared.errors import RecordError
 from granular.shared.files import write_text
@@ -48,6 +46,8 @@ def write_description(path: Path, file: Path, reading: Reading) -> None:
     InputError
         If it cannot be written.
     """
+    import tomli_w
+
     where = path.resolve().parent
     try:
         name = file.resolve().relative_to(where, walk_up=True)  # type: ignore[call-arg]
