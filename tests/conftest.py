@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
+import io
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from granular import Scene, load_scene
+from granular.shared.console import launch
 
 ROOT = Path(__file__).parent.parent
 
@@ -98,11 +103,32 @@ def random() -> np.random.Generator:
     return np.random.default_rng(20260101)
 
 
-@pytest.fixture(scope="session")
-def command() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run ``python -m`` with the given words."""
+Done = subprocess.CompletedProcess[str]
 
-    def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+
+@pytest.fixture(scope="session")
+def command() -> Callable[..., Done]:
+    """Run the command line of a package in this process: what it prints, and its exit code."""
+
+    def run(package: str, *words: str) -> Done:
+        main = importlib.import_module(f"{package}.__main__").main
+        said, told = io.StringIO(), io.StringIO()
+        # What a command does to warnings stays with it.
+        with redirect_stdout(said), redirect_stderr(told), warnings.catch_warnings():
+            try:
+                code = launch(main, words)
+            except SystemExit as stop:  # --help
+                code = int(stop.code or 0)
+        return Done((package, *words), code, said.getvalue(), told.getvalue())
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def process() -> Callable[..., Done]:
+    """Run ``python -m`` with the given words in a process, and in surroundings, of its own."""
+
+    def run(*words: str, **environment: str) -> Done:
         return subprocess.run(
             [sys.executable, "-m", *words],
             capture_output=True,

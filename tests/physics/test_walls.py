@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, Trajectory, evaluate, load_scene, simulate
-from granular.effects import wall_experimental, wall_infinite, wall_slab
+from granular.compiled import entry
+from granular.effects import wall_experimental, wall_infinite, wall_slab, walls
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0
@@ -87,6 +88,18 @@ def test_simple_laws(law, w: float) -> None:  # type: ignore[no-untyped-def]
     distances = np.geomspace(0.2, 20.0, 20000)
     turn = distances[np.argmin([abs(law.energy(one) - 0.5 * speed**2) for one in distances])]
     assert near == pytest.approx(law.stiffness(turn), rel=0.01)
+
+
+def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
+    """A grain of that speed turns there where half the infinite wall's energy stops it."""
+    speed, far = 0.4, 1e6
+    distances = np.geomspace(0.2, 20.0, 20000)
+    energies = [wall_slab.energy(one, 0.0, far) for one in distances]
+    turn = distances[np.argmin(np.abs(np.array(energies) - 0.5 * speed**2))]
+    slab = walls.Slab(np.array([0.0]), np.array([LENGTH]), True)
+    laws = walls.OPEN._replace(bottom=walls.WallLaw(slab=slab))
+    found = entry(walls.turning_stiffness)(laws, speed)
+    assert found == pytest.approx(wall_infinite.stiffness(turn), rel=0.01)
 
 
 def walled(law: str, **more: object) -> Scene:

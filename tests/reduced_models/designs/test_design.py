@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -178,11 +176,8 @@ def test_design_is_met_and_kept(tmp_path):
     assert again.to_plain() == found.to_plain()
 
 
-def test_command_says_no_in_one_line():
-    done = subprocess.run(
-        [sys.executable, "-m", "reduced_models", "design", "--frequency", "9", "--damping", "0.1"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def test_command_says_no_in_one_line(command):
+    done = command("reduced_models", "design", "--frequency", "9", "--damping", "0.1")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "9 Hz" in done.stderr
