@@ -169,18 +169,36 @@ def test_bad_walls(bed: Scene, walls: dict, words: str) -> None:
     assert words in str(caught.value)
 
 
-@pytest.fixture(scope="module")
-def silo() -> Scene:
-    """Two slabs with a gap, two species that rub: all that a grain that leaves takes with it."""
-    species = [
+RUBBING = {
+    "grains.species": [
         {"name": "big", "diameter": 0.006, "share": 0.5},
         {"name": "small", "diameter": 0.004, "share": 0.5},
-    ]
+    ],
+    "effects.friction": {}, "effects.drag": None,
+}  # fmt: skip
+"""Two species that rub: all that a grain that leaves takes with it."""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        # The walls of the beds above, so that they share compiled code.
+        pytest.param({"effects.walls": None}, id="slabs all around"),
+        pytest.param(RUBBING, id="two species that rub", marks=pytest.mark.long),
+    ],
+)
+def silo(request: pytest.FixtureRequest) -> Scene:
+    """Two slabs with a gap."""
+    bottom = {"law": "slab", "gap_start": "6 D", "gap_end": "14 D"}
+    changes = dict(request.param)
+    if "effects.walls" in changes:
+        side = {"law": "slab", "length": "20 D"}
+        changes["effects.walls"] = {"left": side, "right": side, "top": "slab", "bottom": bottom}
+    else:
+        changes["effects.walls.bottom"] = bottom
     return load_scene("bed").replace(
-        **{"grains.species": species, "grains.count": 40, "cell.width": "20 D",
-           "piston.height": "14 D", "arrangement.height": "13 D", "effects.friction": {},
-           "effects.drag": None, "output.frames": 0.01,
-           "effects.walls.bottom": {"law": "slab", "gap_start": "6 D", "gap_end": "14 D"}}
+        **{"grains.count": 40, "cell.width": "20 D", "piston.height": "14 D",
+           "arrangement.height": "13 D", "output.frames": 0.01, **changes}
     )  # fmt: skip
 
 

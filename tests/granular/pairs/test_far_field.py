@@ -226,6 +226,7 @@ def test_scene_is_evaluated_as_by_the_direct_sum(small_damper: Scene) -> None:
     assert meshed.potential_energy == pytest.approx(exact.potential_energy, rel=1e-3)
 
 
+@pytest.mark.long  # quick: the same kernels one by one here, and a small run in plain Python
 def test_run_with_impulses(small_damper: Scene, tmp_path: object) -> None:
     """Energy is kept, and a resumed run has the bits of one in a piece."""
     scene = on_mesh(small_damper)
