@@ -52,7 +52,9 @@ def test_compiled_code_holds_no_trace_of_absent_effects(
     assert traces(bare) == set()
     assert "hypot" not in bare
     # The same search finds them where they act.
-    rubbing = symbols(small_bed.replace(**{"effects.drag": None, "effects.friction": {}}), monkeypatch)
+    rubbing = symbols(
+        small_bed.replace(**{"effects.drag": None, "effects.friction": {}}), monkeypatch
+    )
     touching = symbols(
         load_scene("single-particle").replace(**BARE, **{"effects.contact.modulus": 1e7}),
         monkeypatch,

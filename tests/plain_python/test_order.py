@@ -1,7 +1,7 @@
 """Drag in the engine's force sum costs Verlet's method its second order: the negative control.
 
-Run with ``NUMBA_DISABLE_JIT=1``, as `tests/architecture/test_plain_python.py` does: only there can a
-test put something into the force sum of the loop.
+Run with ``NUMBA_DISABLE_JIT=1``, as `tests/architecture/test_plain_python.py` does: only there can
+a test put something into the force sum of the loop.
 """
 
 from __future__ import annotations

@@ -16,9 +16,7 @@ from reduced_models.jax_setup import jax
 from reduced_models.laws import elliptic
 
 FUNCTIONS = {"sn": elliptic.sn, "cn": elliptic.cn, "dn": elliptic.dn}
-SLOPES_IN_U = {
-    name: jax.jit(jax.vmap(jax.grad(one), (0, None))) for name, one in FUNCTIONS.items()
-}
+SLOPES_IN_U = {name: jax.jit(jax.vmap(jax.grad(one), (0, None))) for name, one in FUNCTIONS.items()}
 SLOPES_IN_M = {name: jax.jit(jax.grad(one, argnums=1)) for name, one in FUNCTIONS.items()}
 PARAMETERS = [0.0, 1e-300, 1e-16, 1e-8, 1e-3, 0.1, 0.5, 0.5 + 1e-12, 0.9, 0.999, 1.0 - 1e-6,
               1.0 - 1e-10, 1.0 - 1e-15, 1.0 - 2.0**-53, 1.0]  # fmt: skip
