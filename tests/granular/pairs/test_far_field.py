@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
-from granular.pairs import far_field, mesh
+from granular.pairs import far_field, mesh, mesh_kernel
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import FarField, FarForces, far_forces_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
@@ -122,6 +122,16 @@ def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> No
                 places[grain] -= by * step
             slope = (energies[0] - 8 * energies[1] + 8 * energies[2] - energies[3]) / (12 * step)
             assert slope == pytest.approx(-force[grain], abs=1e-9)
+
+
+@pytest.mark.parametrize("extent", [1.0, 30.0, 47.0, 120.0, 3000.0])
+def test_no_more_levels_than_cover_the_bed(extent: float) -> None:
+    """Spacings double from level to level; the last one's table reaches over all of the bed."""
+    spacing = 0.75
+    reach = len(mesh_kernel.mesh_tables(RADIUS, spacing).band) - 1
+    levels = mesh_kernel.levels_over(extent, RADIUS, spacing)
+    assert spacing * reach * 2.0 ** (levels - 1) >= extent
+    assert levels == 1 or spacing * reach * 2.0 ** (levels - 2) < extent
 
 
 def test_lattice_stands_still() -> None:
