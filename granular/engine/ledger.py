@@ -15,8 +15,13 @@ DOUBTFUL = 1e-4
 """Residual beyond which a run is called degraded."""
 COARSE_FACTOR = 10.0
 """With the source's regularised friction, or its list of pairs under friction, the first limit is
-this much wider, and the second `COARSE_DOUBT`: the former's force follows the velocity before each
-kick, to first order only; the latter misses pairs that come closer."""
+this much wider, and the second `COARSE_DOUBT`: the source's beds are run at the source's steps.
+
+Of 119 random runs of these kinds, with at most 12 grains, 18 were off by more than 1e-4. Most often
+it was the step: a quarter of it left a sixteenth, with any list, skin and threshold speed. Not so
+where a list that is made anew takes pairs in and leaves others out, 6e-4 in a run at any step (3e-6
+with all pairs), and where regularised friction is far above the other forces and chatters: 0.09
+under a normal load of 1 N on a grain, 0.002 at a sixteenth of the step."""
 COARSE_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
 _LEAST_TURNOVER = 1e-5

@@ -13,7 +13,7 @@ from granular.effects.effect import Effect, Setting
 from granular.engine.constants import Acting, Constants, Resistance, Sides
 from granular.methods import Method
 from granular.pairs.direct import padded_values
-from granular.pairs.far_field import FarField
+from granular.pairs.far_field import MOST_POINTS, SPACINGS, FarField
 from granular.pairs.stripes import CutOff
 from granular.scene.parts import Piston
 from granular.scene.scales import Scales
@@ -147,7 +147,14 @@ def own_code_compiles(scene: Scene) -> Iterator[None]:
 
 def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | None) -> FarField:
     height = HEADROOM * scene.greatest_height() / scales.length
-    return FarField(radius, scene.cell.width / scales.length, height, _far_every(scene, method))
+    width = scene.cell.width / scales.length
+    points = width * height * (SPACINGS / radius) ** 2
+    if points > MOST_POINTS:
+        raise InputError(
+            f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
+            f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
+        )
+    return FarField(radius, width, height, _far_every(scene, method))
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:

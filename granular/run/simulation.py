@@ -297,9 +297,11 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
     if residual > doubtful(trajectory.scene):
+        remedy = "a shorter dt is more accurate"
+        if trajectory.scene.pair_method == "verlet-list":
+            remedy += ", and so is pairs.method = 'direct', without a list that misses pairs"
         warnings.warn(
-            f"the energy ledger is off by {residual:.2g} of the energy turned over; a shorter dt "
-            "is more accurate",
+            f"the energy ledger is off by {residual:.2g} of the energy turned over; {remedy}",
             stacklevel=3,
         )
     closest = settings.get("closest_distance", math.inf)

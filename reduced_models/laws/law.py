@@ -27,6 +27,9 @@ SwingStarts = Callable[
 COMPILED = 64
 """Functions of laws that are kept in memory; each discovery makes up laws that never come back."""
 
+PROGRAMS = 16
+"""Programs of JAX that are kept in memory, of each kind; one takes some 20 MB."""
+
 _RATES = {"z'": "z_first", "z''": "z_second"}
 _MOST_HIDDEN = 8  # states: beyond what any record can tell apart
 
@@ -222,6 +225,11 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     if factor == 0 or rest.has(a) or factor.has(a):
         raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
     acceleration = -rest / factor
+    try:
+        for each in (acceleration, *rates):
+            algebra.check_numbers(each)
+    except grammar.FormulaError as error:
+        raise InputError(f"{law} cannot be reckoned with: {error}") from None
     known = {"z", *trees.hidden, *inputs}
     parameters = tuple(name for name in trees.names if name not in known)
     return Parsed(
@@ -307,13 +315,27 @@ def slopes_of(
     acceleration: sympy.Expr, z: sympy.Symbol, v: sympy.Symbol, arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., tuple[float, float]]:
     """Derivatives by z and by v as a function of real symbols; see `compiled_slopes`."""
+    import sympy
+
+    def step(inner: sympy.Expr) -> sympy.Expr:
+        return 2 * sympy.Heaviside(inner) - 1
+
+    # Of what SymPy cannot know to be real, as asin(z), these have derivatives of complex numbers.
+    for kind, instead in ((sympy.sign, step), (sympy.Abs, lambda inner: inner * step(inner))):
+        acceleration = acceleration.replace(
+            lambda part, kind=kind: part.func is kind and not part.args[0].is_extended_real,
+            lambda part, instead=instead: instead(part.args[0]),
+        )
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
     found = algebra.function_of(arguments, [acceleration.diff(by) for by in (z, v)], names)
 
     def both(*values: float) -> tuple[float, float]:
-        by_height, by_speed = found(*values)
-        if math.isnan(by_height + by_speed):
+        # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
+        with np.errstate(all="ignore"):
+            by_height, by_speed = found(*map(np.float64, values))
+        # The derivative of a power of a negative number holds its logarithm.
+        if np.iscomplexobj([by_height, by_speed]) or math.isnan(by_height + by_speed):
             return math.nan, math.nan
         return float(by_height), float(by_speed)
 

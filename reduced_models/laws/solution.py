@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
-from reduced_models.laws.law import Law, compiled_field
+from reduced_models.laws.law import PROGRAMS, Law, compiled_field
 from reduced_models.records.inputs import STAGE_TIMES, drive_at
 
 jnp = jax.numpy
@@ -178,7 +178,7 @@ class Solution:
 Motion = Solution  # its former name
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PROGRAMS)
 def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
     rates = compiled_field(equation)
 
@@ -256,7 +256,7 @@ _DRIVEN_TOLERANCE = 1e-7
 """Agreement of two grids, in amplitudes, that a driven solution needs."""
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PROGRAMS)
 def _gridded(
     equation: str, inputs: tuple[str, ...], hidden: int
 ) -> Callable[..., tuple[jax.Array, ...]]:
