@@ -99,7 +99,17 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
 
 def _no_table(path: Path, lines: Sequence[Line]) -> str:
     head = next((line.text for line in lines), "")
-    if any(_fields(head, mark)[1:] for mark in SEPARATORS):
+    separator = max(SEPARATORS, key=lambda mark: len(_fields(head, mark)))
+    names = _fields(head, separator)
+    for row, line in enumerate(lines[1:2]):
+        cells = _fields(line.text, separator)
+        for name, cell in zip(names, cells, strict=False):
+            if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in _LOST:
+                return (
+                    f"{visible(path)}: {visible(name_and_unit(name)[0])} of sample {row} (line "
+                    f"{line.number}) is {quoted(cell)}, not a number; correct or drop it"
+                )
+    if len(names) > 1:
         return (
             f"{visible(path)}: 0 samples in columns of numbers; at least two columns, a time and a "
             f"coordinate, are wanted below a header such as 'time [s], height [mm]'"
