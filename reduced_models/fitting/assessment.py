@@ -59,6 +59,12 @@ class Training(NamedTuple):
         Whether the profile of the residuals gives the intervals.
     seed : int
         Of the resampled records.
+    fixed : mapping of str to float
+        Parameters that were given.
+    noise : tuple of float or None
+        Of each record, where it was given [m].
+    collocation : str
+        Where the fit without a solution led to; see `reduced_models.fitting.search.Candidate`.
     """
 
     samples: tuple[int, ...]
@@ -70,6 +76,9 @@ class Training(NamedTuple):
     replicates: int = 0
     profile: bool = False
     seed: int = 0
+    fixed: Mapping[str, float] = {}
+    noise: tuple[float | None, ...] = ()
+    collocation: str = "none"
 
 
 def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
@@ -110,7 +119,7 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
     grid = found.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
     theta = found.theta[found.joint.vector.places[k]]
-    values, shift, scale, z0, v0 = unknowns.physical(theta)
+    values, shift, scale, z0, v0, _ = unknowns.physical(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
     quality = _quality(found, k, training)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))

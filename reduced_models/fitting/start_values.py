@@ -17,6 +17,7 @@ from reduced_models.records.inputs import column, drive_at
 
 _NODES = 160
 _DRAWS = 24
+_OTHER_DRAWS = 4
 _HALF_WINDOW = 0.12  # of the local cubics, in periods
 _SPREAD = 0.05  # of the logarithm of repeated start values
 
@@ -40,6 +41,18 @@ def start_values(
     chosen = draws[np.arange(count) % len(draws)]
     chosen = chosen * np.exp(_SPREAD * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
+
+
+def matched_values(
+    law: Law, guess: FirstGuesses, record: PistonRecord, values: np.ndarray
+) -> np.ndarray:
+    """Parameters (p,) of a law without hidden states from accelerations in a record alone.
+
+    ``values`` are where it looks for them first; random draws follow.
+    """
+    units = np.where(np.abs(values) > 0.0, values, 1.0)
+    draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS)
+    return np.asarray(_matched(law, guess, record, np.vstack([units, draws]))[0])
 
 
 def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:

@@ -270,7 +270,7 @@ def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | None:
 
     Hidden states and inputs are at zero.
     """
-    values, shift, scale, _, _ = unknowns.physical(theta)
+    values, shift, scale, *_ = unknowns.physical(theta)
     found = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
     if found is None:
         return None

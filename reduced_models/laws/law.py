@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 from granular.shared import algebra, grammar
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     import sympy
@@ -28,6 +30,7 @@ COMPILED = 64
 """Functions of laws that are kept in memory; each discovery makes up laws that never come back."""
 
 _RATES = {"z'": "z_first", "z''": "z_second"}
+_TIME_WORD = re.compile(rf"(?<![\w']){TIME}(?![\w'])")
 _MOST_HIDDEN = 8  # states: beyond what any record can tell apart
 
 
@@ -58,7 +61,8 @@ class Law:
     source : str
     inputs : tuple of str
         Names in the equation that stand for columns of the record, such as the motion of a base or
-        a force: known functions of time, in the units that the columns have.
+        a force: known functions of time, in the units that the columns have. ``t``, the time since
+        the start, is one wherever it is named.
     resolution : int
         How many times more steps a period a solution needs than one of a smooth law.
     """
@@ -73,6 +77,13 @@ class Law:
     source: str = ""
     inputs: tuple[str, ...] = ()
     resolution: int = 1
+
+    def __post_init__(self) -> None:
+        # A law that names the time has it as an input that every record knows.
+        if TIME not in self.inputs and _TIME_WORD.search(self.equation):
+            trees = _trees(self.equation)
+            if TIME in trees.names and TIME not in trees.hidden:
+                object.__setattr__(self, "inputs", (*self.inputs, TIME))
 
     @property
     def parsed(self) -> Parsed:
@@ -171,7 +182,10 @@ class Parsed:
 
 
 class _Trees(NamedTuple):
-    """The formulas of a law: two sides, and the rate of each hidden state."""
+    """The formulas of a law: two sides, and the rate of each hidden state.
+
+    Whatever the coordinate is called, it is z in them.
+    """
 
     left: grammar.Node
     right: grammar.Node
@@ -200,16 +214,13 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
 
     law = f"the law {quoted(equation)}"
     trees = _trees(equation)
+    if TIME in trees.names and TIME not in (*inputs, *trees.hidden):
+        inputs = (*inputs, TIME)
     for name in inputs:
         if name not in trees.names:
             raise InputError(f"{law} does not name its input {quoted(name)}")
         if name == "z" or name in trees.hidden:
             raise InputError(f"{law} has the input {name!r}, which it reckons itself; rename it")
-    if "t" in trees.names and "t" not in (*inputs, *trees.hidden):
-        raise InputError(
-            f"{law} names t, which is the time; take another name, or give what changes in time as "
-            "a column of the record"
-        )
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
     try:
@@ -222,7 +233,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     if factor == 0 or rest.has(a) or factor.has(a):
         raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
     acceleration = -rest / factor
-    known = {"z", *trees.hidden, *inputs}
+    known = {"z", *trees.hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in known)
     return Parsed(
         left, right, acceleration, parameters, z, v, a,
@@ -248,19 +259,53 @@ def _trees(equation: str) -> _Trees:
         hidden = [_hidden(law, text) for text in others]
     except grammar.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
+    coordinate = _coordinate(law, left, right)
+    if coordinate != "z":
+        left, right = (_renamed(tree, coordinate) for tree in (left, right))
+        hidden = [(name, _renamed(tree, coordinate)) for name, tree in hidden]
     found = _Trees(left, right, dict(hidden))
+    if coordinate in (name for name, _ in hidden):
+        raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
     if len(found.hidden) < len(hidden):
         raise InputError(f"{law} has two equations for one hidden state; write one")
     for place, tree in enumerate(found.all):
         for one in grammar.names(tree):
             if one.primes > (2 if place < 2 else 1) or (one.primes and one.name != "z"):
                 raise InputError(
-                    f"{law} has a prime that does not follow z, {one.text}; write the height as z, "
-                    "with z' and z'', and a hidden state's rate in an equation of its own"
+                    f"{law} has a prime that does not follow {coordinate}, {one.text}; write "
+                    f"{coordinate}, {coordinate}' and {coordinate}'', and a hidden state's rate in "
+                    "an equation of its own"
                 )
             if one.name in _RATES.values():
                 raise InputError(f"{law} names {one.name}; write z' or z'', or take another name")
     return found
+
+
+def _coordinate(law: str, *trees: grammar.Node) -> str:
+    """The name that has two primes; z where there is none."""
+    found = tuple(dict.fromkeys(one.name for one in grammar.names(*trees) if one.primes == 2))
+    if not found or found == ("z",):
+        return "z"
+    if len(found) > 1:
+        raise InputError(
+            f"{law} has two coordinates, {' and '.join(found[:2])}; a law has one: write the other "
+            "as a column of the record, or as a hidden state"
+        )
+    if "z" in (one.name for one in grammar.names(*trees)):
+        raise InputError(f"{law} names z beside its coordinate {found[0]}; take another name for z")
+    if found[0] == TIME:
+        raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
+    return found[0]
+
+
+def _renamed(tree: grammar.Node, coordinate: str) -> grammar.Node:
+    """A formula with z for its coordinate."""
+    if isinstance(tree, grammar.Name) and tree.name == coordinate:
+        return grammar.Name("z", tree.primes)
+    if isinstance(tree, grammar.Applied):
+        operands = tuple(_renamed(each, coordinate) for each in tree.operands)
+        return grammar.Applied(tree.head, operands)
+    return tree
 
 
 def _hidden(law: str, text: str) -> tuple[str, grammar.Node]:
@@ -320,23 +365,63 @@ def slopes_of(
     return both
 
 
-def law_from_text(equation: str, columns: Collection[str] = ()) -> Law:
+def law_from_text(
+    equation: str, columns: Collection[str] = (), declared: Collection[str] = ()
+) -> Law:
     """A law from its equation alone; names that are columns of the record are its inputs.
+
+    All other names are parameters. One that looks like a column or a constant, and is none, is
+    refused unless it is among the ``declared`` parameters.
 
     Raises
     ------
     InputError
-        If the text is no equation, or has no parameter.
+        If the text is no equation, has no parameter, or a name that looks like something else.
     """
     trees = _trees(equation)
+    law = f"the law {quoted(equation)}"
     for name in grammar.constants(*trees.all):
         if name in columns:
             raise InputError(
-                f"the law {quoted(equation)} names {name}, a number, and the record has a column "
-                "of that name; rename the column"
+                f"{law} names {name}, a number, and the record has a column of that name; rename "
+                "the column"
             )
     inputs = tuple(name for name in trees.names if name in columns and name != "z")
-    law = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
-    if not law.parameters:
-        raise InputError(f"the law {quoted(equation)} has no parameter, so there is nothing to fit")
-    return law
+    found = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
+    for name in found.parameters:
+        if name not in declared:
+            _ask_about(law, name, columns)
+    if not found.parameters:
+        raise InputError(f"{law} has no parameter, so there is nothing to fit")
+    return found
+
+
+_MOTION = {
+    "height": "z", "displacement": "z", "velocity": "z'", "speed": "z'", "acceleration": "z''",
+    "time": "t",
+}  # fmt: skip
+_COLUMNS = ("force", "input", "drive", "load", "excitation", "voltage", "current", "temperature",
+            "pressure", "torque")  # fmt: skip
+_NUMBERS = ("pi", "e", "inf", "nan", "infinity")
+
+
+def _ask_about(law: str, name: str, columns: Collection[str]) -> None:
+    """Refuse a parameter whose name says that it is something else."""
+    lower, near = name.lower(), {each.lower(): each for each in columns}
+    declare = f"or declare the parameter, start={{{name!r}: ...}}"
+    if lower in near:
+        raise InputError(
+            f"{law} names {name}, and the record has a column {near[lower]!r}; write that, {declare}"
+        )
+    if name in _MOTION:
+        raise InputError(f"{law} names {name}; write {_MOTION[name]} for it, {declare}")
+    if lower in _COLUMNS:
+        there = ", ".join(map(repr, columns)) or "none"
+        raise InputError(
+            f"{law} names {name}, which looks like a column, and the record has: {there}; add the "
+            f"column, {declare}"
+        )
+    if lower in _NUMBERS and len(name) > 1:
+        raise InputError(
+            f"{law} names {name}, which looks like a number; write pi or e for those, {declare}"
+        )

@@ -9,9 +9,9 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.solution import grid_steps
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
 from reduced_models.least_squares.residuals import BLOWN_UP, gridded
+from reduced_models.least_squares.samples import grid_over
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import first_guesses
@@ -70,10 +70,12 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     ]
     start += [(guess.height - guess.rest) / guess.amplitude, guess.velocity / speed]
     theta = np.array(start)
-    steps = grid_steps(float(whole.time[-1]), guess.period, _STEPS * law.resolution)
+    theta = np.concatenate([theta, np.zeros(len(law.hidden))])
+    steps = grid_over(whole, law.inputs, guess.period, _STEPS * law.resolution)
     grid = gridded(unknowns, whole, steps)
-    edges = np.where(np.arange(len(theta)) < len(values), theta, np.inf)
-    bounds = Bounds(np.where(np.isinf(edges), -np.inf, edges), edges)
+    held = np.ones(len(theta), dtype=bool)
+    held[unknowns.free : unknowns.free + 2] = False
+    bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
     first = max(4, int(np.searchsorted(whole.time, START_PERIODS * guess.period)))
     prior = Prior(unknowns.prior, float(first))
     theta = search(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
