@@ -49,6 +49,11 @@ class JointRecords:
         """Law and scales."""
         return self.grids[0].unknowns
 
+    @property
+    def held(self) -> np.ndarray:
+        """Which entries (p,) of the joint search vector are given."""
+        return np.asarray(self.bounds.low == self.bounds.high)
+
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Residuals (n,) of each record, in amplitudes."""
         places = self.vector.places

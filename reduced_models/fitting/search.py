@@ -29,6 +29,7 @@ from reduced_models.fitting.start_vectors import (
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
+from reduced_models.laws.symmetry import at_home
 from reduced_models.least_squares.levenberg_marquardt import (
     TIE,
     Bounds,
@@ -283,7 +284,8 @@ def _refined(case: Case, found: _Search) -> Candidate:
     ]  # fmt: skip
     joint = JointRecords(tuple(grids), found.vector, found.bounds)
     count = sum(case.samples)
-    best = _along(joint, case, found.theta[int(found.costs.argmin())], found.reached)
+    first = _at_home(joint, case, found.theta[int(found.costs.argmin())])
+    best = _along(joint, case, first, found.reached)
     cost, coarse_cost = _cost(joint, case, best), float(found.costs.min())
     other = _collocated(joint, case, best)
     collocation = "none"
@@ -297,6 +299,20 @@ def _refined(case: Case, found: _Search) -> Candidate:
     limit = agreement(np.array([coarse_cost]), count)
     converged = int((found.costs <= limit).sum())
     return Candidate(joint, best, count, converged, cost, coarse_cost, collocation)
+
+
+def _at_home(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarray:
+    """A search vector that means the same, its angles and signs at home."""
+    unknowns = joint.unknowns
+    kept = {*case.own, *case.bounds}
+    theta = theta.copy()
+    here = joint.vector.places[0][: len(unknowns.law.parameters)]
+    values = dict(zip(unknowns.law.parameters, unknowns.physical(theta[joint.vector.places[0]])[0], strict=True))
+    moved = at_home(unknowns.law, values, kept)
+    for place, name, unit in zip(here, unknowns.law.parameters, unknowns.units, strict=True):
+        if moved[name] != values[name]:
+            theta[place] = moved[name] / unit
+    return theta
 
 
 def _cost(joint: JointRecords, case: Case, theta: np.ndarray) -> float:

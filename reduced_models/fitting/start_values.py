@@ -12,6 +12,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.laws.law import Law, Starts, compiled_field
+from reduced_models.laws.symmetry import at_home
 from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.inputs import column, drive_at
 
@@ -77,7 +78,9 @@ def _random_draws(
     size = guess.frequency ** random.integers(0, 3, shape) * length ** random.integers(-2, 2, shape)
     draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
     positive = np.array([name in law.positive for name in law.parameters])
-    return np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
+    draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
+    values = at_home(law, dict(zip(law.parameters, draws.T, strict=True)))
+    return np.stack([values[name] for name in law.parameters], axis=1)
 
 
 def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray) -> np.ndarray:

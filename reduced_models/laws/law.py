@@ -331,38 +331,35 @@ def compiled_field(
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def compiled_slopes(
-    equation: str, inputs: tuple[str, ...] = ()
-) -> Callable[..., tuple[float, float]]:
-    """Derivatives of z'' by z and by z', as a function of the same numbers.
+def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
+    """Derivatives of z'' and the rates of the hidden states, as a function of the same numbers.
 
-    Where z'' jumps, as dry friction does at z' = 0, there are none: both are NaN.
+    An array (1 + hidden, 2 + hidden): by z, z' and the hidden states. All of it is NaN where one
+    jumps, as dry friction does at z' = 0.
     """
     import sympy
 
     parsed = parse(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
-    acceleration = parsed.acceleration.xreplace(real)
-    z, v = real[parsed.symbol_z], real[parsed.symbol_v]
-    return slopes_of(acceleration, z, v, list(real.values()))
+    rates = [rate.xreplace(real) for rate in (parsed.acceleration, *parsed.hidden.values())]
+    states = list(real.values())[: 2 + len(parsed.hidden)]
+    return jacobian_of(rates, states, list(real.values()))
 
 
-def slopes_of(
-    acceleration: sympy.Expr, z: sympy.Symbol, v: sympy.Symbol, arguments: Sequence[sympy.Symbol]
-) -> Callable[..., tuple[float, float]]:
-    """Derivatives by z and by v as a function of real symbols; see `compiled_slopes`."""
+def jacobian_of(
+    rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
+) -> Callable[..., np.ndarray]:
+    """Derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
-    found = algebra.function_of(arguments, [acceleration.diff(by) for by in (z, v)], names)
+    found = algebra.function_of(arguments, [rate.diff(one) for rate in rates for one in by], names)
 
-    def both(*values: float) -> tuple[float, float]:
-        by_height, by_speed = found(*values)
-        if math.isnan(by_height + by_speed):
-            return math.nan, math.nan
-        return float(by_height), float(by_speed)
+    def matrix(*values: float) -> np.ndarray:
+        slopes = np.array(found(*values), dtype=np.float64).reshape(len(rates), len(by))
+        return slopes if np.isfinite(slopes).all() else np.full_like(slopes, math.nan)
 
-    return both
+    return matrix
 
 
 def law_from_text(

@@ -67,6 +67,15 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
     return np_.where(loss[1] > 0.0, huber, soft), np_.where(loss[1] > 0.0, weight, 1.0 / root)
 
 
+def sensitivity(residuals: np.ndarray, loss: Loss) -> np.ndarray:
+    """Half the second derivative (n,) of what residuals cost."""
+    if loss.name == "linear":
+        return np.ones_like(residuals)
+    if loss.name == "huber":
+        return (np.abs(residuals) <= loss.scale).astype(float)
+    return np.asarray((1.0 + (residuals / loss.scale) ** 2) ** -1.5)
+
+
 class ResidualFunctions(NamedTuple):
     """Compiled functions of search vectors.
 

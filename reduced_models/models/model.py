@@ -20,8 +20,16 @@ from reduced_models.laws.law import Law
 from reduced_models.models import export, response
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.schema import FORMAT, checked, read_model
+from reduced_models.records.inputs import Interpolation
 
+SURE = 1e-4
+"""Probability below which residuals are not taken for white noise."""
 _MARGIN = 0.05  # of the range of heights seen
+_COLLOCATION = {
+    "same": ", and so does a fit to accelerations",
+    "worse": "; a fit to accelerations ends at more",
+    "better": "; a fit to accelerations led here",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +87,16 @@ class Quality:
         Standard deviation of white noise in the record, from its third differences [m].
     correlation : float
         Integrated autocorrelation time of the residuals, in samples.
+    collocation : str
+        Where a fit to accelerations in the record, that solves nothing, led to: ``"same"`` fit,
+        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
+    whiteness, signs : float
+        Probabilities that white noise is correlated as much as the residuals, and that its sign
+        changes as seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
+    lag : float
+        Time by which the solution comes late [s].
+    slow, swinging : float
+        Share of the residuals' power that is slower than the swing, and that is about as fast.
     """
 
     residual: float
@@ -92,6 +110,17 @@ class Quality:
     holdout_at_rest: float | None = None
     noise: float = 0.0
     correlation: float = 1.0
+    collocation: str = "none"
+    whiteness: float = 1.0
+    signs: float = 1.0
+    lag: float = 0.0
+    slow: float = 0.0
+    swinging: float = 0.0
+
+    @property
+    def structured(self) -> bool:
+        """Whether the residuals are surely not white noise, so that the law is not right."""
+        return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -121,6 +150,10 @@ class ReducedModel(FittedLaw):
         What is to be doubted, in plain words.
     provenance : mapping of str to str
         Which data and which fit the model comes from.
+    hidden : mapping of str to float
+        Hidden states at the record's start, where they are not zero.
+    input_interpolation : str
+        What an input does between samples.
     """
 
     law: Law
@@ -135,6 +168,8 @@ class ReducedModel(FittedLaw):
     domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    input_interpolation: Interpolation = "spline"
 
     def score(self, record: PistonRecord) -> float:
         """Coefficient of determination R^2 of a prediction from the record's first period.
@@ -209,6 +244,11 @@ class ReducedModel(FittedLaw):
         if self.quality.holdout_at_rest is not None:
             quality += f" (a piston at rest: {100.0 * self.quality.holdout_at_rest:.3g} %)"
         lines.append(quality)
+        if self.quality.starts:
+            second = _COLLOCATION.get(self.quality.collocation, "")
+            lines.append(
+                f"  search: {self.quality.converged} of {self.quality.starts} starts end here{second}"
+            )
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -236,6 +276,8 @@ class ReducedModel(FittedLaw):
             "inputs": list(self.law.inputs),
             "resolution": self.law.resolution,
             "provenance": dict(self.provenance),
+            "hidden": dict(self.hidden),
+            "input_interpolation": self.input_interpolation,
         }
 
     def save(self, path: str | Path) -> None:
@@ -266,6 +308,8 @@ class ReducedModel(FittedLaw):
             domain=data["domain"],
             notes=tuple(data["notes"]),
             provenance=data.get("provenance", {}),
+            hidden=data.get("hidden", {}),
+            input_interpolation=data.get("input_interpolation", "spline"),
         )
 
 

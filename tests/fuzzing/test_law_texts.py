@@ -14,7 +14,7 @@ import pytest
 
 from granular.shared.errors import InputError
 from granular.shared.grammar import FUNCTIONS
-from reduced_models.laws.law import compiled_field, compiled_slopes, law_from_text
+from reduced_models.laws.law import compiled_field, compiled_jacobian, law_from_text
 
 QUICK, ALL = 250, 5000
 LONGEST = 60.0  # seconds
@@ -115,7 +115,7 @@ def outcome(text: str) -> str:
     state = np.full(2 + len(law.hidden) + len(law.parameters), 0.7)
     with np.errstate(all="ignore"):
         found = compiled_field(text, (), "numpy")(*state)
-        compiled_slopes(text)(*state.tolist())
+        compiled_jacobian(text)(*state.tolist())
     assert len(found) == 1 + len(law.hidden)
     assert all(np.isrealobj(np.asarray(each, dtype=float)) for each in found)
     return "read"
