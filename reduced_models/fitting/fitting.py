@@ -44,8 +44,6 @@ from reduced_models.least_squares.residuals import LossName
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.inputs import Interpolation, column_names, driving
 
-__all__ = ["HOLDOUT", "STARTS", "check_options", "fit", "law_of"]
-
 
 @overload
 def fit(

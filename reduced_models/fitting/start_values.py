@@ -11,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from granular.run.record import PistonRecord
+from reduced_models.fitting.hidden_starts import hidden_starts
+from reduced_models.fitting.smoothing import smoothed
 from reduced_models.laws.law import Law, Starts, compiled_field
 from reduced_models.laws.symmetry import at_home
 from reduced_models.records.first_guesses import FirstGuesses
@@ -19,7 +21,6 @@ from reduced_models.records.inputs import column, drive_at
 _NODES = 160
 _DRAWS = 24
 _OTHER_DRAWS = 4
-_HALF_WINDOW = 0.12  # of the local cubics, in periods
 _SPREAD = 0.05  # of the logarithm of repeated start values
 
 
@@ -36,9 +37,12 @@ def start_values(
     """
     if law.start is not None:
         return law.start(guess, random, count)
-    draws = _random_draws(law, guess, random, _DRAWS)
-    if not law.hidden:
-        draws = _matched(law, guess, record, draws)
+    if law.hidden:
+        draws = hidden_starts(
+            law, guess, record, lambda size: _random_draws(law, guess, random, size)
+        )
+    else:
+        draws = _matched(law, guess, record, _random_draws(law, guess, random, _DRAWS))
     chosen = draws[np.arange(count) % len(draws)]
     chosen = chosen * np.exp(_SPREAD * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
@@ -87,7 +91,7 @@ def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndar
     """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
-    z, v, a, nodes = _smoothed(record, guess.period)
+    z, v, a, nodes = smoothed(record, guess.period, _NODES)
     drive = drive_at(record.time, [column(record, name) for name in law.inputs], nodes)
     field = compiled_field(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
@@ -109,24 +113,3 @@ def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndar
     results.sort(key=lambda pair: pair[0])
     good = [values for cost, values in results if cost <= 4.0 * results[0][0] + 1e-12]
     return np.array(good)
-
-
-def _smoothed(
-    record: PistonRecord, period: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """z, velocity and acceleration at some times, by a cubic through the samples about each."""
-    time = record.time
-    half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
-    rows = []
-    for node in np.linspace(time[0] + half, time[-1] - half, _NODES):
-        inside = slice(*np.searchsorted(time, (node - half, node + half)))
-        if inside.stop - inside.start < 6:
-            continue
-        place = (time[inside] - node) / half
-        level, slope, bend, _ = np.polynomial.polynomial.polyfit(place, record.height[inside], 3)
-        rows.append((level, slope / half, 2.0 * bend / half**2, node))
-    if len(rows) < 8:  # too few samples a period: straight from the samples
-        speed = np.gradient(record.height, time)
-        return record.height, speed, np.gradient(speed, time), time
-    z, v, a, nodes = np.array(rows).T
-    return z, v, a, nodes

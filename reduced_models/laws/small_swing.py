@@ -129,4 +129,5 @@ def _swing_with_memory(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | No
         return None
     chosen = values[swinging][np.abs(values[swinging]).argmin()]
     omega = abs(chosen)
-    return SmallSwing(float(state[0]), 2.0 * math.pi / omega, float(-chosen.real / omega))
+    ratio = float(-chosen.real / omega)
+    return SmallSwing(float(state[0]), 2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0)
