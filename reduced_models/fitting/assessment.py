@@ -23,10 +23,11 @@ from reduced_models.fitting.uncertainty import (
     interval_analysis,
     joint_covariance,
     marginal,
+    physical_covariance,
     profile_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_walk
 from reduced_models.models.model import Quality, ReducedModel
 from reduced_models.records.first_guesses import noise_level
 
@@ -35,7 +36,9 @@ FEW = 0.25
 SMALL = 1e-5
 """Residuals below this share of the swing are rounding, and the solver's."""
 SHARE = 0.5
-"""Of the residuals' power, that makes them slow, or swinging with the motion."""
+"""Of the residuals' power, that makes them swing with the motion."""
+DRIFT = 4.0
+"""Slow power of the residuals, over that of white noise, that makes a drift."""
 NOISY = 0.3
 """Noise above this share of the swing is noted."""
 VIOLENT = 500.0
@@ -109,7 +112,7 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
     free = ~joint.held
     known = [
         Information(
-            marginal(normal, here), covariance[np.ix_(here, here)], residuals, int(free.sum()),
+            marginal(normal, here, free), covariance[np.ix_(here, here)], residuals, int(free.sum()),
             free[here], independent,
         )
         for here in joint.vector.places
@@ -127,7 +130,9 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
             analysis = dataclasses.replace(analysis, intervals=intervals)
         if profiled is not None:
             analysis = dataclasses.replace(analysis, intervals=profiled[k])
-        models.append(_model(found, k, training, analysis))
+        names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
+        model = _model(found, k, training, analysis)
+        models.append(dataclasses.replace(model, covariance_names=names, covariance=matrix))
     return tuple(models)
 
 
@@ -222,9 +227,8 @@ def _quality(found: JudgedFit, k: int, training: Training) -> Quality:
     level = training.noise[k] if training.noise else None
     period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
     fitted = record.height + residuals * grid.unknowns.amplitude
-    seen = diagnostics(
-        record.time, residuals * grid.unknowns.amplitude, np.gradient(fitted, record.time), period
-    )
+    left = without_walk(residuals * grid.unknowns.amplitude, grid.gain)
+    seen = diagnostics(record.time, left, np.gradient(fitted, record.time), period)
     held_out = len(record) - samples >= 2
     error, resting = None, None
     if held_out:
@@ -247,6 +251,7 @@ def _quality(found: JudgedFit, k: int, training: Training) -> Quality:
         lag=seen.lag,
         slow=seen.slow,
         swinging=seen.swinging,
+        drift=seen.drift,
     )
 
 
@@ -274,11 +279,8 @@ def _structure(quality: Quality) -> str:
     )
     if abs(quality.lag) > 0.0 and quality.swinging > SHARE:
         words += f"; the solution lags by {quality.lag:.2g} s"
-    if quality.slow > SHARE:
-        return (
-            f"{words}) but drift slowly; the level of rest is known less well than the swing: "
-            "take the drift out of the record"
-        )
+    if quality.drift > DRIFT and quality.slow > quality.swinging:
+        return f"{words}) but drift slowly, so the level of rest is known less; give drift=True"
     if quality.swinging > SHARE:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
     return f"{words}), so the law is not right, or the noise is not white; try another law"
@@ -302,7 +304,7 @@ def _notes(quality: Quality) -> tuple[str, ...]:
             "the record's noise, so the law or "
             "the fit is not right; try another law or more starts"
         )
-    elif quality.structured and quality.relative > SMALL:
+    elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
         notes.append(_structure(quality))
     swing = quality.residual / max(quality.relative, 1e-300)
     if quality.noise > NOISY * swing:

@@ -15,6 +15,7 @@ import numpy as np
 
 from reduced_models.fitting.autoregression import autoregression
 from reduced_models.fitting.refinement import JointRecords
+from reduced_models.least_squares.residuals import with_walk, without_walk
 
 REPLICATES = 200
 
@@ -30,7 +31,9 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
         grid.record.height + each * amplitude
         for grid, each in zip(joint.grids, residuals, strict=True)
     ]
-    draws = [_resampler(each) for each in residuals]
+    draws = [
+        _resampler(each, grid.gain) for each, grid in zip(residuals, joint.grids, strict=True)
+    ]
     found = np.empty((count, len(theta)))
     for k in range(count):
         heights = [
@@ -44,11 +47,15 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
     return found
 
 
-def _resampler(residuals: np.ndarray) -> Callable[[np.random.Generator], np.ndarray]:
+def _resampler(residuals: np.ndarray, gain: float) -> Callable[[np.random.Generator], np.ndarray]:
     """Draws of residuals that follow each other as these do, about their mean."""
     from scipy.signal import lfilter
 
     count = len(residuals)
+    if gain > 0.0:
+        left = without_walk(residuals, gain)
+        left = left - left.mean()
+        return lambda random: with_walk(random.choice(left, count), gain)
     centred = residuals - residuals.mean()
     series = autoregression(centred)
     new = series.new(centred)

@@ -63,6 +63,8 @@ class Case(NamedTuple):
         Of the inputs.
     known_noise : bool
         Whether the noise was given.
+    each : tuple of mapping of str to float
+        Parameters that are given for each record.
     """
 
     data: tuple[Data, ...]
@@ -73,6 +75,20 @@ class Case(NamedTuple):
     loss: LossName = "linear"
     interpolation: Interpolation = "spline"
     known_noise: bool = False
+    each: tuple[Mapping[str, float], ...] = ()
+
+    def held(self, data: Data) -> dict[str, float]:
+        """Parameters that are given, for one of the records."""
+        shared = {name: low for name, (low, high) in self.bounds.items() if low == high}
+        return shared | dict(self._own(data))
+
+    def bounds_of(self, data: Data) -> Pairs:
+        """Bounds of the parameters of one of the records."""
+        return {**self.bounds, **{name: (value, value) for name, value in self._own(data).items()}}
+
+    def _own(self, data: Data) -> Mapping[str, float]:
+        place = next(k for k, one in enumerate(self.data) if one is data)
+        return self.each[place] if self.each else {}
 
     @property
     def leader(self) -> Data:

@@ -28,6 +28,8 @@ class Diagnostics(NamedTuple):
         Time by which the solution comes late [s].
     slow, swinging : float
         Share of the residuals' power that is slower than the swing, and that is about as fast.
+    drift : float
+        Their slow power, over what white noise of the same power has there.
     """
 
     first: float
@@ -36,6 +38,7 @@ class Diagnostics(NamedTuple):
     lag: float
     slow: float
     swinging: float
+    drift: float
 
 
 def diagnostics(
@@ -47,7 +50,7 @@ def diagnostics(
     count = len(residuals)
     power = float((residuals**2).sum())
     if power <= 0.0:
-        return Diagnostics(0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+        return Diagnostics(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     size = 1 << (2 * count - 1).bit_length()
     spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
     lags = min(_MOST_LAGS, count // 10)
@@ -55,13 +58,15 @@ def diagnostics(
     box = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
     speed = float((velocity**2).sum())
     lines = np.fft.rfftfreq(size, float(time[-1] - time[0]) / (count - 1)) * period
+    slow = float(spectrum[lines < _SLOW].sum() / spectrum.sum())
     return Diagnostics(
         first=float(correlation[0]),
         whiteness=float(chi2.sf(box, lags)),
         signs=float(2.0 * norm.sf(abs(_sign_score(residuals)))),
         lag=float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
-        slow=float(spectrum[lines < _SLOW].sum() / spectrum.sum()),
+        slow=slow,
         swinging=float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum()),
+        drift=slow / float((lines < _SLOW).mean()),
     )
 
 

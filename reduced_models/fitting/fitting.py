@@ -21,14 +21,17 @@ from granular.shared.messages import quoted
 from reduced_models.fitting.assessment import Training, models_of
 from reduced_models.fitting.bootstrap import REPLICATES
 from reduced_models.fitting.case import Case, split
+from reduced_models.fitting.drift import drifting
 from reduced_models.fitting.interpolation import interpolated
 from reduced_models.fitting.options import (
     HOLDOUT,
     STARTS,
     Bounds,
+    Fixed,
     Initial,
     check_names,
     check_options,
+    fixed_values,
     initial_of,
     pairs_of,
     records_of,
@@ -59,13 +62,14 @@ def fit(
     bounds: Bounds | None = ...,
     intervals: Literal["linear", "bootstrap", "profile"] = ...,
     start: Mapping[str, float] | None = ...,
-    fix: Mapping[str, float] | None = ...,
+    fix: Fixed | None = ...,
     positive: Sequence[str] = ...,
     weights: Any = ...,
     noise: Any = ...,
     loss: LossName = ...,
     initial: Initial | None = ...,
     input_interpolation: Interpolation | None = ...,
+    drift: bool = ...,
 ) -> ReducedModel: ...
 
 
@@ -83,13 +87,14 @@ def fit(
     bounds: Bounds | None = ...,
     intervals: Literal["linear", "bootstrap", "profile"] = ...,
     start: Mapping[str, float] | None = ...,
-    fix: Mapping[str, float] | None = ...,
+    fix: Fixed | None = ...,
     positive: Sequence[str] = ...,
     weights: Any = ...,
     noise: Any = ...,
     loss: LossName = ...,
     initial: Initial | None = ...,
     input_interpolation: Interpolation | None = ...,
+    drift: bool = ...,
 ) -> tuple[ReducedModel, ...]: ...
 
 
@@ -106,13 +111,14 @@ def fit(
     bounds: Bounds | None = None,
     intervals: Literal["linear", "bootstrap", "profile"] = "linear",
     start: Mapping[str, float] | None = None,
-    fix: Mapping[str, float] | None = None,
+    fix: Fixed | None = None,
     positive: Sequence[str] = (),
     weights: Any = None,
     noise: Any = None,
     loss: LossName = "linear",
     initial: Initial | None = None,
     input_interpolation: Interpolation | None = None,
+    drift: bool = False,
 ) -> ReducedModel | tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several at once.
 
@@ -148,7 +154,8 @@ def fit(
         where parameters are bounded or trade places (see `reduced_models.fitting.profile`).
         Intervals of the small swing at rest are always those of the linearisation.
     start, fix : mapping of str to float, optional
-        Values about which parameters are looked for first, and values that they keep.
+        Values about which parameters are looked for first, and values that they keep; ``fix`` also
+        takes a list for a parameter, a value for each record, such as the lengths of pendulums.
     positive : sequence of str
         Parameters that are above zero, beside those of which the law says so.
     weights : float (n,), optional
@@ -166,6 +173,8 @@ def fit(
     input_interpolation : str, optional
         What an input does between samples: ``"spline"``, ``"linear"``, ``"previous"`` (it keeps its
         last value) or ``"band-limited"``; otherwise that with the least held-out error.
+    drift : bool
+        Whether the records' zero may drift, as a random walk; intervals then allow for it.
 
     Returns
     -------
@@ -192,12 +201,16 @@ def fit(
     chosen = law_of(law, records[0], declared)
     check_names(chosen, declared)
     chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
-    pairs = pairs_of(chosen, bounds or {}, fix or {})
+    if drift and intervals == "profile":
+        raise InputError("profile intervals know no drift; give intervals='linear' or 'bootstrap'")
+    shared, each = fixed_values(fix or {}, len(records))
+    pairs = pairs_of(chosen, bounds or {}, shared, each)
     given = weights_of(records, weights, noise)
     case = Case(
         data=tuple(split(one, holdout, *how) for one, how in zip(records, given, strict=True)),
-        own=own,
+        own=tuple(dict.fromkeys((*own, *each[0]))),
         bounds=pairs,
+        each=each,
         start=starts_of(chosen, start or {}),
         initial=initial_of(chosen, initial),
         loss=loss,
@@ -212,7 +225,10 @@ def fit(
         )
     if driving(chosen.inputs) and input_interpolation is None and holdout > 0.0:
         best = interpolated(best, case)
-    found = judged_fit(best.joint, best.theta, case.samples)
+    joint, theta = best.joint, best.theta
+    if drift:
+        joint, theta = drifting(joint, theta, case.samples)
+    found = judged_fit(joint, theta, case.samples)
     training = Training(
         samples=case.samples,
         stops=tuple(data.stop for data in case.data),

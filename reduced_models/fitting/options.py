@@ -23,6 +23,7 @@ MOST_STARTS = 10_000
 """Ten times a thousand, with which a short record takes minutes."""
 
 Bounds = Mapping[str, tuple[float | None, float | None]]
+Fixed = Mapping[str, float | Sequence[float]]
 Initial = Literal["free", "rest"] | Mapping[str, float | str]
 INTERVALS = ("linear", "bootstrap", "profile")
 
@@ -81,7 +82,37 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names[:-1])) + f" or {names[-1]!r}"
 
 
-def pairs_of(law: Law, bounds: Bounds, fix: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+def fixed_values(
+    fix: Fixed, records: int
+) -> tuple[dict[str, float], tuple[dict[str, float], ...]]:
+    """Values that parameters keep in all records, and those that they keep in each one.
+
+    Raises
+    ------
+    InputError
+        If a value is no number, or a list is not as long as there are records.
+    """
+    shared: dict[str, float] = {}
+    each: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
+    for name, value in fix.items():
+        if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+            if len(value) != records:
+                raise InputError(
+                    f"fix of {name}: {len(value)} values for {records} records; give one for each"
+                )
+            for own, one in zip(each, value, strict=True):
+                own[name] = _number(f"fix of {name}", one)
+        else:
+            shared[name] = _number(f"fix of {name}", value)
+    return shared, each
+
+
+def pairs_of(
+    law: Law,
+    bounds: Bounds,
+    fix: Mapping[str, float],
+    each: Sequence[Mapping[str, float]] = ({},),
+) -> dict[str, tuple[float, float]]:
     """Least and greatest values of parameters; equal ones where a value is given.
 
     Raises
@@ -108,16 +139,16 @@ def pairs_of(law: Law, bounds: Bounds, fix: Mapping[str, float]) -> dict[str, tu
                 f"bounds of {name}: up to {high:g}, and the law holds for values above 0; raise it"
             )
         found[name] = (low, high)
-    for name, given in fix.items():
+    for name, value in (*fix.items(), *(pair for own in each for pair in own.items())):
         _check_name(law, name)
-        value = _number(f"fix of {name}", given)
         if name in law.positive and value <= 0.0:
             raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
         low, high = found.get(name, (-math.inf, math.inf))
         if not low <= value <= high:
             raise InputError(f"fix of {name}: {value:g} lies outside its bounds; change one of them")
-        found[name] = (value, value)
-    if len(fix) >= len(law.parameters):
+        if name in fix:
+            found[name] = (value, value)
+    if len({*fix, *each[0]}) >= len(law.parameters):
         raise InputError("all parameters are fixed, so there is nothing to fit; leave one out")
     return found
 

@@ -145,8 +145,8 @@ def _searched(
     fine_grids(law, case)
     unknowns = unknowns_of(law, height_map, case.leader.guess, case.leader.training)
     vector = joint_vector(unknowns, len(case.data), case.own)
-    edges = theta_bounds(unknowns, case.bounds, case.initial)
-    bounds = Bounds(*(vector.joined(edge) for edge in edges))
+    edges = [theta_bounds(unknowns, case.bounds_of(data), case.initial) for data in case.data]
+    bounds = Bounds(*(vector.merged(side) for side in zip(*edges, strict=True)))
     coarse = [_coarse(unknowns, case, data) for data in case.data]
     _check_memory(starts, max(len(one.means.weight) for one in coarse), len(vector.places[0]))
     swung = _swung(unknowns, vector, case, coarse, starts, seed)
@@ -304,7 +304,7 @@ def _refined(case: Case, found: _Search) -> Candidate:
 def _at_home(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarray:
     """A search vector that means the same, its angles and signs at home."""
     unknowns = joint.unknowns
-    kept = {*case.own, *case.bounds}
+    kept = {*case.own, *case.bounds, *case.start}
     theta = theta.copy()
     here = joint.vector.places[0][: len(unknowns.law.parameters)]
     values = dict(zip(unknowns.law.parameters, unknowns.physical(theta[joint.vector.places[0]])[0], strict=True))
@@ -352,7 +352,8 @@ def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarra
     seen = leader.guess.seen_as(given.shift, given.scale)
     mapped = leader.training.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical(theta[joint.vector.places[0]])[0])
-    found = matched_values(unknowns.law, seen, mapped, values)
+    held = case.held(leader)
+    found = matched_values(unknowns.law, seen, mapped, values, held)
     free = free_entries(
         unknowns, {name: found[None, k] for k, name in enumerate(unknowns.law.parameters)}
     )
@@ -367,8 +368,9 @@ def _start_vectors(unknowns: Unknowns, case: Case, starts: int, seed: int) -> li
     """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
     found = [
         start_vectors(
-            unknowns, data.guess, data.training, starts, np.random.default_rng(seed), case.start
-        )
+            unknowns, data.guess, data.training, starts, np.random.default_rng(seed), case.start,
+            case.held(data),
+        )  # fmt: skip
         for data in case.data
     ]
     leader = found[case.data.index(case.leader)]

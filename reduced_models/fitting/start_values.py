@@ -8,6 +8,8 @@ The result only starts the fit through the equation of motion.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from granular.run.record import PistonRecord
@@ -30,34 +32,40 @@ def start_values(
     record: PistonRecord,
     random: np.random.Generator,
     count: int,
+    held: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
     """Random start values of a law, an array of ``count`` for each parameter.
 
-    ``record`` is the motion of z: the heights where the law holds for the height itself.
+    Those in ``held`` are known. ``record`` is the motion of z: the heights where the law holds for the height itself.
     """
     if law.start is not None:
         return law.start(guess, random, count)
     if law.hidden:
         draws = hidden_starts(
-            law, guess, record, lambda size: _random_draws(law, guess, random, size)
+            law, guess, record, lambda size: _random_draws(law, guess, random, size, held)
         )
     else:
-        draws = _matched(law, guess, record, _random_draws(law, guess, random, _DRAWS))
+        drawn = _random_draws(law, guess, random, _DRAWS, held)
+        draws = _matched(law, guess, record, drawn, held)
     chosen = draws[np.arange(count) % len(draws)]
     chosen = chosen * np.exp(_SPREAD * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
 
 
 def matched_values(
-    law: Law, guess: FirstGuesses, record: PistonRecord, values: np.ndarray
+    law: Law,
+    guess: FirstGuesses,
+    record: PistonRecord,
+    values: np.ndarray,
+    held: Mapping[str, float] | None = None,
 ) -> np.ndarray:
     """Parameters (p,) of a law without hidden states from accelerations in a record alone.
 
     ``values`` are where it looks for them first; random draws follow.
     """
     units = np.where(np.abs(values) > 0.0, values, 1.0)
-    draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS)
-    return np.asarray(_matched(law, guess, record, np.vstack([units, draws]))[0])
+    draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, held)
+    return np.asarray(_matched(law, guess, record, np.vstack([units, draws]), held)[0])
 
 
 def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
@@ -73,7 +81,11 @@ def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
 
 
 def _random_draws(
-    law: Law, guess: FirstGuesses, random: np.random.Generator, count: int
+    law: Law,
+    guess: FirstGuesses,
+    random: np.random.Generator,
+    count: int,
+    held: Mapping[str, float] | None = None,
 ) -> np.ndarray:
     """Values (count, p) in powers of the record's own time and lengths."""
     shape = (count, len(law.parameters))
@@ -83,11 +95,18 @@ def _random_draws(
     draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
     positive = np.array([name in law.positive for name in law.parameters])
     draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
-    values = at_home(law, dict(zip(law.parameters, draws.T, strict=True)))
+    values = at_home(law, dict(zip(law.parameters, draws.T, strict=True)), held or ())
+    values |= {name: np.full(count, value) for name, value in (held or {}).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
 
 
-def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray) -> np.ndarray:
+def _matched(
+    law: Law,
+    guess: FirstGuesses,
+    record: PistonRecord,
+    draws: np.ndarray,
+    held: Mapping[str, float] | None = None,
+) -> np.ndarray:
     """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
@@ -97,8 +116,15 @@ def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndar
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
 
+    free = np.array([name not in (held or {}) for name in law.parameters])
+
+    def moved(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        full = np.zeros(len(free))
+        full[free] = x
+        return unit * np.where(logarithmic, np.exp(np.clip(full, -50.0, 50.0)), 1.0 + full)
+
     def residuals(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        values = unit * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
+        values = moved(x, unit)
         with np.errstate(all="ignore"):
             found = (field(z, v, *drive.T, *values)[0] - a) / scale
         return np.broadcast_to(np.nan_to_num(np.clip(found, -1e6, 1e6), nan=1e6), a.shape)
@@ -106,10 +132,9 @@ def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndar
     results = []
     for unit in draws:
         found = least_squares(
-            residuals, np.zeros(len(unit)), args=(unit,), x_scale="jac", max_nfev=40, method="trf"
+            residuals, np.zeros(free.sum()), args=(unit,), x_scale="jac", max_nfev=40, method="trf"
         )
-        values = unit * np.where(logarithmic, np.exp(np.clip(found.x, -50, 50)), 1.0 + found.x)
-        results.append((float(found.cost), values))
+        results.append((float(found.cost), moved(found.x, unit)))
     results.sort(key=lambda pair: pair[0])
     good = [values for cost, values in results if cost <= 4.0 * results[0][0] + 1e-12]
     return np.array(good)

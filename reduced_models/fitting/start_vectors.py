@@ -45,15 +45,18 @@ def start_vectors(
     count: int,
     random: np.random.Generator,
     near: Mapping[str, float] | None = None,
+    held: Mapping[str, float] | None = None,
 ) -> np.ndarray:
     """Start vectors (count, p) of a search, from a record and its first guesses.
 
-    Parameters in ``near`` are looked for about the values there, the first time at them.
+    Parameters in ``near`` are looked for about the values there, the first time at them; those in
+    ``held`` are known.
     """
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
         seen = guess.seen_as(shift, scale)
-        draws = start_values(unknowns.law, seen, record.mapped(shift, scale), random, count)
+        mapped = record.mapped(shift, scale)
+        draws = start_values(unknowns.law, seen, mapped, random, count, held)
     else:
         draws = _mapped_draws(unknowns, guess, count, random)
     for name, value in (near or {}).items():

@@ -32,6 +32,7 @@ OPEN = 0.25
 _SMALL_POWER = 0.05
 _NEAR_ZERO = 0.25  # in units of the entry
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_MOST_VARIANCE = 1e99  # of what the data leave open
 _LEAST_FREEDOM = 2.0
 _WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
 
@@ -156,9 +157,9 @@ def _sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndar
     return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
 
 
-def marginal(normal: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Information (p, p) on some entries of a search vector, the others left free."""
-    others = np.setdiff1d(np.arange(len(normal)), places)
+def marginal(normal: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Information (p, p) on some entries of a search vector, the others that are free left open."""
+    others = np.setdiff1d(np.flatnonzero(free), places)
     if not len(others):
         return normal[np.ix_(places, places)]
     cross = normal[np.ix_(places, others)]
@@ -287,6 +288,21 @@ def _information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> n
         inner = np.linalg.pinv(nuisance, hermitian=True) @ cross.T
     left = asked - cross @ inner
     return np.asarray(left * np.outer(relative, relative)) / max(known.variance, 1e-300)
+
+
+def physical_covariance(
+    unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names and covariance (p, p), in their units, of what was fitted to a record."""
+    names, values, logs = _named(unknowns, theta)
+    units = [
+        _unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
+        for k, (value, log) in enumerate(zip(values, logs, strict=True))
+    ]
+    hidden = unknowns.law.hidden
+    units += [unknowns.amplitude, unknowns.speed, *(1.0 for _ in hidden)]
+    found = np.clip(covariance * np.outer(units, units), -_MOST_VARIANCE, _MOST_VARIANCE)
+    return (*names, "height", "velocity", *hidden), found
 
 
 def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:

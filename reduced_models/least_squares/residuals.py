@@ -76,6 +76,24 @@ def sensitivity(residuals: np.ndarray, loss: Loss) -> np.ndarray:
     return np.asarray((1.0 + (residuals / loss.scale) ** 2) ** -1.5)
 
 
+def without_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
+    """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
+    from scipy.signal import lfilter
+
+    if gain == 0.0:
+        return residuals
+    return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
+
+
+def with_walk(left: np.ndarray, gain: float) -> np.ndarray:
+    """Residuals (n,) of which `without_walk` leaves these."""
+    from scipy.signal import lfilter
+
+    if gain == 0.0:
+        return left
+    return np.asarray(lfilter([1.0, gain - 1.0], [1.0, -1.0], left))
+
+
 class ResidualFunctions(NamedTuple):
     """Compiled functions of search vectors.
 
@@ -171,6 +189,8 @@ class GriddedRecord:
     weights : float64 (n,)
         Of the residuals.
     loss : Loss
+    gain : float
+        Of the filter that takes a drift out of the residuals; 0 for none.
     """
 
     unknowns: Unknowns
@@ -181,6 +201,7 @@ class GriddedRecord:
     interpolation: Interpolation
     weights: np.ndarray
     loss: Loss
+    gain: float = 0.0
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Residuals (n,) of all samples, in amplitudes; not weighted."""
@@ -188,10 +209,15 @@ class GriddedRecord:
         return np.asarray(found)[: len(self.record)]
 
     def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted residuals (n,) of all samples, and their derivatives (n, p)."""
-        count = len(self.record)
-        left, slopes = self.functions.linear(theta, self._seen(None), self.scales)
-        return np.asarray(left)[:count], np.asarray(slopes).T[:count]
+        """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
+        return self._linear(theta, self._seen(None), len(self.record))
+
+    def _linear(
+        self, theta: np.ndarray, seen: Samples, count: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        left, slopes = self.functions.linear(theta, seen, self.scales)
+        each = np.asarray(left)[:count], np.asarray(slopes).T[:count]
+        return without_walk(each[0], self.gain), without_walk(each[1], self.gain)
 
     @property
     def scales(self) -> np.ndarray:
@@ -199,15 +225,19 @@ class GriddedRecord:
         return self.unknowns.scales
 
     def normal(self, count: int | None = None) -> Normal:
-        """The normal equations of the first ``count`` samples, or of all."""
+        """The normal equations of the first ``count`` samples, or of all.
+
+        Those of several vectors at once leave a drift in.
+        """
         seen = self._seen(count)
+        last = len(self.record) if count is None else count
         several = self.functions.of(seen, self.scales, self.loss)
 
         def one(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-            left, slopes = map(np.asarray, self.functions.linear(theta[0], seen, self.scales))
+            left, slopes = self._linear(theta[0], seen, last)
             cost, weight = cost_and_weight(left, self.loss.numbers, np)
-            weighted = weight * slopes
-            return cost.sum()[None], (weighted @ left)[None], (weighted @ slopes.T)[None]
+            weighted = weight[:, None] * slopes
+            return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
 
         return lambda theta: one(theta) if len(theta) == 1 else several(theta)
 

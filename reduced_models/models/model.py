@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -17,10 +17,13 @@ from granular.shared.messages import visible
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.models import export, response
+from reduced_models.models import export, prediction, response
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.schema import FORMAT, checked, read_model
 from reduced_models.records.inputs import Interpolation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SURE = 1e-4
 """Probability below which residuals are not taken for white noise."""
@@ -97,6 +100,8 @@ class Quality:
         Time by which the solution comes late [s].
     slow, swinging : float
         Share of the residuals' power that is slower than the swing, and that is about as fast.
+    drift : float
+        Their slow power, over what white noise of the same power has there.
     """
 
     residual: float
@@ -116,6 +121,7 @@ class Quality:
     lag: float = 0.0
     slow: float = 0.0
     swinging: float = 0.0
+    drift: float = 1.0
 
     @property
     def structured(self) -> bool:
@@ -154,6 +160,11 @@ class ReducedModel(FittedLaw):
         Hidden states at the record's start, where they are not zero.
     input_interpolation : str
         What an input does between samples.
+    covariance_names : tuple of str
+        What the covariance is of: parameters, ``shift`` and ``scale`` where fitted, ``height``,
+        ``velocity`` and hidden states at the start.
+    covariance : float64 (p, p)
+        Of these, in their units.
     """
 
     law: Law
@@ -170,6 +181,36 @@ class ReducedModel(FittedLaw):
     provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
     hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
     input_interpolation: Interpolation = "spline"
+    covariance_names: tuple[str, ...] = ()
+    covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlations (p, p) of what the covariance is of."""
+        return prediction.correlation(self.covariance)
+
+    def residuals(self, record: PistonRecord) -> np.ndarray:
+        """Heights (n,) of a record, that the model was fitted to, less those of the model [m]."""
+        return record.height - self.follow(record).height
+
+    def prediction(
+        self,
+        t: np.ndarray,
+        inputs: Mapping[str, np.ndarray] | None = None,
+        confidence: float | None = None,
+    ) -> prediction.Band:
+        """The motion at increasing times [s] with its confidence band; see `simulate`.
+
+        Raises
+        ------
+        InputError
+            As `simulate`, and for a model that was saved without its covariance.
+        """
+        return prediction.prediction(self, t, inputs, confidence)
+
+    def plot(self, record: PistonRecord) -> Figure:
+        """A record that the model was fitted to, the model's motion, and what is left over."""
+        return prediction.plot(self, record)
 
     def score(self, record: PistonRecord) -> float:
         """Coefficient of determination R^2 of a prediction from the record's first period.
@@ -278,6 +319,8 @@ class ReducedModel(FittedLaw):
             "provenance": dict(self.provenance),
             "hidden": dict(self.hidden),
             "input_interpolation": self.input_interpolation,
+            "covariance_names": list(self.covariance_names),
+            "covariance": self.covariance.tolist(),
         }
 
     def save(self, path: str | Path) -> None:
@@ -310,6 +353,8 @@ class ReducedModel(FittedLaw):
             provenance=data.get("provenance", {}),
             hidden=data.get("hidden", {}),
             input_interpolation=data.get("input_interpolation", "spline"),
+            covariance_names=tuple(data.get("covariance_names", ())),
+            covariance=np.array(data.get("covariance", np.zeros((0, 0))), dtype=np.float64),
         )
 
 

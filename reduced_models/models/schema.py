@@ -198,6 +198,7 @@ _MODEL = _shape(
                 "lag": _number(),
                 "slow": _SIZE,
                 "swinging": _SIZE,
+                "drift": _SIZE,
             },
         ),
         "undetermined": _list(_shape({"powers": _table(_number()), "spread": _SIZE})),
@@ -211,6 +212,8 @@ _MODEL = _shape(
         "provenance": _table(_text()),
         "hidden": _table(_number()),
         "input_interpolation": _one_of(INTERPOLATIONS),
+        "covariance_names": _list(_text(200)),
+        "covariance": _list(_list(_number())),
     },
 )
 
@@ -234,6 +237,11 @@ def checked(data: object) -> dict[str, Any]:
             raise _wrong(f"model.intervals.{name}", None, "a pair")
     if not found["map"]["scale"]:
         raise _wrong("model.map.scale", 0.0, "another number")
+    size = len(found.get("covariance_names", ()))
+    if any(len(row) != size for row in found.get("covariance", ())) or size != len(
+        found.get("covariance", ())
+    ):
+        raise _wrong("model.covariance", found.get("covariance"), "a row and a column for each name")
     if len(found["initial"]) != 2:
         raise _wrong("model.initial", found["initial"], "a pair")
     return found
