@@ -46,6 +46,8 @@ how far to trust it, and what accuracy costs:
 examples:
   %(prog)s                  (shows the results that come with the package)
   %(prog)s --quick -o out/published""",
+    "recovery": "example:\n  %(prog)s --full -o out/recovery     (260 fits, an hour)",
+    "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
 }
 
@@ -58,6 +60,8 @@ def parser(prog: str = PROG) -> Parser:
         _add_measuring(add(name, words), None)
     _add_benchmark(add("benchmark", "speed, side by side"))
     add_published(add("published", "the source's published values beside ours, with verdicts"))
+    _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
+    _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
     add_scene(one)
     one.add_argument("quantity", help="such as energy, positions, 'rest height', period")
@@ -78,6 +82,11 @@ def _add_benchmark(one: argparse.ArgumentParser) -> None:
         "show the last entries",
     )  # fmt: skip
     _add_measuring(one, None)
+
+
+def _add_silverbox(one: argparse.ArgumentParser) -> None:
+    one.add_argument("file", help="CSV file of the record, with the columns V1 (in) and V2 (out)")
+    add_output(one)
 
 
 def _add_measuring(one: argparse.ArgumentParser, out: str | None) -> None:
@@ -101,6 +110,10 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         run_published(options)
     elif options.command == "benchmark":
         _benchmark(options)
+    elif options.command == "recovery":
+        _recovery(options)
+    elif options.command == "silverbox":
+        _silverbox(options)
     else:
         _measure(options)
 
@@ -157,6 +170,20 @@ def _history(options: Any) -> None:
     read(path)  # before minutes are spent
     entries = add(path, measured())
     emit(entries[-1], history_table(entries).text(), options.json)
+
+
+def _recovery(options: Any) -> None:
+    from validation.recovery.programme import recovery, recovery_text
+
+    found = recovery(options.out, full=options.full, progress=not options.quiet)
+    emit(found, recovery_text(found), options.json)
+
+
+def _silverbox(options: Any) -> None:
+    from validation.recovery.silverbox import silverbox, silverbox_text
+
+    found = silverbox(options.file)
+    emit(found, silverbox_text(found), options.json)
 
 
 def _cheapest(options: Any) -> None:
