@@ -31,9 +31,7 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
         grid.record.height + each * amplitude
         for grid, each in zip(joint.grids, residuals, strict=True)
     ]
-    draws = [
-        _resampler(each, grid.gain) for each, grid in zip(residuals, joint.grids, strict=True)
-    ]
+    draws = [_resampler(each, grid.gain) for each, grid in zip(residuals, joint.grids, strict=True)]
     found = np.empty((count, len(theta)))
     for k in range(count):
         heights = [

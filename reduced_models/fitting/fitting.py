@@ -200,7 +200,9 @@ def fit(
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = law_of(law, records[0], declared)
     check_names(chosen, declared)
-    chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
+    chosen = dataclasses.replace(
+        chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive)))
+    )
     if drift and intervals == "profile":
         raise InputError("profile intervals know no drift; give intervals='linear' or 'bootstrap'")
     shared, each = fixed_values(fix or {}, len(records))

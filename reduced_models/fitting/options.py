@@ -82,9 +82,7 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names[:-1])) + f" or {names[-1]!r}"
 
 
-def fixed_values(
-    fix: Fixed, records: int
-) -> tuple[dict[str, float], tuple[dict[str, float], ...]]:
+def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict[str, float], ...]]:
     """Values that parameters keep in all records, and those that they keep in each one.
 
     Raises
@@ -145,7 +143,9 @@ def pairs_of(
             raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
         low, high = found.get(name, (-math.inf, math.inf))
         if not low <= value <= high:
-            raise InputError(f"fix of {name}: {value:g} lies outside its bounds; change one of them")
+            raise InputError(
+                f"fix of {name}: {value:g} lies outside its bounds; change one of them"
+            )
         if name in fix:
             found[name] = (value, value)
     if len({*fix, *each[0]}) >= len(law.parameters):

@@ -180,7 +180,7 @@ def _searched(
 
 def _horizons(coarse: Sequence[_Coarse]) -> Iterator[float]:
     """Swings that a search sees one after the other; infinitely many are all of them."""
-    most = max(one.end / one.data.guess.period for one in coarse)
+    most = max(one.end / one.data.guess.quickest for one in coarse)
     swings = FIRST_SWINGS
     while swings < most:
         yield swings
@@ -263,7 +263,7 @@ def _coarse_normal(
     """The normal equations of the first swings, and the prior about the starts."""
     normals, total = [], 0.0
     for data, means, _ in coarse:
-        seen = means.step * np.arange(len(means.weight)) <= swings * data.guess.period
+        seen = means.step * np.arange(len(means.weight)) <= swings * data.guess.quickest
         weight = means.weight * seen
         total += float((weight**2).sum())
         loss = case.loss_of(data, unknowns.amplitude)
@@ -307,7 +307,13 @@ def _at_home(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarray:
     kept = {*case.own, *case.bounds, *case.start}
     theta = theta.copy()
     here = joint.vector.places[0][: len(unknowns.law.parameters)]
-    values = dict(zip(unknowns.law.parameters, unknowns.physical(theta[joint.vector.places[0]])[0], strict=True))
+    values = dict(
+        zip(
+            unknowns.law.parameters,
+            unknowns.physical(theta[joint.vector.places[0]])[0],
+            strict=True,
+        )
+    )
     moved = at_home(unknowns.law, values, kept)
     for place, name, unit in zip(here, unknowns.law.parameters, unknowns.units, strict=True):
         if moved[name] != values[name]:
@@ -332,7 +338,9 @@ def _along(
     joint: JointRecords, case: Case, theta: np.ndarray, reached: Sequence[float]
 ) -> np.ndarray:
     """A search vector sharpened on the fine grids, from a time on that it has seen."""
-    share = min(end / float(one.training.time[-1]) for end, one in zip(reached, case.data, strict=True))
+    share = min(
+        end / float(one.training.time[-1]) for end, one in zip(reached, case.data, strict=True)
+    )
     while share < 0.999:
         counts = [
             max(4, int(np.searchsorted(one.training.time, share * one.training.time[-1])))
@@ -361,16 +369,21 @@ def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarra
     start = np.clip(start, *joint.bounds)
     if not np.isfinite(start).all():
         return None
-    return _along(joint, case, start, [FIRST_SWINGS * data.guess.period for data in case.data])
+    return _along(joint, case, start, [FIRST_SWINGS * data.guess.quickest for data in case.data])
 
 
 def _start_vectors(unknowns: Unknowns, case: Case, starts: int, seed: int) -> list[np.ndarray]:
     """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
     found = [
         start_vectors(
-            unknowns, data.guess, data.training, starts, np.random.default_rng(seed), case.start,
+            unknowns,
+            data.guess,
+            data.training,
+            starts,
+            np.random.default_rng(seed),
+            case.start,
             case.held(data),
-        )  # fmt: skip
+        )
         for data in case.data
     ]
     leader = found[case.data.index(case.leader)]

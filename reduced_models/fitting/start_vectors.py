@@ -72,9 +72,7 @@ def started(unknowns: Unknowns, guess: FirstGuesses, free: np.ndarray) -> np.nda
     count = len(free)
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
-    return np.column_stack(
-        [free, height, velocity, np.zeros((count, len(unknowns.law.hidden)))]
-    )
+    return np.column_stack([free, height, velocity, np.zeros((count, len(unknowns.law.hidden)))])
 
 
 def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -72,7 +72,9 @@ def _symmetries(
             flipping.append((name, None))
             continue
         for other in turning:
-            if other != k and same(lambda given, k=k, o=other: moved(o, math.pi)(flipped(k)(given))):
+            if other != k and same(
+                lambda given, k=k, o=other: moved(o, math.pi)(flipped(k)(given))
+            ):
                 flipping.append((name, parameters[other]))
                 break
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))

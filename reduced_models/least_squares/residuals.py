@@ -105,10 +105,13 @@ class ResidualFunctions(NamedTuple):
     linear : callable
         (theta (p,), samples, scales) -> weighted residuals (n,), in amplitudes, and their
         derivatives (p, n).
+    residual : callable
+        (theta (p,), samples, scales) -> the residuals alone.
     """
 
     normal: Callable[..., tuple[jax.Array, ...]]
     linear: Callable[..., tuple[jax.Array, ...]]
+    residual: Callable[..., jax.Array]
 
     def of(self, samples: Samples, scales: np.ndarray, loss: Loss) -> Normal:
         """The normal equations of given data."""
@@ -130,17 +133,13 @@ def _compiled(
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
         step, place, share, height, weight, drive, chunks = samples
-        values, shift, scale, z0, v0, hidden = physical(
-            vectors, scales, logarithmic, fits_map, jnp
-        )
+        values, shift, scale, z0, v0, hidden = physical(vectors, scales, logarithmic, fits_map, jnp)
         grid = on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
         z = between(*grid, step, place, share[:, None])
         found = (shift + scale * z - height[:, None]) / scales[1]
         return jnp.where(jnp.abs(found) < BLOWN_UP, found, BLOWN_UP) * weight[:, None]
 
-    def both(
-        theta: jax.Array, samples: Samples, scales: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
+    def both(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
         # Starts side by side in the last axis, directions before them: that vectorises best.
         vectors = theta.T
@@ -151,6 +150,9 @@ def _compiled(
 
         left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
         return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
+
+    def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
+        return residuals(theta[:, None], samples, scales)[:, 0]
 
     def linear(
         theta: jax.Array, samples: Samples, scales: jax.Array
@@ -169,7 +171,7 @@ def _compiled(
             jnp.einsum("pns,qns->spq", weight * jacobian, jacobian),
         )
 
-    return ResidualFunctions(jax.jit(normal), jax.jit(linear))
+    return ResidualFunctions(jax.jit(normal), jax.jit(linear), jax.jit(residual))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -241,7 +241,9 @@ def checked(data: object) -> dict[str, Any]:
     if any(len(row) != size for row in found.get("covariance", ())) or size != len(
         found.get("covariance", ())
     ):
-        raise _wrong("model.covariance", found.get("covariance"), "a row and a column for each name")
+        raise _wrong(
+            "model.covariance", found.get("covariance"), "a row and a column for each name"
+        )
     if len(found["initial"]) != 2:
         raise _wrong("model.initial", found["initial"], "a pair")
     return found

@@ -78,8 +78,12 @@ class FirstGuesses:
     @property
     def shortest_period(self) -> float:
         """Of all motions that a search may start from [s]."""
-        fastest = max(self.frequency, *self.rivals, 0.0)
-        return 2.0 * math.pi / fastest * math.exp(-self.frequency_spread)
+        return self.quickest * math.exp(-self.frequency_spread)
+
+    @property
+    def quickest(self) -> float:
+        """Period of the quickest swing, that of the rivals included [s]."""
+        return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 
     def frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Random starting frequencies [rad/s], log-uniform about the estimate and its rivals."""
@@ -162,7 +166,7 @@ def _rivals(
     found: list[float] = []
     for rival in (early, spectral_peak(time, swing)):
         apart = [abs(math.log(rival / other)) for other in (frequency, *found)]
-        if _APART < min(apart) and max(apart) < math.log(_FARTHEST):
+        if min(apart) > _APART and max(apart) < math.log(_FARTHEST):
             found.append(rival)
     return tuple(found)
 

@@ -63,7 +63,10 @@ def silverbox(path: str | Path) -> dict[str, Any]:
         errors = {}
         for part, record in tests.items():
             inputs = {"force": record.force}
-            start, speed = float(record.height[0]), float(np.gradient(record.height, record.time)[0])
+            start, speed = (
+                float(record.height[0]),
+                float(np.gradient(record.height, record.time)[0]),
+            )
             run = model.simulate(record.time, z0=start, v0=speed, inputs=inputs)
             left = (run.height - record.height)[_WASHED_OUT:]
             errors[part] = 1e3 * float(np.sqrt((left**2).mean()))
