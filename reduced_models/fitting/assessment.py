@@ -112,8 +112,8 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
     free = ~joint.held
     known = [
         Information(
-            marginal(normal, here, free), covariance[np.ix_(here, here)], residuals, int(free.sum()),
-            free[here], independent,
+            marginal(normal, here, free), covariance[np.ix_(here, here)], residuals,
+            int(free.sum()), free[here], independent,
         )
         for here in joint.vector.places
     ]  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 
 from reduced_models.fitting.case import Case
 from reduced_models.fitting.refinement import JointRecords
-from reduced_models.fitting.search import Candidate
+from reduced_models.fitting.search import Candidate, fine_grids
 from reduced_models.least_squares.residuals import BLOWN_UP
 from reduced_models.records.inputs import INTERPOLATIONS
 
@@ -22,9 +22,13 @@ def interpolated(found: Candidate, case: Case) -> Candidate:
     Each is fitted to the training stretches, from the fit with splines, and judged behind them.
     """
     counts = [min(samples, _MOST) for samples in case.samples]
+    # One step a sample at least: what a held input does within a step has no order.
+    aligned = fine_grids(found.joint.unknowns.law, case._replace(interpolation="linear"))
     errors = {}
     for how in INTERPOLATIONS:
-        grids = tuple(grid.on(grid.grid, how) for grid in found.joint.grids)
+        grids = tuple(
+            grid.on(steps, how) for grid, steps in zip(found.joint.grids, aligned, strict=True)
+        )
         joint = dataclasses.replace(found.joint, grids=grids)
         theta = joint.sharpened(found.theta, counts, tolerance=1e-6)
         errors[how] = (_held_out(joint, theta, counts), joint)

@@ -304,7 +304,7 @@ def _refined(case: Case, found: _Search) -> Candidate:
 def _at_home(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarray:
     """A search vector that means the same, its angles and signs at home."""
     unknowns = joint.unknowns
-    kept = {*case.own, *case.bounds, *case.start}
+    kept = {*case.own, *case.bounds}
     theta = theta.copy()
     here = joint.vector.places[0][: len(unknowns.law.parameters)]
     values = dict(

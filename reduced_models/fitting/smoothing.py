@@ -32,7 +32,7 @@ def smoothed(record: PistonRecord, period: float, nodes: np.ndarray | int) -> Sm
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for node in np.clip(nodes, time[0] + half, time[-1] - half):
         inside = slice(*np.searchsorted(time, (node - half, node + half)))
         if inside.stop - inside.start < _LEAST or (rows and node <= rows[-1][3]):

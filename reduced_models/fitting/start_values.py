@@ -36,7 +36,8 @@ def start_values(
 ) -> dict[str, np.ndarray]:
     """Random start values of a law, an array of ``count`` for each parameter.
 
-    Those in ``held`` are known. ``record`` is the motion of z: the heights where the law holds for the height itself.
+    Those in ``held`` are known. ``record`` is the motion of z: the heights where the law holds for
+    the height itself.
     """
     if law.start is not None:
         return law.start(guess, random, count)

@@ -408,7 +408,8 @@ def _ask_about(law: str, name: str, columns: Collection[str]) -> None:
     declare = f"or declare the parameter, start={{{name!r}: ...}}"
     if lower in near:
         raise InputError(
-            f"{law} names {name}, and the record has a column {near[lower]!r}; write that, {declare}"
+            f"{law} names {name}, and the record has a column {near[lower]!r}; write that, "
+            f"{declare}"
         )
     if name in _MOTION:
         raise InputError(f"{law} names {name}; write {_MOTION[name]} for it, {declare}")

@@ -282,7 +282,7 @@ def _stepping(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array
     rates = compiled_field(equation, inputs)
     solver = diffrax.Dopri8()
 
-    def field(s: Value, state: States, piece: tuple[jax.Array, States]) -> States:
+    def field(s: Any, state: Any, piece: Any) -> States:
         cubic, values = piece
         given = cubic[0] + s * (cubic[1] + s * (cubic[2] + s * cubic[3]))
         a, *changes = rates(*state, *given, *values)

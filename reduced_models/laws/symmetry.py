@@ -63,6 +63,9 @@ def _symmetries(
     def flipped(k: int) -> Callable[[np.ndarray], np.ndarray]:
         return lambda given: np.where((np.arange(len(given)) == k)[:, None], -given, given)
 
+    def both(k: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda given: moved(other, math.pi)(flipped(k)(given))
+
     turning = [k for k in range(len(parameters)) if same(moved(k, 2.0 * math.pi))]
     # What means the same anywhere is no angle.
     turning = [k for k in turning if not same(moved(k, 1.0))]
@@ -72,9 +75,7 @@ def _symmetries(
             flipping.append((name, None))
             continue
         for other in turning:
-            if other != k and same(
-                lambda given, k=k, o=other: moved(o, math.pi)(flipped(k)(given))
-            ):
+            if other != k and same(both(k, other)):
                 flipping.append((name, parameters[other]))
                 break
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))

@@ -31,10 +31,10 @@ _AGREE = 0.01  # costs that differ by less than this fraction are those of the s
 _ENOUGH = 0.9  # share of the starts that lead to the best fit, behind which a search ends
 _IN_THE_RUNNING = 4.0  # times the least cost: starts above it are not waited for
 _LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
-_TRUST = optimistix.ClassicalTrustRegion(
+_TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
     high_cutoff=0.25, low_cutoff=0.0, high_constant=10.0, low_constant=0.1
 )
-_DESCENT = optimistix.DampedNewtonDescent(linear_solver=lineax.Cholesky())
+_DESCENT: optimistix.DampedNewtonDescent[Any] = optimistix.DampedNewtonDescent(linear_solver=lineax.Cholesky())
 
 
 class Prior(NamedTuple):
@@ -157,9 +157,9 @@ class _Scaled(NamedTuple):
 
 
 def _scaled(best: Batch, start: jax.Array, precision: jax.Array) -> _Scaled:
-    full = best.matrix + jnp.diag(precision)
+    full = jnp.asarray(best.matrix) + jnp.diag(precision)
     scale = 1.0 / jnp.sqrt(jnp.maximum(jnp.diag(full), 1e-300))
-    slope = best.gradient + precision * (best.theta - start)
+    slope = jnp.asarray(best.gradient) + precision * (best.theta - start)
     return _Scaled(scale * slope, full * jnp.outer(scale, scale), scale)
 
 

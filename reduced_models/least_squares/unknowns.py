@@ -70,7 +70,7 @@ class Unknowns:
         return len(self.law.parameters) + (2 if self.map is None else 0)
 
     def physical(self, theta: np.ndarray) -> Any:
-        """Parameters, shift and scale of the map, z, its velocity and hidden states at the start."""
+        """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
         return physical(theta, self.scales, self.logarithmic, self.map is None, np)
 
 
@@ -107,7 +107,7 @@ def theta_bounds(
 def physical(
     theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any
 ) -> Any:
-    """Parameters, shift and scale of the map, and z, its velocity and hidden states at the start."""
+    """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
     rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
     count = len(logarithmic)
     values = tuple(

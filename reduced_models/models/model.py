@@ -288,7 +288,8 @@ class ReducedModel(FittedLaw):
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
             lines.append(
-                f"  search: {self.quality.converged} of {self.quality.starts} starts end here{second}"
+                f"  search: {self.quality.converged} of {self.quality.starts} starts end here"
+                f"{second}"
             )
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)

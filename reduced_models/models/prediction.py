@@ -98,8 +98,10 @@ def _moved(model: ReducedModel, name: str, value: float) -> ReducedModel:
     """A model with another value of one of what was fitted."""
     if name in model.parameters:
         return dataclasses.replace(model, parameters={**model.parameters, name: value})
-    if name in ("shift", "scale"):
-        return dataclasses.replace(model, map=dataclasses.replace(model.map, **{name: value}))
+    if name == "shift":
+        return dataclasses.replace(model, map=dataclasses.replace(model.map, shift=value))
+    if name == "scale":
+        return dataclasses.replace(model, map=dataclasses.replace(model.map, scale=value))
     if name in ("height", "velocity"):
         place = ("height", "velocity").index(name)
         other = tuple(value if k == place else each for k, each in enumerate(model.initial))

@@ -52,7 +52,7 @@ def scipy_fit(record: PistonRecord, law: Law, starts: int) -> list[float]:
     for theta in thetas:
         held = np.arange(len(theta)) >= unknowns.free + 2
         found = least_squares(
-            lambda x, theta=theta, held=held: residuals(np.where(held, theta, x)),
+            lambda x, theta=theta, held=held: residuals(np.array(np.where(held, theta, x))),
             theta, max_nfev=_MOST_TRIALS, x_scale="jac", diff_step=1e-6,
         )  # fmt: skip
         best.append(float(np.sqrt((found.fun**2).mean())))

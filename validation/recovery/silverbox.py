@@ -19,6 +19,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import visible
+from reduced_models.records.inputs import column
 from validation.table import table
 
 SAMPLING = 1e7 / 2**14
@@ -62,7 +63,7 @@ def silverbox(path: str | Path) -> dict[str, Any]:
         seconds = time.perf_counter() - begun
         errors = {}
         for part, record in tests.items():
-            inputs = {"force": record.force}
+            inputs = {"force": column(record, "force")}
             start, speed = (
                 float(record.height[0]),
                 float(np.gradient(record.height, record.time)[0]),

@@ -59,13 +59,13 @@ def test_a_spline_beats_monotone_cubics() -> None:
     drive = PchipInterpolator(TIME, force())(fine)
     monotone = solution(LAW, fine, 0.0, 0.0, values, 1.0, [drive], (), "linear").z[::8]
     exact = motion("band-limited")
-    errors = [np.abs(one - exact)[20:-20].max() for one in (motion("spline"), monotone)]
+    errors = [np.abs(one - exact)[1000:-20].max() for one in (motion("spline"), monotone)]
     assert errors[1] > 1.5 * errors[0]
 
 
 def test_steps_end_at_samples() -> None:
     record = PistonRecord(TIME, force(), force=force())
-    for period, steps_a_sample in ((40.0, 0.25), (6.0, 1.0), (0.5, 7.0)):
+    for period, steps_a_sample in ((40.0, 0.125), (3.0, 1.0), (0.5, 7.0)):
         grid = grid_over(record, ("force",), period, 16)
         assert 0.2 / grid.step == pytest.approx(steps_a_sample, rel=1e-12)
         assert grid.steps * grid.step >= TIME[-1] - 1e-9
