@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 MOST_WEIGHTS = 40
+_VAIN = 8  # further weights that gain nothing, after which no more are tried
 _SHARE = 20  # samples for each weight, at least
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
 
@@ -70,6 +71,8 @@ def autoregression(residuals: np.ndarray) -> Autoregression:
         criterion = count * math.log(variance) + order * math.log(count)
         if criterion < least:
             best, least = Autoregression(weights, variance), criterion
+        if order > len(best.weights) + _VAIN:
+            break
         if len(forward) < 2 or variance <= _LEAST * power:
             break
     return best
@@ -77,8 +80,12 @@ def autoregression(residuals: np.ndarray) -> Autoregression:
 
 def spread_of(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
     """J' S J (p, p) for slopes J (n, p) and the covariance S of the residuals."""
-    size = 1 << (2 * len(slopes) - 1).bit_length()
-    lines = np.fft.rfft(slopes, size, axis=0)
+    from scipy.fft import next_fast_len, rfft
+
+    if not len(noise.weights):
+        return np.asarray(noise.variance * slopes.T @ slopes)
+    size = next_fast_len(2 * len(slopes), real=True)
+    lines = rfft(np.ascontiguousarray(slopes.T), size)
     weight = noise.spectrum(size)
     weight[1 : (size + 1) // 2] *= 2.0
-    return np.asarray((lines.conj().T @ (weight[:, None] * lines)).real / size)
+    return np.asarray(((weight * lines) @ lines.conj().T).real / size)

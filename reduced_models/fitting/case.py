@@ -33,7 +33,8 @@ class Data(NamedTuple):
     weights : float64 (n,)
         Of the residuals.
     noise : float
-        Of a residual with the weight 1 [m]; where it was not given, from the record.
+        Of a residual with the weight 1 [m]; where it was not given, from the record, if the loss
+        asks for it.
     """
 
     record: PistonRecord
@@ -107,7 +108,11 @@ class Case(NamedTuple):
 
 
 def split(
-    record: PistonRecord, holdout: float, weights: np.ndarray | None, noise: float | None
+    record: PistonRecord,
+    holdout: float,
+    weights: np.ndarray | None,
+    noise: float | None,
+    loss: LossName = "linear",
 ) -> Data:
     """A record with its training stretch."""
     whole = record.from_zero()
@@ -116,5 +121,7 @@ def split(
     count = max(2, int(np.searchsorted(whole.time, stop, side="right")))
     training = whole.first(count)
     given = np.ones(len(whole)) if weights is None else weights
-    level = noise_level(whole.height, whole.time) if noise is None else noise
+    level = noise or 0.0
+    if noise is None and loss != "linear":
+        level = noise_level(whole.height, whole.time)
     return Data(whole, training, stop, first_guesses(training), given, level)

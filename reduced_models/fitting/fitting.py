@@ -209,7 +209,9 @@ def fit(
     pairs = pairs_of(chosen, bounds or {}, shared, each)
     given = weights_of(records, weights, noise)
     case = Case(
-        data=tuple(split(one, holdout, *how) for one, how in zip(records, given, strict=True)),
+        data=tuple(
+            split(one, holdout, *how, loss) for one, how in zip(records, given, strict=True)
+        ),
         own=tuple(dict.fromkeys((*own, *each[0]))),
         bounds=pairs,
         each=each,

@@ -24,6 +24,7 @@ the larger of the two counts."""
 
 FINEST = 2**19
 """Steps of a grid."""
+_PATIENCE = 2  # trials without a gain, of a search that starts near its end
 _NEAR = 1e-6  # first damping of a search that starts near its end
 
 
@@ -71,7 +72,9 @@ class JointRecords:
         normals = [grid.normal(count) for grid, count in zip(self.grids, counts, strict=True)]
         prior = Prior(self.vector.joined(self.unknowns.prior), float(sum(counts)))
         normal = joint_normal(normals, self.vector)
-        found, _ = search(normal, theta[None], prior, tolerance, self.bounds, damping=_NEAR)
+        found, _ = search(
+            normal, theta[None], prior, tolerance, self.bounds, damping=_NEAR, patience=_PATIENCE
+        )
         return np.asarray(found[0])
 
 

@@ -59,6 +59,7 @@ _MOST_NUMBERS = 2**26
 COARSE_STEPS, FINE_STEPS = 16, 64
 """Grid steps of a period: the phase error of a period is then 4e-6 and 1e-9."""
 _MOST_COARSE = 2**13  # steps over which all starts are followed; behind them, the best one
+_SAME_VALLEY = 2.0  # times the cost of the fit
 _BETTER = 0.99  # of a cost: less is another fit
 
 
@@ -369,6 +370,12 @@ def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarra
     start = np.clip(start, *joint.bounds)
     if not np.isfinite(start).all():
         return None
+    # Beside the fit's own start of the motion: what lies in its valley need not go a long way.
+    beside = theta.copy()
+    for here in joint.vector.places:
+        beside[here[: unknowns.free]] = start[here[: unknowns.free]]
+    if _cost(joint, case, beside) <= _SAME_VALLEY * _cost(joint, case, theta):
+        return joint.sharpened(beside, case.samples, tolerance=1e-4)
     return _along(joint, case, start, [FIRST_SWINGS * data.guess.quickest for data in case.data])
 
 

@@ -22,7 +22,7 @@ from reduced_models.records.inputs import column, drive_at
 
 _NODES = 160
 _DRAWS = 24
-_OTHER_DRAWS = 4
+_OTHER_DRAWS = 1
 _SPREAD = 0.05  # of the logarithm of repeated start values
 
 

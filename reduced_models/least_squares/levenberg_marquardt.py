@@ -26,7 +26,7 @@ Normal = Callable[[np.ndarray], Any]
 TIE = 1e-7
 """Residuals below this, in amplitudes, are not told apart."""
 _MOST_TRIALS = 120
-_PATIENCE = 3  # trials without a gain after which a start counts as done
+_PATIENCE = 3
 _AGREE = 0.01  # costs that differ by less than this fraction are those of the same fit
 _ENOUGH = 0.9  # share of the starts that lead to the best fit, behind which a search ends
 _IN_THE_RUNNING = 4.0  # times the least cost: starts above it are not waited for
@@ -34,7 +34,9 @@ _LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
 _TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
     high_cutoff=0.25, low_cutoff=0.0, high_constant=10.0, low_constant=0.1
 )
-_DESCENT: optimistix.DampedNewtonDescent[Any] = optimistix.DampedNewtonDescent(linear_solver=lineax.Cholesky())
+_DESCENT: optimistix.DampedNewtonDescent[Any] = optimistix.DampedNewtonDescent(
+    linear_solver=lineax.Cholesky()
+)
 
 
 class Prior(NamedTuple):
@@ -78,6 +80,7 @@ def search(
     trials: int = _MOST_TRIALS,
     damping: float = 1e-2,
     waiting: np.ndarray | None = None,
+    patience: int = _PATIENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg-Marquardt on a batch.
 
@@ -103,6 +106,8 @@ def search(
         Of the first step, in the diagonal of the matrix.
     waiting : bool (s,), optional
         The starts that are waited for; all, if not given.
+    patience : int
+        Trials without a gain after which a start counts as done.
 
     Returns
     -------
@@ -127,7 +132,7 @@ def search(
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
         best = Batch(*map(functools.partial(_chosen, better), trial, best))
-        resting = idle >= _PATIENCE
+        resting = idle >= patience
         agreeing = resting & (best.cost <= agreement(best.cost, prior.samples))
         if (resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(start):
             break
