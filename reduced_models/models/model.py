@@ -206,7 +206,32 @@ class ReducedModel(FittedLaw):
         InputError
             As `simulate`, and for a model that was saved without its covariance.
         """
-        return prediction.prediction(self, t, inputs, confidence)
+        from scipy.stats import norm
+
+        level = self.confidence if confidence is None else confidence
+        if not 0.0 < level < 1.0:
+            raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
+        height, spread = prediction.prediction(
+            self, self.covariance, self.covariance_names, self._moved, t, inputs
+        )
+        width = float(norm.ppf(0.5 + 0.5 * level)) * spread
+        noise = max(self.quality.noise, self.quality.residual)
+        times = np.asarray(t, dtype=np.float64)
+        return prediction.Band(times, height, height - width, height + width, noise, level)
+
+    def _moved(self, name: str, value: float) -> ReducedModel:
+        """The model with another value of one of what was fitted."""
+        if name in self.parameters:
+            return dataclasses.replace(self, parameters={**self.parameters, name: value})
+        if name == "shift":
+            return dataclasses.replace(self, map=dataclasses.replace(self.map, shift=value))
+        if name == "scale":
+            return dataclasses.replace(self, map=dataclasses.replace(self.map, scale=value))
+        if name in ("height", "velocity"):
+            height, velocity = self.initial
+            other = (value, velocity) if name == "height" else (height, value)
+            return dataclasses.replace(self, initial=other)
+        return dataclasses.replace(self, hidden={**self.hidden, name: value})
 
     def plot(self, record: PistonRecord) -> Figure:
         """A record that the model was fitted to, the model's motion, and what is left over."""

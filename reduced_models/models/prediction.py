@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
+from reduced_models.models.fitted_law import FittedLaw
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from reduced_models.models.model import ReducedModel
 
 _STEP = 1e-3  # of a standard deviation, for slopes: the solver's error is far below it
 _LEAST = 1e-9  # of a value: a step is no shorter
@@ -49,44 +47,42 @@ def correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def prediction(
-    model: ReducedModel,
+    model: FittedLaw,
+    covariance: np.ndarray,
+    names: Sequence[str],
+    moved: Callable[[str, float], FittedLaw],
     times: np.ndarray,
     inputs: Mapping[str, np.ndarray] | None,
-    confidence: float | None,
-) -> Band:
-    """The motion from the fitted start on, with the band that the covariance leaves.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Heights (n,) from the fitted start on, and the standard deviations that a covariance leaves.
+
+    ``moved`` gives the model with another value of one of the names.
 
     Raises
     ------
     InputError
         If the model has no covariance, as one from a file of a former release.
     """
-    from scipy.stats import norm
-
-    if not model.covariance_names:
+    if not names:
         raise InputError("the model has no covariance, as models of former releases; fit it again")
-    level = model.confidence if confidence is None else confidence
-    if not 0.0 < level < 1.0:
-        raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
     here = model.simulate(times, inputs=inputs).height
-    spread = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     slopes = np.zeros((len(here), len(spread)))
-    for k, name in enumerate(model.covariance_names):
-        value = _value(model, name)
+    for k, name in enumerate(names):
+        value = value_of(model, name)
         step = max(_STEP * spread[k], _LEAST * abs(value))
         if spread[k] > 0.0 and math.isfinite(step):
-            moved = [
-                _moved(model, name, value + sign * step).simulate(times, inputs=inputs).height
+            sides = [
+                moved(name, value + sign * step).simulate(times, inputs=inputs).height
                 for sign in (1.0, -1.0)
             ]
-            slopes[:, k] = (moved[0] - moved[1]) / (2.0 * step)
-    variance = np.einsum("np,pq,nq->n", slopes, model.covariance, slopes)
-    width = float(norm.ppf(0.5 + 0.5 * level)) * np.sqrt(np.maximum(variance, 0.0))
-    noise = max(model.quality.noise, model.quality.residual)
-    return Band(np.asarray(times, dtype=float), here, here - width, here + width, noise, level)
+            slopes[:, k] = (sides[0] - sides[1]) / (2.0 * step)
+    variance = np.einsum("np,pq,nq->n", slopes, covariance, slopes)
+    return here, np.sqrt(np.maximum(variance, 0.0))
 
 
-def _value(model: ReducedModel, name: str) -> float:
+def value_of(model: FittedLaw, name: str) -> float:
+    """The value of a parameter, of the map, or of the start, by its name."""
     known = {
         **model.parameters, "shift": model.map.shift, "scale": model.map.scale,
         "height": model.initial[0], "velocity": model.initial[1],
@@ -94,22 +90,7 @@ def _value(model: ReducedModel, name: str) -> float:
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
 
-def _moved(model: ReducedModel, name: str, value: float) -> ReducedModel:
-    """A model with another value of one of what was fitted."""
-    if name in model.parameters:
-        return dataclasses.replace(model, parameters={**model.parameters, name: value})
-    if name == "shift":
-        return dataclasses.replace(model, map=dataclasses.replace(model.map, shift=value))
-    if name == "scale":
-        return dataclasses.replace(model, map=dataclasses.replace(model.map, scale=value))
-    if name in ("height", "velocity"):
-        place = ("height", "velocity").index(name)
-        other = tuple(value if k == place else each for k, each in enumerate(model.initial))
-        return dataclasses.replace(model, initial=(other[0], other[1]))
-    return dataclasses.replace(model, hidden={**model.hidden, name: value})
-
-
-def plot(model: ReducedModel, record: PistonRecord) -> Figure:
+def plot(model: FittedLaw, record: PistonRecord) -> Figure:
     """A record with the model's motion over it, and what that leaves over below."""
     from granular.shared.plotting import COLOURS, GREY, figure
 

@@ -28,8 +28,6 @@ def test_thirteen_systems() -> None:
 
 def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[:1])
-    monkeypatch.setattr(programme, "_QUICK", (0.01,))
-    monkeypatch.setattr(programme, "_PEER_STARTS", 1)
     found = programme.recovery(tmp_path, progress=False)
     assert found["fits"] == found["reached"] == 1
     assert found["wrongly agreed"] == 0
