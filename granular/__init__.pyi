@@ -1,3 +1,4 @@
+from .methods import Method as Method
 from .run.evaluation import Evaluation as Evaluation
 from .run.evaluation import evaluate as evaluate
 from .run.record import PistonRecord as PistonRecord

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.console import (
     Parser,
+    add_import,
     add_output,
     add_run,
     add_scene,
@@ -63,6 +64,25 @@ study.toml:
   "arrangement.seed" = [1, 2, 3]
   [[cases]]                    # and one by one
   "piston.mass" = "9 kg" """,
+    "observe": """\
+examples:
+  %(prog)s runs/bed mean_distance hexatic_order -o order.csv
+  %(prog)s runs/bed greatest_force --import mine.py
+
+observables:
+  mean_distance     mean distance of two grains
+  piston_distance   distance of the piston from the grain next to it
+  packing           packing fraction below the piston
+  hexatic_order     mean of |psi_6| over the grains
+  temperature       kinetic temperature of the bed
+
+mine.py:
+  import numpy as np
+  from granular.observables import observable
+
+  @observable("N", "greatest force on a grain")
+  def greatest_force(frame):
+      return np.nanmax(np.linalg.norm(frame.forces, axis=1))""",
     "render": """\
 examples:
   %(prog)s runs/bed -o bed.png --colour force
@@ -95,6 +115,7 @@ def parser(prog: str = PROG) -> Parser:
     one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
     add_run(one)
     add_output(one)
+    _add_observe(add("observe", "observables of every frame of a run, as a table"))
     _add_export(add("export", "write a run for other programs"))
     _add_render(add("render", "draw a still or a movie of a run"))
     _add_sweep(add("sweep", "run a scene under many changes, from a study's file"))
@@ -110,10 +131,17 @@ def _add_sweep(one: Parser) -> None:
     one.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address")
     one.add_argument("--mpi", action="store_true", help="run on the ranks of mpi4py.futures")
     one.add_argument("--keep-runs", action="store_true", help="keep the whole runs too")
+    add_import(one)
+    add_output(one)
+
+
+def _add_observe(one: Parser) -> None:
+    one.add_argument("run", metavar="RUN", help="directory that a run was written to")
     one.add_argument(
-        "--import", dest="own", metavar="FILE",
-        help="Python file whose functions the study may name as its measure; it is run",
-    )  # fmt: skip
+        "names", metavar="NAME", nargs="+", help="of an observable; see below, or your own"
+    )
+    add_import(one)
+    one.add_argument("-o", "--out", metavar="FILE", help="write the table to this CSV file")
     add_output(one)
 
 
@@ -159,7 +187,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
     options = parser(prog).parse_args(arguments)
     commands = {
         "scenes": _scenes, "show": _show, "run": _run, "export": _export, "render": _render,
-        "sweep": _sweep,
+        "sweep": _sweep, "observe": _observe,
     }  # fmt: skip
     commands[options.command](options)
 
@@ -194,8 +222,10 @@ def _show(options: Any) -> None:
 
 
 def _run(options: Any) -> None:
+    from granular.own import import_own
     from granular.run.simulation import simulate
 
+    import_own(options.own_files)
     run = simulate(
         _scene(options),
         dt=time_step(options.dt),
@@ -213,6 +243,21 @@ def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
     from granular.run.summary import run_figures, run_text
 
     return run_figures(run), run_text(run)
+
+
+def _observe(options: Any) -> None:
+    from granular.observables.named import observable_named
+    from granular.observables.table import observed_table
+    from granular.own import import_own
+    from granular.run.trajectory import load_trajectory
+
+    own = import_own(options.own_files).observables
+    run = load_trajectory(options.run)
+    table = observed_table(run, [observable_named(name, own) for name in options.names])
+    if options.out is not None:
+        write_text(Path(options.out), table.to_csv(index=False))
+    text = table.to_string(index=False) if options.out is None else f"written to {options.out}"
+    emit({"table": table.to_dict("list"), "out": options.out}, text, options.json)
 
 
 def _export(options: Any) -> None:
@@ -303,13 +348,12 @@ def _render_movie(options: Any) -> None:
 
 
 def _sweep(options: Any) -> None:
+    from granular.own import import_own
     from granular.studies.file import load_study
-    from granular.studies.own import own_measures
     from granular.studies.remote import executor
     from granular.studies.sweep import sweep
 
-    own = None if options.own is None else own_measures(options.own)
-    study = load_study(options.study, own)
+    study = load_study(options.study, import_own(options.own_files).measures)
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give at least 1")
     with executor(options.dask, options.mpi) as pool:

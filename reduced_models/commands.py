@@ -58,8 +58,10 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 def identify_source(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
+    from granular.own import import_own
     from reduced_models.identification.identification import identify
 
+    import_own(options.own_files)
     found = identify(
         options.source,
         options.out,

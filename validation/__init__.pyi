@@ -12,5 +12,6 @@ from .order import ConvergenceResult as ConvergenceResult
 from .order import convergence as convergence
 from .order import convergence_table as convergence_table
 from .outcomes import outcome as outcome
+from .own_method import method_report as method_report
 from .trend import Trend as Trend
 from .trend import energy_trend as energy_trend

@@ -10,6 +10,8 @@ from typing import Any
 
 from granular.shared.console import (
     Parser,
+    add_changes,
+    add_import,
     add_output,
     add_scene,
     changes_from,
@@ -25,6 +27,9 @@ PROG = "python -m validation"
 
 REPORT = "out/validation"
 """Directory of the report where none is given."""
+
+METHOD_REPORT = "out/method"
+"""The same, of a user's own methods."""
 
 _PARTS = {
     "convergence": "orders of convergence against exact solutions",
@@ -48,6 +53,14 @@ examples:
   %(prog)s --quick -o out/published""",
     "recovery": "example:\n  %(prog)s --full -o out/recovery     (260 fits, an hour)",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
+    "method": """\
+example:
+  %(prog)s mclachlan-2 --import mine.py --scene bed.toml --quantity energy
+
+mine.py:
+  from granular import Method
+  z = 0.1931833275037836
+  method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
     "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
 }
 
@@ -62,6 +75,7 @@ def parser(prog: str = PROG) -> Parser:
     add_published(add("published", "the source's published values beside ours, with verdicts"))
     _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
     _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))
+    _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
     add_scene(one)
     one.add_argument("quantity", help="such as energy, positions, 'rest height', period")
@@ -69,6 +83,23 @@ def parser(prog: str = PROG) -> Parser:
     one.add_argument("--t-end", type=float, metavar="S", help="stop each run at this time [s]")
     add_output(one)
     return top
+
+
+def _add_method(one: argparse.ArgumentParser) -> None:
+    one.add_argument("names", metavar="NAME", nargs="+", help="of a method, also of a built-in one")
+    add_import(one)
+    one.add_argument("--scene", help="measure errors over wall time on it: a name, or a TOML file")
+    add_changes(one)
+    one.add_argument(
+        "--quantity", dest="quantities", metavar="Q", action="append",
+        help="what the error is in, such as energy or 'rest height' (repeatable)",
+    )  # fmt: skip
+    one.add_argument("--t-end", type=float, metavar="S", help="stop runs of the scene there [s]")
+    one.add_argument(
+        "-o", "--out", metavar="DIR", default=METHOD_REPORT,
+        help=f"directory for the report ({METHOD_REPORT} if not given)",
+    )  # fmt: skip
+    add_output(one)
 
 
 def _add_benchmark(one: argparse.ArgumentParser) -> None:
@@ -106,6 +137,8 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
     options = parser(prog).parse_args(arguments)
     if options.command == "cheapest":
         _cheapest(options)
+    elif options.command == "method":
+        _method(options)
     elif options.command == "published":
         run_published(options)
     elif options.command == "benchmark":
@@ -142,6 +175,23 @@ def _text(found: dict[str, Any], out: str | None) -> str:
     if out is not None:
         lines.append(f"report: {out}/report.html")
     return "\n".join(lines)
+
+
+def _method(options: Any) -> None:
+    from granular.own import import_own
+    from granular.scene.loading import load_scene
+    from validation.own_method import method_report
+
+    import_own(options.own_files)
+    changes = changes_from(options.changes)
+    if options.scene is None and changes:
+        raise InputError("--set changes a scene; give one by --scene")
+    scene = None if options.scene is None else load_scene(options.scene).replace(**changes)
+    found = method_report(
+        options.out, options.names, scene=scene, quantities=options.quantities,
+        until=options.t_end, progress=not options.quiet,
+    )  # fmt: skip
+    emit(found, _text(found, options.out), options.json)
 
 
 def _benchmark(options: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
+from collections.abc import Sequence
 from typing import Any
 
 from granular.run.allowed import is_allowed
@@ -65,7 +66,7 @@ class Choice:
         return plain | {"study": self.study.to_plain()}
 
 
-def candidates(scene: Scene) -> tuple[Setting, ...]:
+def candidates(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[Setting, ...]:
     """The settings that `cheapest` tries: methods, steps, and both schemes of dry friction."""
     schemes: list[dict[str, Any]] = [{}]
     if scene.effects.friction is not None:
@@ -73,7 +74,7 @@ def candidates(scene: Scene) -> tuple[Setting, ...]:
     return tuple(
         Setting(name, dt, scheme)
         for scheme in schemes
-        for name in CANDIDATES
+        for name in methods
         for dt in STEPS
         if is_allowed(scene.replace(**scheme), dt, name)
     )

@@ -106,9 +106,7 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     and 1e6 of the frictionless bed, with the controls beside them.
     """
     swings = tuple(
-        _swing(name, _STEPS.get(name, 2e-3), 64 if full else 40)
-        for name in METHODS
-        if not METHODS[name].variable
+        swing(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
     )
     if not full:
         return swings
@@ -131,10 +129,11 @@ _BEDS = (
 """Method, step [s] and time [s]; the controls at steps that show their trend."""
 
 
-def _swing(method: str, dt: float, periods: int) -> EnergyRun:
+def swing(method: str, periods: int) -> EnergyRun:
+    """A grain that swings above the wall, with a method and so many periods."""
     from validation.exact.oscillation import harmonic_period, problem
 
-    start = problem(0.5)
+    start, dt = problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _recorded(start.scene, dt, time), method, dt, time)
 

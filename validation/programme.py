@@ -7,13 +7,16 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from granular.methods import COMPENSATED, METHODS, method_named
+from granular.methods import METHODS, method_named
+from granular.methods.method import COMPENSATED
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from validation.order import HIGH_ORDER
 from validation.parts import Part, Piece, Plain
 
 if TYPE_CHECKING:
+    from validation.cost import Setting
+    from validation.energy import EnergyRun
     from validation.outcomes import HardCase
 
 QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
@@ -35,19 +38,23 @@ def convergence_pieces(full: bool) -> list[Piece]:
     from validation.order import fits
     from validation.outside import ORDERS
 
-    def piece(method: str, name: str) -> Piece:
-        key = {"problem": name, "method": method, "full": full}
-        return Piece(f"{method} on {name}", key, partial(_converge, name, method, full))
-
     pieces = [
-        piece(shown_method(method), name)
+        convergence_piece(shown_method(method), name, full)
         for name in NAMES
         for method in METHODS
         if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
         and fits(exact_problem(name), method)
     ]
     problems = OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1]
-    return pieces + [piece(reference, name) for name in problems for reference in ORDERS]
+    return pieces + [
+        convergence_piece(reference, name, full) for name in problems for reference in ORDERS
+    ]
+
+
+def convergence_piece(method: str, problem: str, full: bool, **more: Any) -> Piece:
+    """A method on an exact problem; ``more`` tells it from others of the name."""
+    key = {"problem": problem, "method": method, "full": full, **more}
+    return Piece(f"{method} on {problem}", key, partial(_converge, problem, method, full))
 
 
 def shown_method(name: str) -> str:
@@ -55,7 +62,9 @@ def shown_method(name: str) -> str:
 
     Six decades of error fit above rounding only if sums do not add to it.
     """
-    return f"{name}{COMPENSATED}" if METHODS[name].order >= HIGH_ORDER else name
+    method = method_named(name)
+    high = method.order >= HIGH_ORDER and method.tableau is None
+    return f"{name}{COMPENSATED}" if high else name
 
 
 def _converge(name: str, method: str, full: bool) -> Plain:
@@ -102,17 +111,20 @@ def source_pieces(full: bool) -> list[Piece]:
 
 def energy_pieces(full: bool) -> list[Piece]:
     """Long runs of every method, and of the controls."""
-    from validation.energy import energy_runs, energy_study
+    from validation.energy import energy_runs
 
-    return [
-        Piece(
-            f"{run.method}: {run.system}",
-            {"system": run.system, "scene": run.scene.digest(), "method": run.method,
-             "dt": run.dt, "time": run.time},
-            lambda run=run: energy_study(run).to_plain(),  # type: ignore[misc]
-        )
-        for run in energy_runs(full=full)
-    ]  # fmt: skip
+    return [energy_piece(run) for run in energy_runs(full=full)]
+
+
+def energy_piece(run: EnergyRun, **more: Any) -> Piece:
+    """A long run; ``more`` tells it from others with a method of the name."""
+    from validation.energy import energy_study
+
+    key = {
+        "system": run.system, "scene": run.scene.digest(), "method": run.method, "dt": run.dt,
+        "time": run.time, **more,
+    }  # fmt: skip
+    return Piece(f"{run.method}: {run.system}", key, lambda: energy_study(run).to_plain())
 
 
 # Work and precision -----------------------------------------------------------------------------
@@ -179,15 +191,22 @@ def work_precision_pieces(full: bool) -> list[Piece]:
         }
         wanted.append((load_scene("damper"), quantities, damper, options))
         wanted.append(_pair_sums())
-    return [
-        Piece(
-            scene.name,
-            {"scene": scene.digest(), "quantities": quantities, "settings": str(settings),
-             "options": str(options)},
-            partial(_weigh, scene, quantities, settings, options),
-        )
-        for scene, quantities, settings, options in wanted
-    ]  # fmt: skip
+    return [work_precision_piece(*one) for one in wanted]
+
+
+def work_precision_piece(
+    scene: Scene,
+    quantities: Sequence[str],
+    settings: Sequence[Setting],
+    options: dict[str, Any],
+    **more: Any,
+) -> Piece:
+    """A scene with many settings; ``more`` tells it from others with methods of the names."""
+    key = {
+        "scene": scene.digest(), "quantities": quantities, "settings": str(settings),
+        "options": str(options), **more,
+    }  # fmt: skip
+    return Piece(scene.name, key, partial(_weigh, scene, quantities, settings, options))
 
 
 SUMS: tuple[dict[str, Any], ...] = (

@@ -12,7 +12,7 @@ from granular.shared.html import Page
 from validation.energy import EnergyStudy
 from validation.order import ConvergenceResult
 from validation.outcomes import Outcome
-from validation.parts import FAILED, Plain, machine, measured
+from validation.parts import FAILED, Part, Plain, machine, measured
 from validation.programme import PARTS, part_named
 from validation.sections import (
     SECTIONS,
@@ -33,7 +33,7 @@ def report(
     directory: str | Path,
     *,
     full: bool = False,
-    parts: Sequence[str] = ALL,
+    parts: Sequence[str | Part] = ALL,
     progress: bool = True,
 ) -> dict[str, Any]:
     """Measure the parts, and write ``report.html`` and ``report.json``.
@@ -45,8 +45,8 @@ def report(
     directory : str or Path
     full : bool
         Everything, which takes an hour or so; without, what fits into a few minutes.
-    parts : sequence of str
-        Which ones.
+    parts : sequence of str or Part
+        Which ones: of the programme by name, or others, which have a name of the programme's.
     progress : bool
         Show a progress bar on standard error.
 
@@ -62,8 +62,9 @@ def report(
     """
     where = Path(directory)
     make_directory(where)
+    wanted = [part_named(part) if isinstance(part, str) else part for part in parts]
     results: dict[str, Sequence[Plain]] = {
-        name: measured(part_named(name), where, full=full, progress=progress) for name in parts
+        part.name: measured(part, where, full=full, progress=progress) for part in wanted
     }
     found = summary(results) | {"full": full, "machine": machine(), "parts": results}
     page(results, full=full).save(where / "report.html")

@@ -103,6 +103,24 @@ from .hysteresis import (
 from .hysteresis import (
     hysteresis_of_run as hysteresis_of_run,
 )
+from .named import (
+    OBSERVABLES as OBSERVABLES,
+)
+from .named import (
+    observable_named as observable_named,
+)
+from .of_frames import (
+    Frame as Frame,
+)
+from .of_frames import (
+    Observable as Observable,
+)
+from .of_frames import (
+    observable as observable,
+)
+from .of_frames import (
+    with_observables as with_observables,
+)
 from .orientation import (
     BondCorrelation as BondCorrelation,
 )
@@ -112,8 +130,12 @@ from .orientation import (
 from .orientation import (
     bond_correlation_of_run as bond_correlation_of_run,
 )
-from .packing import packing_fraction as packing_fraction
-from .packing import packing_series as packing_series
+from .packing import (
+    packing_fraction as packing_fraction,
+)
+from .packing import (
+    packing_series as packing_series,
+)
 from .piston_distance import (
     least_piston_distance as least_piston_distance,
 )

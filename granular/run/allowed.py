@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator
 
 from granular.engine.step_size import MOST_STEPS, Step
-from granular.methods import COMPENSATED, Method, method_named
+from granular.methods.method import COMPENSATED, Method
+from granular.methods.named import method_of
 from granular.protocol import Hold, Lift, Stage
 from granular.protocol.stage import Timed
 from granular.run.time_step import checked_step
@@ -19,11 +20,11 @@ LATEST = 1e30
 """Latest end of a run [s]: as far as quantities go, and far from overflow in any natural unit."""
 
 
-def is_allowed(scene: Scene, dt: float | str, method: str) -> bool:
+def is_allowed(scene: Scene, dt: float | str, method: str | Method) -> bool:
     """Whether a scene can be run with a time step and a method."""
     try:
         step = checked_step(dt, scene)
-        check_method(method_named(method), step, scene)
+        check_method(method_of(method), step, scene)
         check_step(step, scene)
     except InputError:
         return False

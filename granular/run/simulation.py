@@ -8,6 +8,7 @@ import os
 import signal
 import time
 import warnings
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,8 @@ from granular.engine.ledger import doubtful
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system
-from granular.methods import method_named
+from granular.methods.method import Method
+from granular.methods.named import method_of, method_setting
 from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.run.allowed import check_end, check_method, check_step
 from granular.run.checkpoint import read_checkpoint
@@ -51,7 +53,7 @@ def simulate(
     scene: Scene,
     dt: float | str = "auto",
     t_end: float | None = None,
-    method: str = "stormer-verlet",
+    method: str | Method | Mapping[str, Any] = "stormer-verlet",
     out: str | Path | None = None,
     resume: bool = False,
     threads: int | None = None,
@@ -69,9 +71,10 @@ def simulate(
     t_end : float, optional
         Stop at this time [s], also within a stage; a last stage that is timed is lengthened up to
         it. Without: at the end of the protocol.
-    method : str
-        Integration method, one of `granular.methods.METHODS`; "+compensated" behind it turns
-        positions and velocities into compensated sums.
+    method : str or Method
+        Integration method, the name of one of `granular.methods.METHODS`; "+compensated" behind it
+        turns positions and velocities into compensated sums. Or a `granular.Method` of one's own,
+        also as its plain data: its table goes into the run's settings.
     out : str or Path, optional
         Directory to write to while running; it must be empty or not exist yet.
     resume : bool
@@ -97,7 +100,7 @@ def simulate(
         On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds what
         was computed.
     """
-    plan = method_named(method)
+    plan = method_of(method)
     step = checked_step(dt, scene)
     check_method(plan, step, scene)
     check_end(scene, t_end)
@@ -106,7 +109,7 @@ def simulate(
     count = _thread_count(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
     _set_threads(count)
-    settings = _settings(scene, dt, method)
+    settings = _settings(scene, dt, plan)
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
@@ -239,11 +242,11 @@ def _set_threads(count: int) -> None:
         ) from None
 
 
-def _settings(scene: Scene, dt: float | str, method: str) -> dict[str, Any]:
+def _settings(scene: Scene, dt: float | str, method: Method) -> dict[str, Any]:
     return {
         "scene_digest": scene.digest(),
         "dt": dt,
-        "method": method,
+        "method": method_setting(method),
         "pairs": scene.pair_method,
         "versions": versions(),
     }

@@ -96,7 +96,7 @@ def run_text(run: Trajectory) -> str:
             height = f", piston at {1e3 * one.height:.4f} mm ({one.height / scales.length:.4f} D)"
         lines.append(f"{one.name}: {one.start:.4g} to {one.end:.4g} s ({one.reason}){height}")
     lines.append(
-        f"{figures['steps']} steps ({figures['method']}, dt {figures['dt']}) in "
+        f"{figures['steps']} steps ({run.method.name}, dt {figures['dt']}) in "
         f"{figures['seconds']:.3g} s; ledger closed to {figures['ledger_residual']:.1e} of the "
         "energy turned over"
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.methods import Method, method_of
 from granular.protocol import Push
 from granular.run.drive import base_motion, outer_force
 from granular.run.record import PistonRecord
@@ -144,6 +145,11 @@ class Trajectory:
     def settings(self) -> dict[str, Any]:
         """Method, steps, versions and timings of the run."""
         return dict(json.loads(self.dataset.attrs["settings"]))
+
+    @property
+    def method(self) -> Method:
+        """The integration method."""
+        return method_of(self.settings()["method"])
 
 
 def load_trajectory(path: str | Path) -> Trajectory:

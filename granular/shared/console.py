@@ -138,6 +138,11 @@ def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = 
     """The scene and changes to it."""
     what = what or "name of a packaged scene, or path to a TOML file"
     parser.add_argument(name, metavar=name.upper(), help=what)
+    add_changes(parser)
+
+
+def add_changes(parser: argparse.ArgumentParser) -> None:
+    """Changes to a scene."""
     parser.add_argument(
         "--set",
         dest="changes",
@@ -155,7 +160,17 @@ def add_run(parser: argparse.ArgumentParser) -> None:
         "--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2"
     )
     parser.add_argument("--method", default="stormer-verlet", help="integration method")
+    add_import(parser)
     parser.add_argument("--threads", type=int, help="number of threads (same bits for any)")
+
+
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Code of the user's own."""
+    parser.add_argument(
+        "--import", dest="own_files", metavar="FILE", action="append", default=[],
+        help="run this Python file of yours first: its methods and measures are then known by "
+        "their names (repeatable)",
+    )  # fmt: skip
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from granular.methods import method_named
+from granular.methods.named import method_of, method_setting
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
@@ -114,7 +114,10 @@ def _case(
     own = {name: value for name, value in changes.items() if name in settings}
     settings = settings | own
     checked_step(settings["dt"])
-    method_named(settings["method"])
+    method = method_of(settings["method"])
+    settings["method"] = method_setting(method)
+    if "method" in own:
+        changes = changes | {"method": method.name}
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
     content = {
         "scene": changed.to_plain(),

@@ -73,5 +73,6 @@ def _flat(changes: dict[str, Any], above: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in changes.items():
         name = f"{above}.{key}" if above else key
-        flat |= _flat(value, name) if isinstance(value, dict) else {name: value}
+        nested = isinstance(value, dict) and name != "method"  # a method may be given by its table
+        flat |= _flat(value, name) if nested else {name: value}
     return flat

@@ -47,7 +47,7 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
     ----------
     name : str
     own : mapping of str to measure, optional
-        The user's own by their names; see `granular.studies.own.own_measures`.
+        The user's own by their names; see `granular.own.import_own`.
 
     Raises
     ------

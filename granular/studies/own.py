@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import sys
 from collections.abc import Mapping
-from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FunctionType
 from typing import Any
 
+from granular.observables.of_frames import Observable
 from granular.run.trajectory import Trajectory
-from granular.shared.errors import InputError
-from granular.shared.files import read_text
-from granular.shared.messages import visible
+from granular.shared.own_file import OwnFile, contents
 from granular.studies.cases import measure_name
-
-LONGEST_FILE = 2**20
-"""Bytes: a file that is longer is a mistake."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,61 +19,41 @@ class OwnMeasure:
 
     Attributes
     ----------
-    file : str
-        Where the text was read.
-    text : str
+    file : OwnFile
     name : str
-        Of the function.
+        Of the function, or of an observable, whose value at the end of a run it is.
     known_as : str
         As `granular.studies.cases.measure_name` has it.
     """
 
-    file: str
-    text: str
+    file: OwnFile
     name: str
     known_as: str
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """What the function finds."""
-        found: Mapping[str, Any] = _functions(self.file, self.text)[self.name](run)
-        return found
+        found = contents(self.file)[self.name]
+        if isinstance(found, Observable):
+            return {found.name: found(run).values[-1].tolist()}
+        figures: Mapping[str, Any] = found(run)
+        return figures
 
 
-def own_measures(path: str | Path) -> dict[str, OwnMeasure]:
-    """The functions that a Python file defines, by their names; the file is run once.
-
-    Parameters
-    ----------
-    path : str or Path
-        Of a file that the user names: whoever runs the command is who trusts it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or fails.
-    """
-    path = Path(path)
-    text = read_text(path, LONGEST_FILE)
-    try:
-        found = _functions(str(path), text)
-    except Exception as error:
-        raise InputError(
-            f"{visible(path)} cannot be imported: {type(error).__name__}: {error}; mend it"
-        ) from None
+def own_measures(file: OwnFile) -> dict[str, OwnMeasure]:
+    """The functions and observables that a user's file defines, by their names."""
     return {
-        name: OwnMeasure(str(path), text, name, measure_name(function))
-        for name, function in found.items()
+        name: OwnMeasure(file, name, measure_name(function))
+        for name, function in _functions(file).items()
     }
 
 
-@functools.lru_cache
-def _functions(file: str, text: str) -> dict[str, FunctionType]:
-    module = ModuleType(f"imported_{Path(file).stem}")
-    module.__file__ = file
-    sys.modules[module.__name__] = module  # data classes in the file look it up there
-    exec(compile(text, file, "exec"), vars(module))
+def _functions(file: OwnFile) -> dict[str, FunctionType]:
+    every = {
+        name: found.function if isinstance(found, Observable) else found
+        for name, found in contents(file).items()
+    }
     return {
         name: found
-        for name, found in vars(module).items()
-        if isinstance(found, FunctionType) and found.__module__ == module.__name__
+        for name, found in every.items()
+        if isinstance(found, FunctionType) and found.__module__ == file.module
     }

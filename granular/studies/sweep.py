@@ -12,6 +12,7 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granular.methods import Method
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory
@@ -87,7 +88,7 @@ def sweep(
     measure: Measure = last_values,
     dt: float | str = "auto",
     t_end: float | None = None,
-    method: str = "stormer-verlet",
+    method: str | Method | Mapping[str, Any] = "stormer-verlet",
     out: str | Path | None = None,
     keep_runs: bool = False,
     executor: Executor | None = None,

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granular.methods import method_named
+from granular.methods import method_of
 from granular.run.record import PistonRecord
 from granular.run.time_step import halved
 from granular.scene.scene import Scene
@@ -192,7 +192,7 @@ def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.n
     point = finer.points([centre.place])[0]
     if point.failure:
         return None, 1
-    doubled = 2.0 ** method_named(simulator.settings["method"]).order
+    doubled = 2.0 ** method_of(simulator.settings["method"]).order
     return np.asarray(doubled / (doubled - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 

@@ -1,8 +1,8 @@
 """Maps of a damper's figures over piston mass, number of grains, drag and mixture.
 
-Each map is a polynomial of third degree in the coordinates of the box, fitted to the study by least
-squares. Its error is that of predicting a damper which the fit did not see (leave-one-out, by the
-diagonal of the projection; Allen 1974, doi:10.1080/00401706.1974.10489157).
+Each map is a polynomial in the coordinates of the box, fitted to the study by least squares. Its
+error is that of predicting a damper which the fit did not see (leave-one-out, by the diagonal of
+the projection; Allen 1974, doi:10.1080/00401706.1974.10489157).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from reduced_models.designs.study import COMMITTED
 if TYPE_CHECKING:
     import pandas
 
-DEGREE = 3
-_POWERS = tuple(p for p in itertools.product(range(DEGREE + 1), repeat=4) if sum(p) <= DEGREE)
 COLUMNS = ("mass", "grains", "drag", "small_share")
 LOGARITHMIC = ("rest_height", "frequency", "damping_ratio")
 PLAIN = ("quadratic", "cubic")
 """k2 h/k1 and k3 h^2/k1: how the spring bends, over the rest height h."""
+DEGREES = {**dict.fromkeys(LOGARITHMIC, 2), **dict.fromkeys(PLAIN, 3)}
+"""Degrees of the maps: that of the least leave-one-out error over the study."""
 _EDGE = 1.01
 """How far a damper at the edge of the box may lie beyond it: its number of grains is rounded."""
 
@@ -102,10 +102,10 @@ class DamperMaps:
             if not (np.isfinite(sound[name]) & (sound[name] > 0.0)).all():
                 worst = float(sound[name].min())
                 raise InputError(f"the study has {name} = {worst:g}; it must be above 0")
-        if len(sound) < 2 * len(_POWERS):
+        least = 2 * len(_powers(max(DEGREES.values())))
+        if len(sound) < least:
             raise InputError(
-                f"the study has {len(sound)} dampers that ran; at least {2 * len(_POWERS)} are "
-                "needed for maps"
+                f"the study has {len(sound)} dampers that ran; at least {least} are needed for maps"
             )
         columns = (sound[name] for name in COLUMNS)
         self.dampers = tuple(
@@ -113,9 +113,10 @@ class DamperMaps:
             for m, n, g, r in zip(*columns, strict=True)
         )
         self.study = sound
-        terms = np.array([_terms(one.coordinates()) for one in self.dampers])
+        places = [one.coordinates() for one in self.dampers]
         self.surfaces: Mapping[str, Surface] = {
-            name: _fitted(terms, values) for name, values in _figures(sound).items()
+            name: _fitted(np.array([_terms(place, DEGREES[name]) for place in places]), values)
+            for name, values in _figures(sound).items()
         }
 
     def predict(self, damper: Candidate) -> Prediction:
@@ -144,7 +145,7 @@ class DamperMaps:
 
     def at(self, name: str, place: np.ndarray) -> float:
         """A map at a place (4,); the logarithm of the first three figures."""
-        return float(_terms(place) @ self.surfaces[name].coefficients)
+        return float(_terms(place, DEGREES[name]) @ self.surfaces[name].coefficients)
 
 
 @functools.cache
@@ -174,9 +175,15 @@ def _figures(study: pandas.DataFrame) -> dict[str, np.ndarray]:
     return found
 
 
-def _terms(place: np.ndarray) -> np.ndarray:
-    single = np.polynomial.legendre.legvander(place, DEGREE)
-    return np.array([math.prod(single[k, p] for k, p in enumerate(powers)) for powers in _POWERS])
+@functools.cache
+def _powers(degree: int) -> tuple[tuple[int, ...], ...]:
+    return tuple(p for p in itertools.product(range(degree + 1), repeat=4) if sum(p) <= degree)
+
+
+def _terms(place: np.ndarray, degree: int) -> np.ndarray:
+    single = np.polynomial.legendre.legvander(place, degree)
+    powers = _powers(degree)
+    return np.array([math.prod(single[k, p] for k, p in enumerate(one)) for one in powers])
 
 
 def _fitted(terms: np.ndarray, values: np.ndarray) -> Surface:

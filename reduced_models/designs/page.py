@@ -36,7 +36,7 @@ def maps_page(maps: DamperMaps) -> Page:
         f"What {len(maps.dampers)} simulated dampers say of frequency, damping and height of rest.",
     )
     page.text(
-        "A map is a polynomial of third degree in the coordinates below, fitted to the study. Its "
+        "A map is a polynomial in the coordinates below, fitted to the study. Its "
         "error is that of predicting a damper which the fit did not see (leave-one-out)."
     )
     page.table(

@@ -26,7 +26,7 @@ POINTS = 128
 """Of the sequence, beside the sixteen corners."""
 COMMITTED = Path(__file__).parent / "study.csv"
 """The study that comes with the package. ``python -m reduced_models maps --simulate -o DIR`` makes
-one like it: the third coordinate of mixtures was a tenth smaller when this one was drawn."""
+it anew."""
 STEP = "auto*2"
 """Rest height, period and damping of the published damper are the same at half of it, to four
 digits."""

@@ -60,16 +60,15 @@ def step_check(run: Trajectory) -> StepCheck:
     taken for the error, which it bounds also where a bed that packs otherwise follows no order.
     Half the step changes 1 - 2^-p of the error.
     """
-    from granular.methods import method_named
     from granular.run.allowed import is_allowed
     from granular.run.time_step import doubled, halved
 
     settings = run.settings()
-    dt, method = settings["dt"], settings["method"]
+    dt = settings["dt"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= _RESOLVED and is_allowed(run.scene, doubled(dt), method):
+    if coarser <= _RESOLVED and is_allowed(run.scene, doubled(dt), run.method):
         return StepCheck(RunCheck("twice the time step", {"dt": doubled(dt)}), 1.0)
-    power = 2.0 ** method_named(method).order
+    power = 2.0**run.method.order
     return StepCheck(RunCheck("half the time step", {"dt": halved(dt)}), power / (power - 1.0))
 
 

@@ -102,7 +102,7 @@ class IdentificationData:
             lines.append(f"small swing about rest, by {self.figures_law}:")
         lines += [f"  {_figure_text(name, figure)}" for name, figure in self.figures.items()]
         if self.run is not None:
-            method = self.run.settings()["method"]
+            method = self.run.method.name
             lines.append(f"simulated with {method}, time step {step_text(self.run)}")
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 

@@ -299,7 +299,7 @@ def _settings(page: Page, run: Trajectory) -> None:
     page.table(
         ("setting", "value"),
         [
-            ("method", settings["method"]),
+            ("method", run.method.name),
             ("time step", step_text(run)),
             ("steps", settings["steps"]),
             (

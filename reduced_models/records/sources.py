@@ -118,10 +118,10 @@ def check_run_options(options: RunOptions) -> None:
     """Raise `InputError` unless method and time step are such."""
     if (options.method, options.dt) == (METHOD, STEP):
         return
-    from granular.methods import method_named
+    from granular.methods import method_of
     from granular.run.time_step import checked_step
 
-    method_named(options.method)
+    method_of(options.method)
     checked_step(options.dt)
 
 

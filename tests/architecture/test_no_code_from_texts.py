@@ -28,9 +28,9 @@ ALLOWED = {
         "the one place where formulas become code: trees of the grammar, names made there",
     ("granular/shared/moved.py", "import_module"):
         "modules of the packages by their former names, from a table in the source",
-    ("granular/studies/own.py", "exec"):
-        "the file of measures that a user names on the command line, by --import",
-    ("granular/studies/own.py", "compile"):
+    ("granular/shared/own_file.py", "exec"):
+        "the file that a user names on the command line, by --import",
+    ("granular/shared/own_file.py", "compile"):
         "the same file",
     ("granular/compiled/cache.py", "pickle.loads"):
         "compiled code that was sealed, in a folder that belongs to the user alone",

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, Trajectory, load_scene, simulate
-from granular.methods import COMPENSATED, METHODS
+from granular.methods import METHODS
+from granular.methods.method import COMPENSATED
 
 pytestmark = [
     pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),

@@ -52,6 +52,13 @@ def test_a_slope_over_less_than_a_decade_does_not_hold() -> None:
     assert convergence_holds(result("bounce", "kahan-li-8", 8, 8.0, finest=0.02))
 
 
+@pytest.mark.parametrize(
+    ("slope", "holds"), [(2.95, True), (3.33, True), (3.88, True), (2.8, False), (4.2, False)]
+)
+def test_an_odd_order_may_show_the_next(slope: float, holds: bool) -> None:
+    assert convergence_holds(result("bounce", "ruth-3", 3, slope)) is holds
+
+
 def test_slopes_stand_in_rows_by_order() -> None:
     found = slopes([
         result("bounce", "pefrl", 4, 4.001), result("bounce", "symplectic-euler", 1, 1.0),

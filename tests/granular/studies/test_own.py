@@ -11,9 +11,10 @@ import pytest
 from granular.__main__ import main
 from granular.shared.console import launch
 from granular.shared.errors import InputError
+from granular.shared.own_file import read_own_file
 from granular.studies.cases import measure_name
 from granular.studies.measures import last_values, measure_named
-from granular.studies.own import own_measures
+from granular.studies.own import OwnMeasure, own_measures
 
 OWN = """
 from __future__ import annotations
@@ -37,8 +38,12 @@ def own_file(path: Path, text: str = OWN) -> Path:
     return path / "swing.py"
 
 
+def read(path: Path, text: str = OWN) -> dict[str, OwnMeasure]:
+    return own_measures(read_own_file(own_file(path, text)))
+
+
 def test_functions_of_a_file_are_measures_by_name(tmp_path: Path) -> None:
-    own = own_measures(own_file(tmp_path))
+    own = read(tmp_path)
     assert list(own) == ["answer"]
     measure = measure_named("answer", own)
     assert measure is own["answer"]
@@ -47,9 +52,9 @@ def test_functions_of_a_file_are_measures_by_name(tmp_path: Path) -> None:
 
 
 def test_a_change_of_the_function_makes_another_measure(tmp_path: Path) -> None:
-    first = measure_name(own_measures(own_file(tmp_path))["answer"])
-    same = measure_name(own_measures(own_file(tmp_path, "# more\n" + OWN[1:]))["answer"])
-    other = measure_name(own_measures(own_file(tmp_path, OWN.replace("42.9", "41.9")))["answer"])
+    first = measure_name(read(tmp_path)["answer"])
+    same = measure_name(read(tmp_path, "# more\n" + OWN[1:])["answer"])
+    other = measure_name(read(tmp_path, OWN.replace("42.9", "41.9"))["answer"])
     assert first == same != other
 
 
@@ -69,9 +74,9 @@ def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.Monk
 )  # fmt: skip
 def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=rf"swing.py cannot be imported: .*{words}"):
-        own_measures(own_file(tmp_path, text))
+        read(tmp_path, text)
     with pytest.raises(InputError, match="there is no file"):
-        own_measures(tmp_path / "none.py")
+        read_own_file(tmp_path / "none.py")
 
 
 def test_installed_measures_are_found_by_entry_point(

@@ -1,10 +1,9 @@
-"""Integration methods, each one table of coefficients run by the same loop.
+"""The methods that are built in, each one table of coefficients run by the same loop.
 
 Composition methods alternate kicks (velocities, positions frozen; drag is solved with the kick,
-exactly) and drifts (positions, velocities frozen): kick b_0, drift a_1, kick b_1, ..., drift a_s,
-kick b_s, with the fractions of the step below. They are symplectic where nothing dissipates, and
-those here keep their order with viscous drag too, since each flow is exact and no order condition
-that only kinetic energy quadratic in the momenta would spare is left out.
+exactly) and drifts (positions, velocities frozen). They are symplectic where nothing dissipates,
+and those here keep their order with viscous drag too, since each flow is exact and no order
+condition that only kinetic energy quadratic in the momenta would spare is left out.
 
 Runge-Kutta methods are given by their Butcher tableau. They are not symplectic, and are here as
 controls.
@@ -12,74 +11,10 @@ controls.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 
-from granular.scene.schema import unknown
-from granular.shared.errors import InputError
-from granular.shared.messages import quoted
-
-__all__ = ["METHODS", "Method", "method_named"]
-
-COMPENSATED = "+compensated"
-"""Behind the name of a composition method: positions and velocities as compensated sums."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Method:
-    """An integration method.
-
-    Attributes
-    ----------
-    name : str
-    order : int
-        Order of convergence.
-    source : str
-    kicks, drifts : tuple of float
-        Fractions of the step; one kick more than drifts.
-    tableau : tuple of tuple of float, or None
-        Butcher tableau of a Runge-Kutta method: its rows, and the weights behind them.
-    variable : bool
-        Whether the step follows the stiffest collision, in a time-reversible way.
-    compensated : bool
-        Whether positions and velocities are compensated sums.
-    """
-
-    name: str
-    order: int
-    source: str
-    kicks: tuple[float, ...] = (0.0,)
-    drifts: tuple[float, ...] = ()
-    tableau: tuple[tuple[float, ...], ...] | None = None
-    variable: bool = False
-    compensated: bool = False
-
-    @property
-    def symplectic(self) -> bool:
-        """Whether it is symplectic where nothing dissipates (variable steps: reversible only)."""
-        return self.tableau is None and not self.variable
-
-    @property
-    def force_calls(self) -> int:
-        """Evaluations of all forces a step."""
-        if self.tableau is not None:
-            return len(self.tableau) - 1
-        return sum(1 for kick in self.kicks[1:] if kick) or 1
-
-    @property
-    def backward(self) -> bool:
-        """Whether some part of the step runs backward in time, where dry friction is undefined."""
-        return min((*self.kicks, *self.drifts)) < 0.0
-
-    @property
-    def takes_impulses(self) -> bool:
-        """Whether a force that acts in impulses about its steps leaves it as accurate as it is."""
-        return self.kicks == (0.5, 0.5) and not self.variable
-
-    @property
-    def takes_dry_friction(self) -> bool:
-        return self.tableau is None and not self.backward and not self.variable
+from granular.methods.method import Method
 
 
 def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
@@ -197,25 +132,3 @@ _TABLES = (
 )  # fmt: skip
 
 METHODS = {method.name: method for method in _TABLES}
-
-
-def method_named(name: str) -> Method:
-    """The method of that name; with ``+compensated`` behind it, with compensated sums.
-
-    Raises
-    ------
-    InputError
-        If there is none; the nearest name is given.
-    """
-    word = str(name)
-    plain = word.removesuffix(COMPENSATED)
-    if plain not in METHODS:
-        raise InputError(unknown(word, tuple(METHODS), "method"))
-    method = METHODS[plain]
-    if plain == word:
-        return method
-    if method.tableau is not None:
-        raise InputError(
-            f"method = {quoted(word)}: a Runge-Kutta method has no compensated form; take {plain!r}"
-        )
-    return dataclasses.replace(method, name=word, compensated=True)

@@ -1,0 +1,204 @@
+"""An integration method: a table of coefficients, checked when it is made."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from granular.methods.order_conditions import HIGHEST_ORDER, failed_tree, failed_word
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+COMPENSATED = "+compensated"
+"""Behind the name of a composition method: positions and velocities as compensated sums."""
+
+MOST_STAGES = 64
+"""Of a step; the longest methods in print have some forty."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """An integration method, built in or a user's own.
+
+    >>> leapfrog = Method("my-leapfrog", 2, kicks=(0.5, 0.5), drifts=(1.0,))
+    >>> run = simulate(scene, method=leapfrog)
+
+    Attributes
+    ----------
+    name : str
+    order : int
+        Order of convergence. The coefficients are held against its conditions
+        (`granular.methods.order_conditions`).
+    source : str
+        Where the coefficients are printed.
+    kicks, drifts : tuple of float
+        Of a composition: fractions of the step, kick b_0, drift a_1, kick b_1, ..., drift a_s,
+        kick b_s; one kick more than drifts.
+    tableau : tuple of tuple of float, or None
+        Of an explicit Runge-Kutta method: the rows of its Butcher tableau, and the weights behind
+        them.
+    variable : bool
+        Whether the step follows the stiffest collision, in a time-reversible way; for Verlet's
+        coefficients alone.
+    compensated : bool
+        Whether positions and velocities are compensated sums; not with a tableau.
+
+    Raises
+    ------
+    InputError
+        If the table is malformed, or fails a condition of its order, which is named.
+    """
+
+    name: str
+    order: int
+    source: str = ""
+    kicks: tuple[float, ...] = (0.0,)
+    drifts: tuple[float, ...] = ()
+    tableau: tuple[tuple[float, ...], ...] | None = None
+    variable: bool = False
+    compensated: bool = False
+
+    def __post_init__(self) -> None:
+        _check_words(self)
+        if self.tableau is None:
+            _set(self, "kicks", _numbers(self, "kicks", self.kicks))
+            _set(self, "drifts", _numbers(self, "drifts", self.drifts))
+            _check_composition(self)
+            failed = failed_word(self.kicks, self.drifts, self.order)
+        else:
+            _set(self, "tableau", _rows(self))
+            _check_tableau(self)
+            failed = failed_tree(self.tableau, self.order)
+        if failed is not None:
+            raise InputError(
+                f"method {quoted(self.name)} declares order {self.order}: {failed}; mend the "
+                "coefficients, or declare the order that they have"
+            )
+
+    @property
+    def symplectic(self) -> bool:
+        """Whether it is symplectic where nothing dissipates (variable steps: reversible only)."""
+        return self.tableau is None and not self.variable
+
+    @property
+    def force_calls(self) -> int:
+        """Evaluations of all forces a step."""
+        if self.tableau is not None:
+            return len(self.tableau) - 1
+        return sum(1 for kick in self.kicks[1:] if kick) or 1
+
+    @property
+    def backward(self) -> bool:
+        """Whether some part of the step runs backward in time, where dry friction is undefined."""
+        return min((*self.kicks, *self.drifts)) < 0.0
+
+    @property
+    def takes_impulses(self) -> bool:
+        """Whether a force that acts in impulses about its steps leaves it as accurate as it is."""
+        return self.kicks == (0.5, 0.5) and not self.variable
+
+    @property
+    def takes_dry_friction(self) -> bool:
+        return self.tableau is None and not self.backward and not self.variable
+
+    def to_plain(self) -> dict[str, Any]:
+        """The table as plain data, which `method_of` takes."""
+        plain: dict[str, Any] = {"name": self.name, "order": self.order, "source": self.source}
+        if self.tableau is None:
+            plain |= {"kicks": list(self.kicks), "drifts": list(self.drifts)}
+        else:
+            plain |= {"tableau": [list(row) for row in self.tableau]}
+        flags = {"variable": self.variable, "compensated": self.compensated}
+        return plain | {name: True for name, value in flags.items() if value}
+
+
+def method_from_plain(plain: Mapping[str, Any]) -> Method:
+    """The method of a table that `Method.to_plain` made, or that stands in a study's file.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown or missing, or the table fails `Method`.
+    """
+    known = [field.name for field in dataclasses.fields(Method)]
+    for name in plain:
+        if name not in known:
+            raise InputError(f"a method has no {quoted(name)}; it has {', '.join(known)}")
+    for name in ("name", "order"):
+        if name not in plain:
+            raise InputError(f"the method lacks {name!r}; give it")
+    return Method(**plain)
+
+
+def _set(method: Method, name: str, value: Any) -> None:
+    object.__setattr__(method, name, value)  # the class is frozen
+
+
+def _check_words(method: Method) -> None:
+    if not isinstance(method.name, str) or not method.name or not method.name.isprintable():
+        raise InputError(f"method name = {quoted(method.name)}; give a printable word")
+    if not isinstance(method.source, str):
+        raise InputError(f"source = {quoted(method.source)} of a method; give words")
+    if type(method.order) is not int or not 1 <= method.order <= HIGHEST_ORDER:
+        raise InputError(
+            f"order = {quoted(method.order)} of method {quoted(method.name)}; give a whole number "
+            f"from 1 to {HIGHEST_ORDER}"
+        )
+    for name in ("variable", "compensated"):
+        if type(getattr(method, name)) is not bool:
+            raise InputError(f"{name} = {quoted(getattr(method, name))} of a method; give a bool")
+
+
+def _numbers(method: Method, what: str, values: Any) -> tuple[float, ...]:
+    """Fractions of a step as floats."""
+    words = f"{what} of method {quoted(method.name)}"
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InputError(f"{words} are {quoted(values)}; give a list of numbers")
+    found = tuple(values)
+    if len(found) > MOST_STAGES + 1:
+        raise InputError(f"{words} are {len(found)}; give at most {MOST_STAGES + 1}")
+    for value in found:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{words} hold {quoted(value)}; give numbers")
+        if not math.isfinite(value) or abs(value) > 1e3:
+            raise InputError(f"{words} hold {value:g}; give fractions of a step")
+    return tuple(map(float, found))
+
+
+def _rows(method: Method) -> tuple[tuple[float, ...], ...]:
+    rows = method.tableau
+    if isinstance(rows, str) or not isinstance(rows, Iterable):
+        raise InputError(f"tableau of method {quoted(method.name)} is {quoted(rows)}; give rows")
+    return tuple(_numbers(method, f"tableau's row {k}", row) for k, row in enumerate(rows))
+
+
+def _check_composition(method: Method) -> None:
+    if len(method.kicks) != len(method.drifts) + 1 or not method.drifts:
+        raise InputError(
+            f"method {quoted(method.name)} has {len(method.kicks)} kicks and {len(method.drifts)} "
+            "drifts; give one kick more than drifts (0 where a step begins or ends with a drift)"
+        )
+    if method.variable and (method.kicks, method.drifts) != ((0.5, 0.5), (1.0,)):
+        raise InputError(
+            f"method {quoted(method.name)}: variable steps go with kicks (0.5, 0.5) and drifts "
+            "(1,) alone; leave variable out"
+        )
+
+
+def _check_tableau(method: Method) -> None:
+    assert method.tableau is not None
+    name, stages = quoted(method.name), len(method.tableau) - 1
+    if method.variable or method.compensated:
+        raise InputError(f"method {name} is a Runge-Kutta method; leave variable, compensated out")
+    if (method.kicks, method.drifts) != ((0.0,), ()):
+        raise InputError(f"method {name} has a tableau and kicks or drifts; give one of them")
+    if stages < 1 or any(len(row) != stages for row in method.tableau):
+        raise InputError(f"tableau of method {name} must have s rows of s numbers, and s weights")
+    for k, row in enumerate(method.tableau[:-1]):
+        if any(row[k:]):
+            raise InputError(
+                f"tableau of method {name} is implicit in row {k}; only explicit ones are run, "
+                "zero from the diagonal on"
+            )

@@ -1,0 +1,127 @@
+"""Methods by their names: built in, a user's own, or those of an installed distribution."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from granular.methods.method import COMPENSATED, Method, method_from_plain
+from granular.methods.tables import METHODS
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+GROUP = "granular.methods"
+"""Entry points by which an installed distribution offers methods."""
+
+_own: dict[str, Method] = {}
+
+
+def method_of(method: str | Method | Mapping[str, Any]) -> Method:
+    """The method that is meant: by its name, as it is, or by its table as plain data.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, a table is no method, or takes the name of one built in.
+    """
+    if isinstance(method, str):
+        return method_named(method)
+    if isinstance(method, Mapping):
+        method = method_from_plain(method)
+    if not isinstance(method, Method):
+        raise InputError(f"method = {quoted(method)}; give a name, or a granular.Method")
+    plain = method.name.removesuffix(COMPENSATED)
+    if plain in METHODS and method != method_named(method.name):
+        raise InputError(
+            f"method {quoted(method.name)} has the name of one that is built in, and is another; "
+            "give it a name of its own"
+        )
+    return method
+
+
+def method_setting(method: Method) -> str | dict[str, Any]:
+    """What a run's settings keep of a method: the name of one that is built in, else the table."""
+    return method.name if _is_built_in(method) else method.to_plain()
+
+
+def method_named(name: str) -> Method:
+    """The method of that name; with ``+compensated`` behind it, with compensated sums.
+
+    Raises
+    ------
+    InputError
+        If there is none; the nearest name is given.
+    """
+    word = str(name)
+    plain = word.removesuffix(COMPENSATED)
+    method = METHODS.get(plain) or _own.get(plain) or _offered(plain)
+    if method is None:
+        known = (*METHODS, *_own)
+        raise InputError(
+            f"{unknown(word, known, 'method')}; a method of your own comes by --import FILE, or by "
+            f"an installed entry point of the group {GROUP!r}"
+        )
+    return method if plain == word else compensated(method)
+
+
+def compensated(method: Method) -> Method:
+    """The method with compensated sums.
+
+    Raises
+    ------
+    InputError
+        For a Runge-Kutta method, which has no such form.
+    """
+    if method.tableau is not None:
+        raise InputError(
+            f"method = {quoted(method.name + COMPENSATED)}: a Runge-Kutta method has no "
+            f"compensated form; take {method.name!r}"
+        )
+    return dataclasses.replace(method, name=method.name + COMPENSATED, compensated=True)
+
+
+def add_methods(methods: Iterable[Method]) -> None:
+    """Let `method_named` know methods of the user's own, for as long as the process lives.
+
+    Raises
+    ------
+    InputError
+        If one takes the name of another.
+    """
+    for method in methods:
+        former = _own.get(method_of(method).name, method)
+        if former != method:
+            raise InputError(
+                f"two methods are called {quoted(method.name)}; give each a name of its own"
+            )
+        _own[method.name] = method
+
+
+def _is_built_in(method: Method) -> bool:
+    return method.name.removesuffix(COMPENSATED) in METHODS
+
+
+def _offered(name: str) -> Method | None:
+    for offered in importlib.metadata.entry_points(group=GROUP):
+        if offered.name == name:
+            return _loaded(offered)
+    return None
+
+
+def _loaded(offered: importlib.metadata.EntryPoint) -> Method:
+    try:
+        found = offered.load()
+    except (ImportError, AttributeError, InputError) as error:
+        raise InputError(
+            f"method {quoted(offered.name)} cannot be loaded: {error}; mend the distribution that "
+            f"offers it as {quoted(offered.value)}"
+        ) from None
+    if not isinstance(found, Method) or found.name != offered.name:
+        raise InputError(
+            f"method {quoted(offered.name)} is no granular.Method of that name: "
+            f"{quoted(offered.value)}"
+        )
+    return found

@@ -1,0 +1,137 @@
+"""The conditions that a method's coefficients must meet for an order of convergence.
+
+A composition of kicks (K) and drifts (D) has order p where, for every word of up to p letters, the
+product of its exponentials has the coefficient 1/n! that the exponential of h (K + D) has, n the
+length of the word (Hairer, Lubich and Wanner 2006, III.5, doi:10.1007/3-540-30666-8). No word is
+spared: with drag, or any other flow that goes with the kicks, the shorter lists of conditions for
+kinetic energy that is quadratic in the momenta do not hold.
+
+A Runge-Kutta method has order p where, for every rooted tree of up to p nodes, its elementary
+weight is one over the tree's density (Hairer, Norsett and Wanner 1993, II.2,
+doi:10.1007/978-3-540-78862-1).
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+TOLERANCE = 1e-10
+"""Coefficients are printed with 12 digits or more, and the least condition checked is 1/10!."""
+
+HIGHEST_ORDER = 10
+"""Up to which order conditions are checked: 2046 words, or 1842 trees."""
+
+Tree: TypeAlias = "tuple[Tree, ...]"
+"""A rooted tree: the trees that hang on its root."""
+
+
+def failed_word(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
+    """The first condition up to an order that a composition fails, in words; None if it holds.
+
+    Parameters
+    ----------
+    kicks, drifts : sequence of float
+        Fractions of the step, one kick more than drifts.
+    order : int
+    """
+    found = _word_coefficients(kicks, drifts, order)
+    for length in range(1, order + 1):
+        wanted = 1.0 / math.factorial(length)
+        off = np.abs(found[length] - wanted) > TOLERANCE
+        if off.any():
+            place = int(np.argmax(off))
+            word = " ".join("KD"[place >> bit & 1] for bit in reversed(range(length)))
+            return (
+                f"order {length} needs 1/{math.factorial(length)} for the word {word} of kicks and "
+                f"drifts, and these coefficients give {found[length][place]:.12g}"
+            )
+    return None
+
+
+def failed_tree(tableau: Sequence[Sequence[float]], order: int) -> str | None:
+    """The first condition up to an order that a Runge-Kutta method fails; None if it holds.
+
+    Parameters
+    ----------
+    tableau : (s + 1, s) sequence
+        Rows of the Butcher tableau, and its weights behind them.
+    order : int
+    """
+    rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
+    for nodes in range(1, order + 1):
+        for tree in _trees(nodes):
+            found = float(weights @ _stage_weights(tree, rows))
+            if abs(found - 1.0 / _density(tree)) > TOLERANCE:
+                return (
+                    f"order {nodes} needs 1/{_density(tree)} for the tree {_written(tree)}, and "
+                    f"this tableau gives {found:.12g}"
+                )
+    return None
+
+
+def _word_coefficients(
+    kicks: Sequence[float], drifts: Sequence[float], order: int
+) -> list[np.ndarray]:
+    """Coefficients of all words, by their length; a word's letters are bits, kicks 0, drifts 1."""
+    found = [np.zeros(1 << length) for length in range(order + 1)]
+    found[0][0] = 1.0
+    spans = itertools.chain.from_iterable(itertools.zip_longest(kicks, drifts, fillvalue=0.0))
+    for k, span in enumerate(spans):
+        if span != 0.0:
+            found = _with_factor(found, k % 2, span)
+    return found
+
+
+def _with_factor(found: list[np.ndarray], letter: int, span: float) -> list[np.ndarray]:
+    """The coefficients after another exponential, of one letter's span, on the right."""
+    made = []
+    for length in range(len(found)):
+        total = np.zeros(1 << length)
+        for more in range(length + 1):
+            last = (1 << more) - 1 if letter else 0
+            total[last :: 1 << more] += span**more / math.factorial(more) * found[length - more]
+        made.append(total)
+    return made
+
+
+@functools.cache
+def _trees(nodes: int) -> tuple[Tree, ...]:
+    """All rooted trees of so many nodes, each once."""
+    return tuple(_forests(nodes - 1, nodes - 1))
+
+
+def _forests(nodes: int, largest: int) -> Iterator[Tree]:
+    """All sets of trees with so many nodes together, none of them larger than ``largest``."""
+    if nodes == 0:
+        yield ()
+        return
+    for size in range(min(nodes, largest), 0, -1):
+        for count in range(nodes // size, 0, -1):
+            for same in itertools.combinations_with_replacement(_trees(size), count):
+                for rest in _forests(nodes - size * count, size - 1):
+                    yield (*same, *rest)
+
+
+def _size(tree: Tree) -> int:
+    return 1 + sum(map(_size, tree))
+
+
+def _density(tree: Tree) -> int:
+    return _size(tree) * math.prod(map(_density, tree))
+
+
+def _stage_weights(tree: Tree, rows: np.ndarray) -> np.ndarray:
+    found = np.ones(len(rows))
+    for one in tree:
+        found = found * (rows @ _stage_weights(one, rows))
+    return found
+
+
+def _written(tree: Tree) -> str:
+    return "[" + "".join(map(_written, tree)) + "]"

@@ -1,0 +1,94 @@
+"""Observables by name: those of the package, a user's own, or of an installed distribution."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Mapping
+
+import numpy as np
+
+from granular.observables.bond_order import psi6
+from granular.observables.distance import mean_pair_distance
+from granular.observables.of_frames import Frame, Observable, observable
+from granular.observables.packing import packing_fraction
+from granular.observables.piston_distance import least_piston_distance
+from granular.observables.temperature import kinetic_temperature
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+GROUP = "granular.observables"
+"""Entry points by which an installed distribution offers observables."""
+
+
+@observable("m", "mean distance of two grains")
+def mean_distance(frame: Frame) -> float:
+    return mean_pair_distance(frame.positions)
+
+
+@observable("m", "distance of the piston from the grain next to it")
+def piston_distance(frame: Frame) -> float:
+    return least_piston_distance(frame.positions, frame.piston_height)
+
+
+@observable("1", "packing fraction below the piston")
+def packing(frame: Frame) -> float:
+    here = np.isfinite(frame.positions).all(axis=1)
+    height = frame.piston_height
+    return float(packing_fraction(frame.diameters[here], frame.scene.cell.width, height))
+
+
+@observable("1", "mean of |psi_6| over the grains")
+def hexatic_order(frame: Frame) -> float:
+    return psi6(frame.positions)
+
+
+@observable("J", "kinetic temperature of the bed")
+def temperature(frame: Frame) -> float:
+    return kinetic_temperature(frame.velocities, frame.masses)
+
+
+OBSERVABLES = {
+    one.name: one for one in (mean_distance, piston_distance, packing, hexatic_order, temperature)
+}
+
+
+def observable_named(name: str, own: Mapping[str, Observable] | None = None) -> Observable:
+    """The observable of that name.
+
+    Parameters
+    ----------
+    name : str
+    own : mapping of str to Observable, optional
+        The user's own by their names; see `granular.own.import_own`.
+
+    Raises
+    ------
+    InputError
+        If there is none, or the distribution's cannot be loaded.
+    """
+    every = {**OBSERVABLES, **(own or {})}
+    if name in every:
+        return every[name]
+    for offered in importlib.metadata.entry_points(group=GROUP):
+        if offered.name == name:
+            return _loaded(offered)
+    raise InputError(
+        f"{unknown(name, tuple(every), 'observable')}; one of your own comes by --import FILE, or "
+        f"by an installed entry point of the group {GROUP!r}"
+    )
+
+
+def _loaded(offered: importlib.metadata.EntryPoint) -> Observable:
+    try:
+        found = offered.load()
+    except (ImportError, AttributeError, InputError) as error:
+        raise InputError(
+            f"observable {quoted(offered.name)} cannot be loaded: {error}; mend the distribution "
+            f"that offers it as {quoted(offered.value)}"
+        ) from None
+    if not isinstance(found, Observable):
+        raise InputError(
+            f"observable {quoted(offered.name)} is no granular Observable: {quoted(offered.value)}"
+        )
+    return found

@@ -1,0 +1,47 @@
+"""A user's own code on the command line: what ``--import FILE`` brings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from granular.methods.method import Method
+from granular.methods.named import add_methods
+from granular.methods.tables import METHODS
+from granular.observables.of_frames import Observable
+from granular.shared.own_file import contents, read_own_file
+from granular.studies.own import OwnMeasure, own_measures
+
+
+class OwnCode(NamedTuple):
+    """What a user's files define, by name; their methods are known to `granular.methods`.
+
+    Attributes
+    ----------
+    measures : dict of str to OwnMeasure
+        Functions, and observables at the end of a run.
+    observables : dict of str to Observable
+    """
+
+    measures: dict[str, OwnMeasure]
+    observables: dict[str, Observable]
+
+
+def import_own(paths: Iterable[str | Path]) -> OwnCode:
+    """Run a user's files: their methods are known by name from then on.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or fails, or two methods have one name.
+    """
+    found = OwnCode({}, {})
+    for path in paths:
+        file = read_own_file(path)
+        values = contents(file).values()
+        methods = [one for one in values if isinstance(one, Method)]
+        add_methods(one for one in methods if METHODS.get(one.name) is not one)
+        found.measures.update(own_measures(file))
+        found.observables.update((one.name, one) for one in values if isinstance(one, Observable))
+    return found

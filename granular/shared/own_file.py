@@ -1,0 +1,68 @@
+"""A Python file of the user's own, named on the command line: the only text that is run."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from granular.shared.errors import InputError
+from granular.shared.files import read_text
+from granular.shared.messages import visible
+
+LONGEST_FILE = 2**20
+"""Bytes: a file that is longer is a mistake."""
+
+
+class OwnFile(NamedTuple):
+    """A file and its text, so that any other process can have the same.
+
+    Attributes
+    ----------
+    path : str
+        Where the text was read.
+    text : str
+    """
+
+    path: str
+    text: str
+
+    @property
+    def module(self) -> str:
+        """Name of the module that the file is run as."""
+        return f"imported_{Path(self.path).stem}"
+
+
+def read_own_file(path: str | Path) -> OwnFile:
+    """The file, after it was run once.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of a file that the user names: whoever runs the command is who trusts it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or fails.
+    """
+    file = OwnFile(str(path), read_text(Path(path), LONGEST_FILE))
+    try:
+        contents(file)
+    except Exception as error:
+        raise InputError(
+            f"{visible(path)} cannot be imported: {type(error).__name__}: {error}; mend it"
+        ) from None
+    return file
+
+
+@functools.lru_cache
+def contents(file: OwnFile) -> dict[str, Any]:
+    """What the file defines, by its names; it is run once in a process."""
+    module = ModuleType(file.module)
+    module.__file__ = file.path
+    sys.modules[module.__name__] = module  # data classes in the file look it up there
+    exec(compile(file.text, file.path, "exec"), vars(module))
+    return vars(module)

@@ -1,0 +1,102 @@
+"""Methods by name, as objects and as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granular.methods import METHODS, Method, method_named, method_of
+from granular.methods.method import method_from_plain
+from granular.methods.named import add_methods, method_setting
+from granular.own import import_own
+from granular.shared.errors import InputError
+
+Z = 0.1931833275037836
+MCLACHLAN = Method(
+    "mclachlan-2", 2, "McLachlan 1995, doi:10.1137/0916010",
+    kicks=(0.0, 0.5, 0.5, 0.0), drifts=(Z, 1.0 - 2.0 * Z, Z),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*METHODS, "stormer-verlet+compensated"])
+def test_built_in_methods_are_kept_by_name(name: str) -> None:
+    method = method_named(name)
+    assert method_setting(method) == name
+    assert method_of(method) == method_of(name) == method
+    assert method_from_plain(json.loads(json.dumps(method.to_plain()))) == method
+
+
+def test_own_methods_are_kept_by_table() -> None:
+    plain = method_setting(MCLACHLAN)
+    assert method_of(json.loads(json.dumps(plain))) == MCLACHLAN
+    summed = dataclasses.replace(MCLACHLAN, compensated=True)
+    assert method_of(json.loads(json.dumps(method_setting(summed)))) == summed
+
+
+@given(st.floats(-2.0, 2.0))
+def test_any_consistent_composition_returns(share: float) -> None:
+    method = Method("any", 1, kicks=(share, 1.0 - share), drifts=(1.0,))
+    assert method_of(json.loads(json.dumps(method.to_plain()))) == method
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("stormer-verlt", r"did you mean 'stormer-verlet'.*--import FILE.*granular.methods"),
+        (Method("stormer-verlet", 1, kicks=(1.0, 0.0), drifts=(1.0,)), "one that is built in"),
+        (3, "granular.Method"),
+        ({"name": "a"}, "lacks 'order'"),
+        ({"name": "a", "order": 1, "kick": (1.0,)}, "has no 'kick'"),
+        ({"name": "a", "order": 1, "kicks": (1.0,), "drifts": (1.0,)}, "one kick more"),
+    ],
+)
+def test_what_is_no_method_is_refused(given: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        method_of(given)  # type: ignore[arg-type]
+
+
+def test_a_file_brings_methods(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from granular import Method\nfrom granular.methods import METHODS\n"
+        "verlet = METHODS['stormer-verlet']\n"
+        "mine = Method('from-a-file', 2, kicks=(0.5, 0.5), drifts=(1,))\n"
+        "def swing(run): return {}\n"
+    )
+    assert list(import_own([tmp_path / "mine.py"]).measures) == ["swing"]
+    assert method_named("from-a-file").kicks == (0.5, 0.5)
+    assert method_named("from-a-file+compensated").compensated
+    (tmp_path / "other.py").write_text(
+        "from granular import Method\n"
+        "mine = Method('from-a-file', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
+    )
+    with pytest.raises(InputError, match="two methods are called 'from-a-file'"):
+        import_own([tmp_path / "other.py"])
+    with pytest.raises(InputError, match="one that is built in"):
+        add_methods([Method("pefrl", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
+
+
+def test_an_installed_distribution_offers_methods(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "laboratory_methods.py").write_text(
+        "from granular import Method\n"
+        "lab = Method('lab-2', 2, kicks=(0.5, 0.5), drifts=(1,))\nno = 3\n"
+    )
+    about = tmp_path / "laboratory-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[granular.methods]\nlab-2 = laboratory_methods:lab\nno = laboratory_methods:no\n"
+        "gone = laboratory_methods:gone\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert method_named("lab-2").order == 2
+    with pytest.raises(InputError, match=r"'no' is no granular\.Method"):
+        method_named("no")
+    with pytest.raises(InputError, match="'gone' cannot be loaded"):
+        method_named("gone")

@@ -1,0 +1,94 @@
+"""Order conditions against methods of known order, and against counts of words and trees."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+
+import numpy as np
+import pytest
+
+from granular.methods import METHODS, Method
+from granular.methods.order_conditions import HIGHEST_ORDER, _trees, failed_tree, failed_word
+from granular.shared.errors import InputError
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_built_in_methods_have_their_order_and_no_higher(name: str) -> None:
+    method = METHODS[name]
+    for order, failed in ((method.order, False), (method.order + 1, True)):
+        if method.tableau is None:
+            found = failed_word(method.kicks, method.drifts, order)
+        else:
+            found = failed_tree(method.tableau, order)
+        assert (found is not None) is failed
+    assert f"order {method.order + 1} needs" in str(found)
+
+
+def test_as_many_trees_as_there_are() -> None:
+    """Sequence A000081 of the On-Line Encyclopedia of Integer Sequences."""
+    counts = [len(_trees(nodes)) for nodes in range(1, HIGHEST_ORDER + 1)]
+    assert counts == [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
+    assert len(set(_trees(8))) == 115
+
+
+def test_words_are_those_of_matrices() -> None:
+    """Exponentials of nilpotent matrices agree up to the order, and not beyond.
+
+    Strictly upper triangular matrices of n rows know words of up to n - 1 letters.
+    """
+    draw = np.random.default_rng(1)
+    for method in (METHODS["forest-ruth"], METHODS["blanes-moan-4"], METHODS["stormer-verlet"]):
+        for rows, same in ((method.order + 1, True), (method.order + 2, False)):
+            kick, drift = np.triu(draw.standard_normal((2, rows, rows)), 1)
+            product = np.eye(rows)
+            for a, b in itertools.zip_longest(method.kicks, method.drifts, fillvalue=0.0):
+                product = product @ _exponential(a * kick) @ _exponential(b * drift)
+            whole = _exponential(kick + drift)
+            assert bool(np.abs(product - whole).max() < 1e-10) is same
+
+
+def _exponential(matrix: np.ndarray) -> np.ndarray:
+    powers = (np.linalg.matrix_power(matrix, k) / math.factorial(k) for k in range(len(matrix)))
+    return np.sum(list(powers), axis=0)
+
+
+def test_a_changed_digit_is_noticed() -> None:
+    """Any coefficient of any composition, off by 1e-6, fails a condition."""
+    draw = random.Random(1)
+    for method in METHODS.values():
+        if method.tableau is not None:
+            continue
+        every = [*method.kicks, *method.drifts]
+        place = draw.choice([k for k, value in enumerate(every) if value])
+        every[place] += 1e-6
+        kicks, drifts = every[: len(method.kicks)], every[len(method.kicks) :]
+        assert failed_word(kicks, drifts, method.order) is not None
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"kicks": (0.5, 0.6), "drifts": (1.0,)}, "order 1 needs 1/1 for the word K"),
+        ({"kicks": (0.4, 0.6), "drifts": (1.0,)}, "order 2 needs 1/2 for the word K D"),
+        ({"kicks": (0.5,), "drifts": (1.0,)}, "one kick more than drifts"),
+        ({"kicks": (0.5, 0.5), "drifts": (float("nan"),)}, "nan"),
+        ({"kicks": (0.5, 0.5), "drifts": "1"}, "list of numbers"),
+        ({"kicks": (0.5, 0.5), "drifts": (True,)}, "True"),
+        ({"kicks": (0.0,) * 100, "drifts": (0.0,) * 99}, "at most"),
+        ({"order": 11, "kicks": (0.5, 0.5), "drifts": (1.0,)}, "order = 11"),
+        ({"order": 2.0, "kicks": (0.5, 0.5), "drifts": (1.0,)}, "order = 2.0"),
+        ({"name": "", "kicks": (0.5, 0.5), "drifts": (1.0,)}, "printable"),
+        ({"tableau": ((0.0,), (1.0,))}, r"order 2 needs 1/2 for the tree \[\[\]\]"),
+        ({"tableau": ((1.0,), (1.0,))}, "implicit in row 0"),
+        ({"tableau": ((0.0, 0.0), (1.0,))}, "s rows of s numbers"),
+        ({"tableau": ((0.0,), (1.0,)), "compensated": True}, "leave variable"),
+        ({"tableau": ((0.0,), (1.0,)), "drifts": (1.0,)}, "give one of them"),
+        ({"kicks": (0.0, 1.0, 0.0), "drifts": (0.5, 0.5), "variable": True}, "variable steps go"),
+    ],
+)  # fmt: skip
+def test_bad_tables_end_in_one_line(table: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        Method(**{"name": "mine", "order": 2, **table})
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,148 @@
+"""Observables of the user's own: values, units, shapes, and from files of the user's."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Trajectory, load_scene, simulate
+from granular.__main__ import main
+from granular.observables import (
+    OBSERVABLES,
+    Frame,
+    Observable,
+    observable,
+    observable_named,
+    pair_distance_series,
+    psi6_series,
+    temperature_series,
+    with_observables,
+)
+from granular.observables.table import observed_table
+from granular.shared.console import launch
+from granular.shared.errors import InputError, SceneError
+
+OWN = """
+import numpy as np
+from granular.observables import observable
+
+@observable("N", "greatest force on a grain")
+def greatest_force(frame):
+    return np.nanmax(np.linalg.norm(frame.forces, axis=1))
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Trajectory:
+    scene = load_scene("bed").replace(**{"output.frames": 0.005})
+    out = tmp_path_factory.mktemp("run") / "bed"
+    return simulate(scene, t_end=0.01, out=out, progress=False)
+
+
+@observable("N", "greatest force on a grain")
+def greatest_force(frame: Frame) -> float:
+    return float(np.nanmax(np.linalg.norm(frame.forces, axis=1)))
+
+
+@observable("N s", "momentum", name="momentum")
+def grain_momentum(frame: Frame) -> np.ndarray:
+    return frame.masses[:, None] * frame.velocities
+
+
+def test_they_stand_in_the_dataset_with_unit_and_time(run: Trajectory) -> None:
+    data = with_observables(run, greatest_force, grain_momentum)
+    force = np.linalg.norm(run.dataset["force"].values, axis=2)
+    assert (data["greatest_force"].values == force.max(axis=1)).all()
+    assert data["greatest_force"].attrs == {"units": "N", "long_name": "greatest force on a grain"}
+    assert data["momentum"].dims == ("frame", "grain", "axis")
+    assert (data["frame_time"] == run.dataset["frame_time"]).all()
+    kinetic = (data["momentum"] * data["velocity"]).sum(("grain", "axis")).values / 2.0
+    assert kinetic[-1] == pytest.approx(float(data["kinetic_energy"][-1]), rel=1e-12)
+
+
+def test_those_of_the_package_are_its_series(run: Trajectory) -> None:
+    series = {
+        "mean_distance": pair_distance_series(run),
+        "hexatic_order": psi6_series(run),
+        "temperature": temperature_series(run)["bed"],
+    }
+    for name, expected in series.items():
+        np.testing.assert_allclose(OBSERVABLES[name](run), expected, rtol=1e-13)
+
+
+def test_a_run_without_piston_has_no_piston_height() -> None:
+    lone = simulate(load_scene("single-particle"), t_end=0.002, progress=False)
+    found = observable("m", name="height")(lambda frame: frame.piston_height)(lone)
+    assert np.isnan(found).all()
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (lambda frame: frame.nothing, "fails at 0 s: AttributeError"),
+        (lambda frame: "words", "fails at 0 s: ValueError"),
+        (lambda frame: np.zeros(3), r"the shape \(3,\); give a number, one a grain"),
+        (lambda frame: np.zeros(1 + int(frame.time > 0.0)), "values of the shape"),
+    ],
+)
+def test_what_is_no_value_is_refused(run: Trajectory, function: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        with_observables(run, Observable(function, "mine", "1"))
+
+
+def test_names_and_units_are_checked(run: Trajectory) -> None:
+    with pytest.raises(SceneError, match="fortnight"):
+        observable("fortnight")
+    with pytest.raises(InputError, match="'two words'; give a name"):
+        observable("N", name="two words")(lambda frame: 0.0)
+    with pytest.raises(InputError, match="a variable 'force' already"):
+        with_observables(run, observable("N", name="force")(lambda frame: 0.0))
+    with pytest.raises(InputError, match="is no observable; decorate it"):
+        with_observables(run, len)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"did you mean 'hexatic_order'.*--import FILE"):
+        observable_named("hexatic_ordre")
+    with pytest.raises(InputError, match="a value a grain"):
+        observed_table(run, [grain_momentum])
+
+
+def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    words = ["observe", str(run.path), "mean_distance", "greatest_force", "--quiet"]
+    table = tmp_path / "table.csv"
+    assert launch(main, [*words, "-o", str(table)]) == 2
+    assert launch(main, [*words, "--import", str(tmp_path / "mine.py"), "-o", str(table)]) == 0
+    with table.open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["time [s]", "mean_distance [m]", "greatest_force [N]"]
+    assert [float(row[2]) for row in rows[1:]] == greatest_force(run).values.tolist()
+
+
+def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
+    from granular.own import import_own
+
+    (tmp_path / "mine.py").write_text(OWN)
+    measure = import_own([tmp_path / "mine.py"]).measures["greatest_force"]
+    assert measure(run) == {"greatest_force": greatest_force(run).values[-1]}
+
+
+def test_an_installed_distribution_offers_observables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "laboratory_observables.py").write_text(OWN + "no = 3\n")
+    about = tmp_path / "laboratory-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[granular.observables]\nlab = laboratory_observables:greatest_force\n"
+        "no = laboratory_observables:no\ngone = laboratory_observables:gone\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert observable_named("lab").unit == "N"
+    with pytest.raises(InputError, match="'no' is no granular Observable"):
+        observable_named("no")
+    with pytest.raises(InputError, match="'gone' cannot be loaded"):
+        observable_named("gone")

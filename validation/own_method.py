@@ -1,0 +1,128 @@
+"""A user's own methods on a user's own scene: order, energy and cost, beside the built-in ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from granular.methods import METHODS, Method, method_named
+from granular.methods.named import add_methods, method_setting
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from validation.parts import Part, Piece
+from validation.report import report
+
+BESIDE = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
+"""Built-in methods that are measured with them; they share their compiled code."""
+
+CONTROL = "explicit-euler"
+"""Built-in method whose energy drifts."""
+
+PERIODS = 40
+"""Of the swing whose energy is tested."""
+
+HORIZON = 0.02
+"""Until when the frictionless bed runs [s]: its positions still mean something."""
+
+
+def method_report(
+    directory: str | Path,
+    methods: Sequence[str | Method],
+    *,
+    scene: Scene | None = None,
+    quantities: Sequence[str] | None = None,
+    until: float | None = None,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Measure methods, and write ``report.html`` and ``report.json``.
+
+    Their order of convergence on every exact problem that they fit, the trend of the energy over a
+    long run, and error against wall time on a scene; each beside methods that are built in.
+
+    >>> method_report("out", [Method("mine", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
+
+    Parameters
+    ----------
+    directory : str or Path
+    methods : sequence of str or Method
+        A user's own, also by their names where those are known; see `granular.own.import_own`.
+    scene : Scene, optional
+        What error against wall time is measured on; without, the packaged bed without friction, up
+        to 0.02 s.
+    quantities : sequence of str, optional
+        Of `validation.quantities.QUANTITIES`: what the error is in; without, the energy, and where
+        no scene is given the positions.
+    until : float, optional
+        Stop the runs of ``scene`` at this time [s]; the whole protocol without.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    dict
+        As `validation.report.report`.
+
+    Raises
+    ------
+    InputError
+        If no method is given, one is unknown, or the directory cannot be written.
+    """
+    if not methods:
+        raise InputError("no method is given; give the name of one, or a granular.Method")
+    add_methods(one for one in methods if isinstance(one, Method) and one.name not in METHODS)
+    names = [one.name if isinstance(one, Method) else method_named(one).name for one in methods]
+    every = tuple(dict.fromkeys((*names, *BESIDE)))
+    parts = (
+        Part("convergence", lambda full: list(_slopes(every, full))),
+        Part("energy", lambda full: list(_energies((*every, CONTROL)))),
+        Part("work-precision", lambda full: [_cost(every, scene, quantities, until)]),
+    )
+    return report(directory, parts=parts, progress=progress)
+
+
+def _slopes(names: Sequence[str], full: bool) -> Iterator[Piece]:
+    from validation.exact import NAMES, exact_problem
+    from validation.order import fits
+    from validation.programme import convergence_piece, shown_method
+
+    for problem in NAMES:
+        for name in names:
+            if fits(exact_problem(problem), name):
+                yield convergence_piece(shown_method(name), problem, full, **_table(name))
+
+
+def _energies(names: Sequence[str]) -> Iterator[Piece]:
+    from validation.energy import swing
+    from validation.programme import energy_piece
+
+    for name in names:
+        if not method_named(name).variable:
+            yield energy_piece(swing(name, PERIODS), **_table(name))
+
+
+def _cost(
+    names: Sequence[str],
+    scene: Scene | None,
+    quantities: Sequence[str] | None,
+    until: float | None,
+) -> Piece:
+    from validation.choice import candidates
+    from validation.programme import frictionless_bed, work_precision_piece
+
+    if scene is None:
+        scene, until = frictionless_bed(), HORIZON if until is None else until
+        quantities = quantities or ("energy", "positions")
+    settings = candidates(scene, names)
+    if not settings:
+        raise InputError(f"none of {', '.join(names)} can run {scene.name!r}; give another scene")
+    tables = {name: table for name in names for table in _table(name).values()}
+    return work_precision_piece(
+        scene, tuple(quantities or ("energy",)), settings, {"until": until}, tables=tables
+    )
+
+
+def _table(name: str) -> dict[str, Any]:
+    """What tells a user's own method from another one of the name."""
+    setting = method_setting(method_named(name))
+    return {} if isinstance(setting, str) else {"table": setting}
