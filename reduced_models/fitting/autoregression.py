@@ -1,7 +1,8 @@
 """How residuals follow each other: an autoregression, as intervals need it.
 
 Each residual is a sum of the ones before it, with weights, and of something new. The weights are
-Burg's (1975), their number that with the least Bayesian information criterion. Its spectrum says
+Burg's (1975), and as many as pay twice what the Bayesian information criterion asks: white noise is
+to be white, for a hundred samples too. Its spectrum says
 how much noise there is at the frequencies at which the solution changes with a parameter, which is
 what a parameter's interval depends on: hum at another frequency does not widen it.
 """
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 MOST_WEIGHTS = 40
+_PRICE = 2.0
 _VAIN = 8  # further weights that gain nothing, after which no more are tried
 _SHARE = 20  # samples for each weight, at least
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
@@ -68,7 +70,7 @@ def autoregression(residuals: np.ndarray) -> Autoregression:
             (forward - reflection * backward)[1:],
             (backward - reflection * forward)[:-1],
         )
-        criterion = count * math.log(variance) + order * math.log(count)
+        criterion = count * math.log(variance) + _PRICE * order * math.log(count)
         if criterion < least:
             best, least = Autoregression(weights, variance), criterion
         if order > len(best.weights) + _VAIN:

@@ -32,6 +32,7 @@ OPEN = 0.25
 _SMALL_POWER = 0.05
 _NEAR_ZERO = 0.25  # in units of the entry
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_AS_NOISY = 1.5  # times the variance of another record
 _MOST_VARIANCE = 1e99  # of what the data leave open
 _LEAST_FREEDOM = 2.0
 _WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
@@ -120,8 +121,12 @@ def joint_covariance(
     parts = zip(joint.grids, joint.vector.places, noise, strict=True)
     count = sum(len(grid.record) for grid in joint.grids)
     loss = count / max(1, count - len(free))
-    for grid, here, known in parts:
-        left, slopes = grid.linearised(theta[here])
+    linear = [
+        grid.linearised(theta[here])
+        for grid, here in zip(joint.grids, joint.vector.places, strict=True)
+    ]
+    alike = _alike([left for left, _ in linear])
+    for (grid, here, known), (left, slopes), ratio in zip(parts, linear, alike, strict=True):
         _, weight = cost_and_weight(left, grid.loss.numbers, np)
         bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, grid.loss)[:, None] * slopes)
         pull = weight * left
@@ -132,7 +137,7 @@ def joint_covariance(
             spread[np.ix_(here, here)] += level * slopes.T @ slopes
             independent += len(left)
         else:
-            spread[np.ix_(here, here)] += loss * spread_of(slopes, series)
+            spread[np.ix_(here, here)] += loss * ratio * spread_of(slopes, series)
             still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
             independent += len(left) / max(1.0, still / max(level, 1e-300))
         variance = max(variance, level)
@@ -141,6 +146,15 @@ def joint_covariance(
         bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
     )
     return found, independent
+
+
+def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
+    """Common variance over that of each record, where all are as noisy; otherwise ones."""
+    levels = np.array([float((left**2).mean()) for left in residuals])
+    if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
+        return np.ones(len(levels))
+    counts = np.array([len(left) for left in residuals])
+    return np.asarray((levels * counts).sum() / counts.sum() / levels)
 
 
 def _sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:

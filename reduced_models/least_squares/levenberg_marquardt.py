@@ -115,6 +115,8 @@ def search(
     """
     if bounds is None:
         bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
+    # Each start has its own where one has: profiles hold another entry in each.
+    bounds = Bounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
     wanted = np.ones(len(start), dtype=bool) if waiting is None else waiting
     best = _batch(normal, np.clip(start, *bounds))
     sizes = np.full(len(start), 1.0 / damping)
@@ -175,7 +177,7 @@ def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, 0, 0, 0, None))
+@jax.vmap
 def _moved(
     best: Batch, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
 ) -> jax.Array:

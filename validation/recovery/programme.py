@@ -44,7 +44,7 @@ def recovery(
     ]
     peers = _PEER_STARTS if full else _QUICK_PEER_STARTS
     fits = [
-        _fitted(*case, peers)
+        _fitted(*case, peers=peers)
         for case in tqdm(cases, desc="recovery", disable=not progress, leave=False)
     ]
     rows = [_row(k, [one for one in fits if one["system"] == k]) for k in range(len(SYSTEMS))]
