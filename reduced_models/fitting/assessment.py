@@ -120,7 +120,7 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
     profiled = None
     if training.profile:
         profiled = profile_intervals(
-            joint, theta, known[0].variance, known[0].freedom, training.confidence
+            joint, theta, covariance, known[0].quantile(training.confidence)
         )
     models = []
     for k, here in enumerate(joint.vector.places):

@@ -209,18 +209,22 @@ def bootstrap_intervals(
 
 
 def profile_intervals(
-    joint: JointRecords, theta: np.ndarray, variance: float, freedom: float, confidence: float
+    joint: JointRecords, theta: np.ndarray, covariance: np.ndarray, quantile: float
 ) -> list[dict[str, tuple[float, float]]]:
-    """Profile intervals of each record's parameters and map."""
-    from scipy.stats import t as student
+    """Profile intervals of each record's parameters and map.
 
+    The variance by which a parameter's profile is measured is that with which the linearisation
+    has its ``covariance``.
+    """
     from reduced_models.fitting.profile import profile_ends
 
     unknowns, places = joint.unknowns, joint.vector.places
     count = len(_named(unknowns, theta[places[0]])[0])
     entries = sorted({int(entry) for here in places for entry in here[:count]})
-    covariance = _covariance(joint.normal_matrix(theta), variance)
-    quantile = float(student.ppf(0.5 + 0.5 * confidence, freedom))
+    free = np.flatnonzero(~joint.held)
+    normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
+    plain[free] = np.diag(_sandwich(normal, normal, 1.0))
+    variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
     return [intervals_between(unknowns, low[here], high[here]) for here in places]
 
@@ -237,16 +241,6 @@ def intervals_between(
         )
         for k, name in enumerate(names)
     }
-
-
-def _covariance(normal: np.ndarray, variance: float) -> np.ndarray:
-    # Scaled to a unit diagonal first; what is then below rounding is as good as unknown, and keeps
-    # a huge, finite variance.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    strengths, directions = np.linalg.eigh(normal * np.outer(scale, scale))
-    inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
-    found = (directions * (variance * inverse)) @ directions.T
-    return np.asarray(found * np.outer(scale, scale))
 
 
 def _named(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:

@@ -43,10 +43,8 @@ def recovery(
         for seed in range(seeds)
     ]
     peers = _PEER_STARTS if full else _QUICK_PEER_STARTS
-    fits = [
-        _fitted(*case, peers=peers)
-        for case in tqdm(cases, desc="recovery", disable=not progress, leave=False)
-    ]
+    shown = tqdm(cases, desc="recovery", disable=not progress, leave=False)
+    fits = [_fitted(system, noise, seed, peers) for system, noise, seed in shown]
     rows = [_row(k, [one for one in fits if one["system"] == k]) for k in range(len(SYSTEMS))]
     reached = sum(one["ratio"] <= REACHED for one in fits)
     found = {
