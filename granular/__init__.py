@@ -38,6 +38,6 @@ forward(
         "errors": "shared.errors",
         "html": "shared.html",
         "plotting": "shared.plotting",
-        "tables": "shared.tables",
+        "tables": "readers.parquet",
     },
 )

@@ -1,3 +1,5 @@
+from .effects.own import effect as effect
+from .effects.own_wall import wall_law as wall_law
 from .methods import Method as Method
 from .run.evaluation import Evaluation as Evaluation
 from .run.evaluation import evaluate as evaluate
@@ -13,6 +15,7 @@ from .scene.beds import mono_bed as mono_bed
 from .scene.loading import load_scene as load_scene
 from .scene.loading import scene_names as scene_names
 from .scene.scene import Scene as Scene
+from .scene.schema import quantity as quantity
 from .shared.errors import GranularError as GranularError
 from .shared.errors import InputError as InputError
 from .shared.version import __version__ as __version__

@@ -107,6 +107,7 @@ def parser(prog: str = PROG) -> Parser:
     add_output(add("scenes", "list the packaged scenes"))
     one = add("show", "tell what a scene holds, in SI and in natural units")
     add_scene(one)
+    add_import(one)
     add_output(one)
     one = add("run", "run a scene")
     add_scene(one)
@@ -159,6 +160,7 @@ def _add_export(one: Parser) -> None:
     )  # fmt: skip
     one.add_argument("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2")
     one.add_argument("--force", action="store_true", help="replace what is there")
+    add_import(one)
     add_output(one)
 
 
@@ -179,6 +181,7 @@ def _add_render(one: Parser) -> None:
     one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
     one.add_argument("--fps", type=float, metavar="F", help="the movie's frames a second (25)")
     one.add_argument("--force", action="store_true", help="replace the file if it is there")
+    add_import(one)
     add_output(one)
 
 
@@ -199,6 +202,7 @@ def _scene(options: Any) -> Scene:
 
 
 def _scenes(options: Any) -> None:
+    from granular.effects.registry import names
     from granular.scene.loading import SCENES, scene_names
 
     first = {}
@@ -207,12 +211,15 @@ def _scenes(options: Any) -> None:
         comment = [line[1:].strip() for line in lines if line.startswith("#")]
         first[name] = " ".join(comment)
     width = max(map(len, first))
-    emit(first, "\n".join(f"{name:{width}}  {text}" for name, text in first.items()), options.json)
+    lines = [f"{name:{width}}  {text}" for name, text in first.items()]
+    emit(first, "\n".join([*lines, "", f"effects: {', '.join(names())}"]), options.json)
 
 
 def _show(options: Any) -> None:
+    from granular.own import import_own
     from granular.run.summary import scene_figures, scene_text
 
+    import_own(options.own_files)
     scene = _scene(options)
     emit(
         {"scene": scene.to_plain(), "figures": scene_figures(scene)},
@@ -261,6 +268,9 @@ def _observe(options: Any) -> None:
 
 
 def _export(options: Any) -> None:
+    from granular.own import import_own
+
+    import_own(options.own_files)
     if options.format == "lammps":
         _export_deck(options)
     else:
@@ -304,8 +314,10 @@ def _export_frames(options: Any) -> None:
 
 
 def _render(options: Any) -> None:
+    from granular.own import import_own
     from granular.render import WRITERS
 
+    import_own(options.own_files)
     if Path(options.out).suffix.lower() in WRITERS:
         _render_movie(options)
     else:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from granular.effects.own_section import mark_origin
 from granular.methods.method import Method
 from granular.methods.named import add_methods
 from granular.methods.tables import METHODS
@@ -15,7 +16,8 @@ from granular.studies.own import OwnMeasure, own_measures
 
 
 class OwnCode(NamedTuple):
-    """What a user's files define, by name; their methods are known to `granular.methods`.
+    """What a user's files define, by name; their methods are known to `granular.methods`,
+    their effects and wall laws to scenes.
 
     Attributes
     ----------
@@ -29,7 +31,7 @@ class OwnCode(NamedTuple):
 
 
 def import_own(paths: Iterable[str | Path]) -> OwnCode:
-    """Run a user's files: their methods are known by name from then on.
+    """Run a user's files: their effects and methods are known by name from then on.
 
     Raises
     ------
@@ -39,6 +41,7 @@ def import_own(paths: Iterable[str | Path]) -> OwnCode:
     found = OwnCode({}, {})
     for path in paths:
         file = read_own_file(path)
+        mark_origin(file)
         values = contents(file).values()
         methods = [one for one in values if isinstance(one, Method)]
         add_methods(one for one in methods if METHODS.get(one.name) is not one)

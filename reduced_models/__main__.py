@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from granular.shared.console import Parser, add_output, add_run, add_scene, command_parser, launch
+from reduced_models.look_command import EXAMPLES as LOOK_EXAMPLES
+from reduced_models.look_command import add_look, run_look
 
 PROG = "python -m reduced_models"
 
@@ -42,6 +44,7 @@ examples:
 examples:
   %(prog)s --frequency 3.2 --damping 0.1 -o out
   %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out""",
+    "look": LOOK_EXAMPLES,
     "maps": """\
 examples:
   %(prog)s -o out              # those that come with the package
@@ -51,7 +54,7 @@ examples:
   %(prog)s model.json --until 3 -o motion.csv
   %(prog)s model.json --until 3 --height "60 mm" --velocity 0""",
 }
-_SOURCE = "a scene (name or TOML file), a run directory, or a CSV or Parquet file with time, height"
+_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 _LAW = (
     "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable)"
 )
@@ -61,6 +64,7 @@ def parser(prog: str = PROG) -> Parser:
     """The command line's grammar; ``prog`` is what the user types before a command."""
     top, add = command_parser(prog, "From a motion to its equation.", EXAMPLES)
     _add_identify(add("identify", "simulate or read a motion, compare laws, and write a report"))
+    add_look(add("look", "show what is understood of a record's file, before anything is fitted"))
     _add_fit(add("fit", "fit one law to one record, or to several at once"))
     _add_discover(add("discover", "find the structure of the law in a record, or in several"))
     _add_compare(add("compare", "judge laws on held-out stretches and records"))
@@ -207,6 +211,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
 
     {
         "identify": commands.identify_source,
+        "look": run_look,
         "fit": commands.fit_sources,
         "discover": commands.discover_source,
         "compare": commands.compare_sources,

@@ -2,44 +2,57 @@
 
 from __future__ import annotations
 
+import importlib
+import io
 import os
 import subprocess
 import sys
+import warnings
+from collections import Counter
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from granular import Scene, load_scene
+from granular.shared.console import launch
 
 ROOT = Path(__file__).parent.parent
 
 LONG_FILES = (
     "reduced_models/discovery/test_discovery.py",
-    "physics/test_walls.py",
-    "reduced_models/fitting/test_fit.py",
     "granular/run/test_simulate.py",
-    "reduced_models/identification/test_identify.py",
-    "granular/pairs/test_far_field.py",
+    "reduced_models/fitting/test_fit.py",
+    "physics/test_walls.py",
     "reduced_models/laws/test_laws.py",
     "physics/test_contact.py",
-    "reduced_models/identification/test_compare.py",
+    "reduced_models/identification/test_identify.py",
     "physics/test_friction.py",
     "reduced_models/calibration/test_calibration.py",
     "granular/protocol/test_stages.py",
-    "architecture/test_absent_effects.py",
+    "reduced_models/laws/test_elliptic.py",
+    "granular/pairs/test_far_field.py",
+    "reduced_models/identification/test_compare.py",
     "physics/test_energy.py",
+    "reduced_models/designs/test_design.py",
+    "architecture/test_plain_python.py",
     "regression/test_damper.py",
-    "granular/run/test_drive.py",
+    "granular/compiled/test_cache.py",
+    "reduced_models/models/test_response.py",
     "granular/pairs/test_cut_off.py",
     "granular/studies/test_sweep.py",
 )
-"""Files that take longest where nothing is compiled yet, about half a minute and more.
+"""Files that take longest where nothing is compiled yet, some ten seconds and more.
 
 Fits and simulations take turns: two workers that start beside each other then seldom compile the
 same code twice.
 """
+
+
+LEAST_SECONDS = 60.0
+"""Runs that are shorter show no seconds by folder."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -52,6 +65,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Long files first: a long one that starts last leaves the other workers idle."""
     place = {ROOT / "tests" / name: k for k, name in enumerate(LONG_FILES)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Show what CONTRIBUTING.md gives a budget to: seconds of each folder of tests."""
+    seconds: Counter[str] = Counter()
+    for reports in terminalreporter.stats.values():
+        for one in reports:
+            if isinstance(one, pytest.TestReport):
+                seconds[one.nodeid.split("/")[1]] += one.duration
+    if seconds.total() > LEAST_SECONDS:
+        terminalreporter.section("seconds by folder, of all workers together")
+        for folder, length in seconds.most_common():
+            terminalreporter.write_line(f"{length:6.0f} s  {folder}")
 
 
 @pytest.fixture(scope="session")
@@ -98,11 +124,32 @@ def random() -> np.random.Generator:
     return np.random.default_rng(20260101)
 
 
-@pytest.fixture(scope="session")
-def command() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run ``python -m`` with the given words."""
+Done = subprocess.CompletedProcess[str]
 
-    def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+
+@pytest.fixture(scope="session")
+def command() -> Callable[..., Done]:
+    """Run the command line of a package in this process: what it prints, and its exit code."""
+
+    def run(package: str, *words: str) -> Done:
+        main = importlib.import_module(f"{package}.__main__").main
+        said, told = io.StringIO(), io.StringIO()
+        # What a command does to warnings stays with it.
+        with redirect_stdout(said), redirect_stderr(told), warnings.catch_warnings():
+            try:
+                code = launch(main, words)
+            except SystemExit as stop:  # --help
+                code = int(stop.code or 0)
+        return Done((package, *words), code, said.getvalue(), told.getvalue())
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def process() -> Callable[..., Done]:
+    """Run ``python -m`` with the given words in a process, and in surroundings, of its own."""
+
+    def run(*words: str, **environment: str) -> Done:
         return subprocess.run(
             [sys.executable, "-m", *words],
             capture_output=True,

@@ -13,17 +13,20 @@ half of a step takes them in the opposite order, so that the step stays symmetri
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.scene.parts import Grains
-from granular.scene.scales import Scales
-from granular.scene.schema import Section, quantity
+from granular.effects.dipole import pair_energy
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.engine.constants import Constants, value_of
+from granular.engine.state import LOSSES, State
+from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
+from granular.scene.schema import quantity
 
 
-class Contact(Section):
+class Contact(Effect):
     """Hertzian contact between grains; off unless named.
 
     Attributes
@@ -35,13 +38,21 @@ class Contact(Section):
         e, relative speed after an impact over that before.
     """
 
+    key = "contact"
+    rank = 1
+    example: ClassVar[Any] = {"modulus": "1 MPa", "restitution": 0.8}
+    dry = True  # its dashpots are solved pair by pair
+    energy_record = in_joules("contact_energy", "energy of the contacts")
+    loss_record = in_joules("contact_loss", "energy lost in contacts")
+
     modulus: float = quantity("Pa", above=0.0)
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
 
-    def kernel(self, grains: Grains, scales: Scales, species: np.ndarray) -> ContactLaw:
+    def law(self, setting: Setting) -> ContactLaw:
         """The law in natural units."""
-        diameters = np.array([one.diameter for one in grains.species]) / scales.length
-        radius = 0.5 * diameters[species]
+        scales = setting.scales
+        diameters = np.array([one.diameter for one in setting.grains.species]) / scales.length
+        radius = 0.5 * diameters[setting.species]
         logarithm = math.log(self.restitution)
         alpha = -math.sqrt(5.0) * logarithm / math.hypot(logarithm, math.pi)
         return ContactLaw(
@@ -74,6 +85,95 @@ class ContactLaw(NamedTuple):
     widest: float
     narrowest: float
 
+    def room(self, size: int, count: int) -> ClosePairs:
+        """Room for the grains in contact."""
+        return close_pairs_room(count)
+
+    @staticmethod
+    @compiled
+    def add_forces(
+        law: ContactLaw, room: ClosePairs, place: int, state: State, constants: Constants,
+        time: float,
+    ) -> int:  # fmt: skip
+        """Add the forces of the grains in contact; 1 where there was no room for them."""
+        find_close_pairs(room, state.x, state.y, constants.grains, law.widest)
+        for p in range(room.filled[0]):
+            i, j = room.first[p], room.second[p]
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            r = math.sqrt(dx * dx + dy * dy)
+            overlap = law.radius[i] + law.radius[j] - r
+            if overlap > 0.0:
+                k = spring(law, law.radius[i], law.radius[j])
+                ratio = force(k, overlap) / r
+                state.fx[i] += ratio * dx
+                state.fy[i] += ratio * dy
+                state.fx[j] -= ratio * dx
+                state.fy[j] -= ratio * dy
+        return int(room.filled[0] < 0)
+
+    @staticmethod
+    @compiled
+    def measure(
+        law: ContactLaw, room: ClosePairs, place: int, state: State, constants: Constants,
+        time: float, stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter the energy of the contacts."""
+        total = 0.0
+        masses = constants.masses
+        for p in range(room.filled[0]):
+            i, j = room.first[p], room.second[p]
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            overlap = law.radius[i] + law.radius[j] - math.sqrt(dx * dx + dy * dy)
+            if overlap > 0.0:
+                k = spring(law, law.radius[i], law.radius[j])
+                total += energy(k, overlap)
+                slope = 2.0 * _stiffness(k, overlap)
+                stiffness[i] += slope / value_of(masses, i)
+                stiffness[j] += slope / value_of(masses, j)
+        energies[place] = total
+        return 0
+
+    @staticmethod
+    @compiled
+    def flow(
+        law: ContactLaw, room: ClosePairs, place: int, span: float, state: State,
+        constants: Constants, opening: bool,
+    ) -> int:  # fmt: skip
+        """Take the dashpots' share of the normal velocities of grains in contact."""
+        masses = constants.masses
+        for turn in range(room.filled[0]):
+            p = turn if opening else room.filled[0] - 1 - turn
+            i, j = room.first[p], room.second[p]
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            r = math.sqrt(dx * dx + dy * dy)
+            overlap = law.radius[i] + law.radius[j] - r
+            if overlap > 0.0:
+                first = value_of(masses, i)
+                second = value_of(masses, j)
+                mass = first * second / (first + second)
+                k = spring(law, law.radius[i], law.radius[j])
+                nx, ny = dx / r, dy / r
+                speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
+                left = decay(law, k, overlap, mass, span)
+                impulse = mass * (left - 1.0) * speed
+                state.vx[i] += impulse / first * nx
+                state.vy[i] += impulse / first * ny
+                state.vx[j] -= impulse / second * nx
+                state.vy[j] -= impulse / second * ny
+                state.ledger[LOSSES + place] += 0.5 * mass * speed * speed * (1.0 - left * left)
+        return 0
+
+    @staticmethod
+    @compiled
+    def collision(
+        law: ContactLaw, room: None, place: int, speed: float, constants: Constants
+    ) -> float:
+        """Square of the highest angular frequency in an impact at that speed."""
+        barrier = 0.0
+        if constants.acting.dipole is not None:
+            barrier = pair_energy(law.narrowest) * constants.least_moment**2
+        return impact_stiffness(law, speed, constants.least_mass, barrier)
+
 
 @compiled
 def spring(law: ContactLaw, first: float, second: float) -> float:
@@ -94,7 +194,7 @@ def energy(k: float, overlap: float) -> float:
 
 
 @compiled
-def stiffness(k: float, overlap: float) -> float:
+def _stiffness(k: float, overlap: float) -> float:
     """d(force)/d(overlap) [F*/D]."""
     return 1.5 * k * math.sqrt(overlap)
 
@@ -117,4 +217,4 @@ def impact_stiffness(law: ContactLaw, speed: float, mass: float, barrier: float)
     if left <= 0.0:
         return 0.0
     k = spring(law, 0.5 * law.widest, 0.5 * law.widest)
-    return stiffness(k, (2.5 * left / k) ** 0.4) / reduced
+    return _stiffness(k, (2.5 * left / k) ** 0.4) / reduced

@@ -8,14 +8,17 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 from __future__ import annotations
 
 from granular.compiled import entry
-from granular.scene.schema import Section
+from granular.effects.effect import Effect, in_joules
 
 STRENGTH = 0.75
 ENERGY = STRENGTH / 3.0
 
 
-class Dipole(Section):
+class Dipole(Effect):
     """Dipole repulsion between all grains. It has no parameters: the grains' moments fix it."""
+
+    key = "dipole"
+    energy_record = in_joules("pair_energy", "energy of the magnetic pairs")
 
 
 @entry

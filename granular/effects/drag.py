@@ -16,13 +16,19 @@ which holds for any c s: an overdamped grain moves at its terminal velocity a/c.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from granular.compiled import compiled, entry
+from granular.compiled import Array, compiled, entry
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.engine.compensation import speed_up
+from granular.engine.constants import Constants, value_of
+from granular.engine.state import LOSSES, VX, VY, State
+from granular.pairs.vector import lane_sum
 from granular.scene.scales import Scales
-from granular.scene.schema import Section, quantity
+from granular.scene.schema import quantity
 
 
-class Drag(Section):
+class Drag(Effect):
     """Viscous drag on every grain.
 
     Attributes
@@ -31,11 +37,84 @@ class Drag(Section):
         gamma [kg/s] of a grain of the first species.
     """
 
+    key = "drag"
+    damps = True
+    takes_along = ()
+    loss_record = in_joules("drag_loss", "energy lost to viscous drag")
+
     coefficient: float = quantity("kg/s", default=0.1, least=0.0)
 
-    def kernel(self, scales: Scales) -> float:
+    def decay_rate(self, scales: Scales) -> float:
         """Decay rate c = gamma tau / m of the velocity, in natural units."""
         return self.coefficient * scales.time / scales.mass
+
+    def law(self, setting: Setting) -> DragLaw:
+        """The law in natural units."""
+        return DragLaw(self.decay_rate(setting.scales))
+
+
+class DragLaw(NamedTuple):
+    """Drag as the kernels take it.
+
+    Attributes
+    ----------
+    rate : float
+        Decay rate of the velocity [1/tau].
+    """
+
+    rate: float
+
+    @staticmethod
+    @compiled(inline=True)
+    def kick(
+        law: DragLaw, room: None, place: int, span: float, state: State, constants: Constants,
+        opening: bool,
+    ) -> int:  # fmt: skip
+        """Force and drag together, exactly."""
+        _kick(
+            state.rounding, law.rate, span, state, constants.grains, constants.masses,
+            LOSSES + place,
+        )  # fmt: skip
+        return 0
+
+    @staticmethod
+    @compiled
+    def slow(
+        law: DragLaw, room: None, place: int, slopes: Array, span: float, state: State,
+        constants: Constants,
+    ) -> int:  # fmt: skip
+        """Take the drag off the slopes of the velocities; enter the loss with the weight."""
+        for i in range(constants.grains):
+            mass = value_of(constants.masses, i)
+            vx, vy = state.vx[i], state.vy[i]
+            slopes[VX, i] -= law.rate * vx
+            slopes[VY, i] -= law.rate * vy
+            state.scratch[i] = mass * (vx * vx + vy * vy)
+        state.ledger[LOSSES + place] += span * law.rate * lane_sum(state.scratch)
+        return 0
+
+
+@compiled(inline=True)
+def _kick(
+    rounding: Array | None, rate: float, span: float, state: State, count: int,
+    masses: Array | None, loss_entry: int,
+) -> None:  # fmt: skip
+    decay, gain, a, b, c = flow(rate, span)
+    loss = math.expm1(-rate * span)
+    for i in range(count):
+        mass = 1.0
+        if masses is not None:
+            mass = masses[i]
+        ax, ay = state.fx[i] / mass, state.fy[i] / mass
+        vx, vy = state.vx[i], state.vy[i]
+        if rounding is None:
+            state.vx[i] = decay * vx + gain * ax
+            state.vy[i] = decay * vy + gain * ay
+        else:
+            speed_up(rounding, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
+        lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+        state.scratch[i] = mass * lost
+    state.ledger[loss_entry] += lane_sum(state.scratch)
 
 
 @entry

@@ -22,20 +22,24 @@ threshold, and chatters unless the step is very small.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.effects import drag
+from granular.effects.effect import Effect, Record, Setting, in_joules
+from granular.engine.constants import Constants
+from granular.engine.state import LOSSES, State
 from granular.pairs.direct import padded_values
-from granular.scene.parts import Cell, Grains
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, Section, choice, quantity
+from granular.scene.parts import Cell, Grains, Piston
+from granular.scene.schema import FieldError, choice, quantity
 
 SCHEMES = ("velocity", "regularised")
 
 
-class Friction(Section):
+class Friction(Effect):
     """Dry friction. Coefficients as in [D, Table 4.3].
 
     Attributes
@@ -52,6 +56,13 @@ class Friction(Section):
     load : float
         A constant normal force on every grain, besides the torque's [N].
     """
+
+    key = "friction"
+    dry = True
+    damps = True
+    takes_along = ("drag",)
+    loss_record = in_joules("friction_loss", "energy lost to dry friction")
+    grain_records = (Record("normal_load", "N", "normal force on the plates", "force"),)
 
     static: float = quantity("1", default=0.6, least=0.0)
     dynamic: float = quantity("1", default=0.45, least=0.0)
@@ -76,43 +87,58 @@ class Friction(Section):
             If the grains of a species do not fit between the plates, or fall over.
         """
         diameter = np.array([one.diameter for one in grains.species])
-        thickness, gap = grains.thickness, cell.separation
-        if gap < thickness:
+        thickness, gap = grains.of_species("thickness"), cell.separation
+        if gap < thickness.max():
             raise FieldError(
-                f"{gap:g} m must be at least the grains' thickness, {thickness:g} m",
+                f"{gap:g} m must be at least the grains' thickness, {thickness.max():g} m",
                 "cell",
                 "separation",
             )
         diagonal = np.hypot(diameter, thickness)
         if (diagonal <= gap).any():
-            least = math.sqrt(gap**2 - thickness**2)
+            least = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
             raise FieldError(
                 f"{diameter[diagonal <= gap][0]:g} m must be above {least:.3g} m, or the grain "
                 "falls over between the plates and has no angle of tilt",
                 "grains",
                 "species",
             )
-        moments = (diameter / diameter[0]) ** 2
+        moments = grains.moment_ratios()
         lean = np.arctan(thickness / diameter)
         tilt = np.arcsin(gap / diagonal) - lean
         arm = np.cos(tilt) + (1.0 / 3.0 if self.torque == "second" else 0.0)
         own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
         return own, moments * np.sin(tilt)
 
-    def kernel(
-        self, grains: Grains, cell: Cell, scales: Scales, species: np.ndarray
-    ) -> FrictionLaw:
-        """The law in natural units."""
-        own, weight = self.factors(grains, cell)
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        self.factors(grains, cell)
+
+    def law(self, setting: Setting) -> FrictionLaw:
+        """The law in natural units; it takes the drag along."""
+        scales, other = setting.scales, setting.effects.get("drag")
+        own, _ = self.factors(setting.grains, setting.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(
             static=self.static,
             dynamic=self.dynamic,
             threshold=threshold,
             load=self.load / scales.force,
-            factor=padded_values(own[species]),
-            weight=padded_values(weight[species]),
+            factor=padded_values(own[setting.species] * setting.grains.spread_factors()),
+            rate=None if other is None else other.decay_rate(scales),
+            entry=LOSSES + setting.places["friction"],
+            drag=None if other is None else LOSSES + setting.places["drag"],
         )
+
+    def load_weight(self, setting: Setting) -> np.ndarray:
+        weight = self.factors(setting.grains, setting.cell)[1][setting.species]
+        return padded_values(weight * setting.grains.spread_factors())
+
+    def grain_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
+        """The normal force on the plates [F*]."""
+        assert state.load is not None
+        return {"normal_load": np.asarray(law.load + law.factor * state.load)}
 
 
 class FrictionLaw(NamedTuple):
@@ -125,8 +151,14 @@ class FrictionLaw(NamedTuple):
         Of the regularised law [D/tau]; None for the velocity scheme.
     load : float
         Constant normal force [F*].
-    factor, weight : float64 (m,)
+    factor : float64 (m,)
         N_i = load + factor_i sum_j weight_j / r_ij^3.
+    rate : float or None
+        Decay rate of the drag that is solved with it [1/tau]; None without drag.
+    entry : int
+        Of the ledger, for what friction takes.
+    drag : int or None
+        The same for the drag.
     """
 
     static: float
@@ -134,7 +166,19 @@ class FrictionLaw(NamedTuple):
     threshold: float | None
     load: float
     factor: Array
-    weight: Array
+    rate: float | None
+    entry: int
+    drag: int | None
+
+    @staticmethod
+    @compiled(inline=True)
+    def kick(
+        law: FrictionLaw, room: None, place: int, span: float, state: State, constants: Constants,
+        opening: bool,
+    ) -> int:  # fmt: skip
+        """Force, drag and friction; see the head of this file."""
+        _dry_kick(law.threshold, law, _drag_rate(law.rate), span, state, constants, opening)
+        return 0
 
 
 @compiled
@@ -147,3 +191,216 @@ def normal_force(law: FrictionLaw, load: Array, i: int) -> float:
 def sliding(speed: float, loss: float) -> float:
     """Factor that shortens a velocity which loses ``loss`` of its magnitude; 0 where it stops."""
     return 1.0 - loss / speed if speed > loss else 0.0
+
+
+# Kicks: velocities after a span of time, while all positions stand still. Force and drag are solved
+# together, exactly, and friction exactly after or before them, in opposite order in the kick that
+# opens a step and in the one that closes it. On grains that friction would stop within a few such
+# kicks it acts together with force and drag, along one mean direction.
+
+
+@compiled
+def _drag_rate(rate: float | None) -> float:
+    return 0.0 if rate is None else rate
+
+
+@compiled(inline=True)
+def _enter_drag(entry: int | None, state: State, energy: float) -> None:
+    """What the drag takes; without drag that is the rounding of zero."""
+    if entry is not None:
+        state.ledger[entry] += energy
+
+
+@compiled
+def _push_grain(
+    entry: int | None, rate: float, span: float, share: float, state: State, i: int, mass: float
+) -> None:
+    """Kick and drag of one grain under a share of its force."""
+    decay, gain, a, b, c = drag.flow(rate, span)
+    ax, ay = share * state.fx[i] / mass, share * state.fy[i] / mass
+    vx, vy = state.vx[i], state.vy[i]
+    state.vx[i] = decay * vx + gain * ax
+    state.vy[i] = decay * vy + gain * ay
+    lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+    _enter_drag(entry, state, mass * lost)
+
+
+@compiled
+def _start_grain(
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A grain at rest: it stays, or starts to slide along the force on it."""
+    force = math.hypot(state.fx[i], state.fy[i])
+    if force <= law.static * load:
+        return
+    share = 1.0 - law.dynamic * load / force
+    _push_grain(law.drag, rate, span, share, state, i, mass)
+    _, gain, _, _, _ = drag.flow(rate, span)
+    way = drag.way(rate, span, gain, 0.0, share * force / mass)
+    state.ledger[law.entry] += law.dynamic * load * way
+
+
+@compiled
+def _rub_grain(
+    law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A sliding grain loses speed, and stops where it has no more."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    left = sliding(speed, law.dynamic * load * span / mass)
+    state.vx[i] *= left
+    state.vy[i] *= left
+    state.ledger[law.entry] += 0.5 * mass * speed * speed * (1.0 - left * left)
+
+
+@compiled
+def _slide_grain(
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """Force, drag and friction together, friction against the mean direction of the motion.
+
+    One after the other, as fast grains take them, they would give a creeping grain more energy in
+    each step than it has.
+    """
+    decay, gain, a, b, c = drag.flow(rate, span)
+    ax, ay = state.fx[i] / mass, state.fy[i] / mass
+    vx, vy = state.vx[i], state.vy[i]
+    ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
+    length = math.hypot(ux, uy)
+    if length == 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
+    ux, uy = ux / length, uy / length
+    if vx * ux + vy * uy < 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
+    brake = law.dynamic * load / mass
+    ax, ay = ax - brake * ux, ay - brake * uy
+    wx, wy = decay * vx + gain * ax, decay * vy + gain * ay
+    if wx * ux + wy * uy <= 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
+    state.vx[i], state.vy[i] = wx, wy
+    lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+    _enter_drag(law.drag, state, mass * lost)
+    way = drag.way(rate, span, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+    state.ledger[law.entry] += law.dynamic * load * way
+
+
+@compiled
+def _turn_grain(
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A grain that comes to rest within the span; the force may set it off for what is left."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
+    spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
+    _stop_grain(law, rate, state, i, mass, load)
+    _start_grain(law, rate, max(span - spent, 0.0), state, i, mass, load)
+
+
+@compiled
+def _kick_with_friction(
+    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
+    masses: Array | None, opening: bool,
+) -> None:  # fmt: skip
+    assert state.load is not None
+    for i in range(constants.grains):
+        mass = 1.0
+        if masses is not None:
+            mass = masses[i]
+        load = normal_force(law, state.load, i)
+        if state.vx[i] == 0.0 and state.vy[i] == 0.0:
+            _start_grain(law, rate, span, state, i, mass, load)
+        elif _sticks(law, span, state, i, mass, load):
+            _stop_grain(law, rate, state, i, mass, load)
+        elif _slow(law, span, state, i, mass, load):
+            _slide_grain(law, rate, span, state, i, mass, load)
+        elif opening:
+            _push_grain(law.drag, rate, span, 1.0, state, i, mass)
+            _rub_grain(law, span, state, i, mass, load)
+        else:
+            _rub_grain(law, span, state, i, mass, load)
+            _push_grain(law.drag, rate, span, 1.0, state, i, mass)
+
+
+@compiled
+def _sticks(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
+    """Whether the force, and friction with it, stop the grain in the span, and friction holds it.
+
+    A grain must not be carried through rest to the other side, where dynamic friction would let go
+    of what static friction holds.
+    """
+    vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
+    against = -(vx * fx + vy * fy)
+    if against <= 0.0 or math.hypot(fx, fy) > law.static * load:
+        return False
+    speed = math.hypot(vx, vy)
+    return speed * mass <= span * (against / speed + law.dynamic * load)
+
+
+@compiled
+def _stop_grain(
+    law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """Stop a grain; friction and drag take their shares, the rest becomes potential energy."""
+    speed = math.hypot(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
+    friction = law.dynamic * load
+    way = drag.stopping_way(rate, speed, (friction + against) / mass)
+    state.ledger[law.entry] += friction * way
+    _enter_drag(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * way)
+    state.vx[i] = state.vy[i] = 0.0
+
+
+@compiled
+def _slow(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
+    """Whether the force and twice the friction would stop the grain in the span.
+
+    Force and friction must then act together, or a grain that is pushed on would be stopped for
+    good: the static friction that then holds it is greater.
+    """
+    vx, vy = state.vx[i], state.vy[i]
+    speed = math.hypot(vx, vy)
+    against = max(-(vx * state.fx[i] + vy * state.fy[i]) / speed, 0.0)
+    return speed * mass < span * (against + 2.0 * law.dynamic * load)
+
+
+@compiled
+def _kick_regularised(
+    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
+    masses: Array | None, threshold: float,
+) -> None:  # fmt: skip
+    """The source's law: friction as one more force, from the velocity before the kick."""
+    assert state.load is not None
+    for i in range(constants.grains):
+        mass = 1.0
+        if masses is not None:
+            mass = masses[i]
+        load = normal_force(law, state.load, i)
+        force = math.hypot(state.fx[i], state.fy[i])
+        vx, vy = state.vx[i], state.vy[i]
+        speed = math.hypot(vx, vy)
+        if force <= law.static * load and speed < threshold:
+            rx, ry = -state.fx[i], -state.fy[i]
+        else:
+            brake = law.dynamic * load / (speed + threshold)
+            rx, ry = -brake * vx, -brake * vy
+        decay, gain, a, b, c = drag.flow(rate, span)
+        ax, ay = (state.fx[i] + rx) / mass, (state.fy[i] + ry) / mass
+        state.vx[i] = decay * vx + gain * ax
+        state.vy[i] = decay * vy + gain * ay
+        lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+        _enter_drag(law.drag, state, mass * lost)
+        middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
+        state.ledger[law.entry] -= span * (rx * middle_x + ry * middle_y)
+
+
+@compiled
+def _dry_kick(
+    threshold: float | None, law: FrictionLaw, rate: float, span: float, state: State,
+    constants: Constants, opening: bool,
+) -> None:  # fmt: skip
+    if threshold is None:
+        _kick_with_friction(law, rate, span, state, constants, constants.masses, opening)
+    else:
+        _kick_regularised(law, rate, span, state, constants, constants.masses, threshold)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from granular.compiled import Array, compiled
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.engine.constants import Constants
+from granular.engine.state import State
 from granular.scene.scales import Scales
-from granular.scene.schema import Section, quantity
+from granular.scene.schema import quantity
 
 
-class Gravity(Section):
+class Gravity(Effect):
     """Uniform gravity, downwards.
 
     Attributes
@@ -16,33 +21,67 @@ class Gravity(Section):
         g [m/s^2]; 9.8 is the source's value [D, Table 4.3].
     """
 
+    key = "gravity"
+    energy_record = in_joules("weight_energy", "potential energy of the weight")
+
     acceleration: float = quantity("m/s^2", default=9.8, least=0.0)
 
-    def kernel(self, scales: Scales) -> float:
+    def pull(self, scales: Scales) -> float:
         """G = m g / F*, the acceleration in natural units."""
         return self.acceleration / scales.acceleration
 
+    def law(self, setting: Setting) -> GravityLaw:
+        """The law in natural units."""
+        return GravityLaw(self.pull(setting.scales))
+
+
+class GravityLaw(NamedTuple):
+    """Gravity as the kernels take it.
+
+    Attributes
+    ----------
+    pull : float
+        G [F*/m].
+    """
+
+    pull: float
+
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: GravityLaw, room: None, place: int, state: State, constants: Constants, time: float
+    ) -> int:
+        """Add the grains' weight, -G times the mass."""
+        _add_weight(law.pull, constants.grains, constants.masses, state.fy)
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def measure(
+        law: GravityLaw, room: None, place: int, state: State, constants: Constants, time: float,
+        stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter the sum of m g y over the grains [F* D], zero at the bottom."""
+        energies[place] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)
+        return 0
+
 
 @compiled(inline=True)
-def add_weight(gravity: float | None, count: int, masses: Array | None, fy: Array) -> None:
-    """Add the grains' weight, -G times the mass."""
-    if gravity is not None:
-        if masses is None:
-            for i in range(count):
-                fy[i] -= gravity
-        else:
-            for i in range(count):
-                fy[i] -= gravity * masses[i]
+def _add_weight(pull: float, count: int, masses: Array | None, fy: Array) -> None:
+    if masses is None:
+        for i in range(count):
+            fy[i] -= pull
+    else:
+        for i in range(count):
+            fy[i] -= pull * masses[i]
 
 
 @compiled
-def weight_energy(gravity: float | None, count: int, masses: Array | None, y: Array) -> float:
-    """Sum of m g y over the grains [F* D], zero at the bottom."""
+def _weight_energy(pull: float, count: int, masses: Array | None, y: Array) -> float:
     total = 0.0
-    if gravity is not None:
-        for i in range(count):
-            mass = 1.0
-            if masses is not None:
-                mass = masses[i]
-            total += gravity * mass * y[i]
+    for i in range(count):
+        mass = 1.0
+        if masses is not None:
+            mass = masses[i]
+        total += pull * mass * y[i]
     return total

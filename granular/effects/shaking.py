@@ -9,14 +9,17 @@ the cell.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.engine.constants import Constants
+from granular.engine.state import HEIGHT, WORK, State
 from granular.scene.scales import Scales
-from granular.scene.schema import Section, quantity
+from granular.scene.schema import quantity
 
 
-class Shaking(Section):
+class Shaking(Effect):
     """Sinusoidal motion of the whole cell.
 
     Attributes
@@ -29,12 +32,28 @@ class Shaking(Section):
         Direction of the motion, from the horizontal [rad]; vertical by default.
     """
 
+    key = "shaking"
+    example: ClassVar[Any] = {"amplitude": "0.5 mm", "frequency": "20 Hz", "angle": 1.0}
+    energy_record = in_joules("weight_energy", "potential energy of the weight")
+
     amplitude: float = quantity("m", least=0.0)
     frequency: float = quantity("Hz", above=0.0)
     angle: float = quantity("1", default=math.pi / 2.0)
 
-    def kernel(self, scales: Scales) -> Swing:
+    def greatest_speed(self, scales: Scales) -> float:
+        """Greatest speed of the cell [D/tau]."""
+        swing = self._swing(scales)
+        return math.hypot(swing.x, swing.y) / swing.omega
+
+    def drive_frequency(self, scales: Scales) -> float:
+        """Angular frequency of the motion [1/tau]."""
+        return self._swing(scales).omega
+
+    def law(self, setting: Setting) -> Swing:
         """The apparent acceleration in natural units."""
+        return self._swing(setting.scales)
+
+    def _swing(self, scales: Scales) -> Swing:
         omega = 2.0 * math.pi * self.frequency * scales.time
         size = self.amplitude / scales.length * omega**2
         return Swing(size * math.cos(self.angle), size * math.sin(self.angle), omega)
@@ -47,47 +66,82 @@ class Swing(NamedTuple):
     y: float
     omega: float
 
-    @property
-    def greatest_speed(self) -> float:
-        """Greatest speed of the cell [D/tau]."""
-        return math.hypot(self.x, self.y) / self.omega
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: Swing, room: None, place: int, state: State, constants: Constants, time: float
+    ) -> int:
+        """Add the apparent forces."""
+        _add_inertia(law, time, constants.grains, constants.masses, state.fx, state.fy)
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def measure(
+        law: Swing, room: None, place: int, state: State, constants: Constants, time: float,
+        stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter -m A(t) . r of the grains [F* D]."""
+        energies[place] = _inertia_energy(law, time, state, constants)
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def work(
+        law: Swing, room: None, place: int, span: float, state: State, constants: Constants,
+        time: float,
+    ) -> int:  # fmt: skip
+        """Enter the work that the shaking does on grains and piston in ``span``, at a time."""
+        rx, ry = _acceleration_rate(law, time)
+        mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
+        state.ledger[WORK] -= span * (rx * mx + ry * my)
+        if constants.piston_mass < math.inf:
+            state.ledger[WORK] -= span * ry * constants.piston_mass * state.piston[HEIGHT]
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def lift(law: Swing, room: None, place: int, time: float) -> float:
+        """Upward part of the apparent acceleration."""
+        return law.y * math.sin(law.omega * time)
 
 
 @compiled
-def acceleration(swing: Swing | None, time: float) -> tuple[float, float]:
+def _acceleration(swing: Swing, time: float) -> tuple[float, float]:
     """Apparent acceleration at a time [tau]."""
-    if swing is None:
-        return 0.0, 0.0
     phase = math.sin(swing.omega * time)
     return swing.x * phase, swing.y * phase
 
 
 @compiled
-def acceleration_rate(swing: Swing | None, time: float) -> tuple[float, float]:
+def _acceleration_rate(swing: Swing, time: float) -> tuple[float, float]:
     """Rate of change of the apparent acceleration at a time [tau]."""
-    if swing is None:
-        return 0.0, 0.0
     phase = swing.omega * math.cos(swing.omega * time)
     return swing.x * phase, swing.y * phase
 
 
 @compiled(inline=True)
-def add_inertia(
-    swing: Swing | None, time: float, count: int, masses: Array | None, fx: Array, fy: Array
+def _add_inertia(
+    swing: Swing, time: float, count: int, masses: Array | None, fx: Array, fy: Array
 ) -> None:
-    """Add the apparent forces."""
-    if swing is not None:
-        ax, ay = acceleration(swing, time)
-        for i in range(count):
-            mass = 1.0
-            if masses is not None:
-                mass = masses[i]
-            fx[i] += mass * ax
-            fy[i] += mass * ay
+    ax, ay = _acceleration(swing, time)
+    for i in range(count):
+        mass = 1.0
+        if masses is not None:
+            mass = masses[i]
+        fx[i] += mass * ax
+        fy[i] += mass * ay
 
 
 @compiled
-def mass_moment(count: int, masses: Array | None, x: Array, y: Array) -> tuple[float, float]:
+def _inertia_energy(swing: Swing, time: float, state: State, constants: Constants) -> float:
+    ax, ay = _acceleration(swing, time)
+    mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
+    return -(ax * mx + ay * my)
+
+
+@compiled
+def _mass_moment(count: int, masses: Array | None, x: Array, y: Array) -> tuple[float, float]:
     """Sum of m r over the grains."""
     total_x = 0.0
     total_y = 0.0

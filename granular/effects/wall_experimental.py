@@ -8,8 +8,9 @@ match].
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from granular.compiled import entry
+from granular.compiled import compiled, entry
 
 STRENGTH = 0.5
 ENERGY = STRENGTH / 2.5
@@ -39,3 +40,33 @@ def stiffness(w: float) -> float:
 def turning_stiffness(speed: float) -> float:
     """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: U(w) = v^2/2."""
     return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8
+
+
+class ExperimentalWall(NamedTuple):
+    """The law as the kernels take it."""
+
+    @staticmethod
+    @compiled(inline=True)
+    def is_behind(law: ExperimentalWall, w: float) -> bool:
+        """Behind the wall the force is no number, so that the total tells."""
+        return False
+
+    @staticmethod
+    @compiled
+    def force(law: ExperimentalWall, w: float) -> float:
+        return force(w)
+
+    @staticmethod
+    @compiled
+    def energy(law: ExperimentalWall, w: float) -> float:
+        return energy(w)
+
+    @staticmethod
+    @compiled
+    def stiffness(law: ExperimentalWall, w: float) -> float:
+        return stiffness(w)
+
+    @staticmethod
+    @compiled
+    def turning_stiffness(law: ExperimentalWall, speed: float) -> float:
+        return turning_stiffness(speed)

@@ -5,7 +5,9 @@ Force on a grain at the distance w: q / w^3 along the normal; energy q / (2 w^2)
 
 from __future__ import annotations
 
-from granular.compiled import entry
+from typing import NamedTuple
+
+from granular.compiled import compiled, entry
 
 
 @entry
@@ -32,3 +34,27 @@ def turning_stiffness(speed: float) -> float:
     """Stiffness per mass [1/tau^2] where a grain of this speed [D/tau] turns: 1/(2 w^2) = v^2/2."""
     square = speed * speed
     return 3.0 * square * square
+
+
+class InfiniteWall(NamedTuple):
+    """The law as the kernels take it."""
+
+    @staticmethod
+    @compiled
+    def force(law: InfiniteWall, w: float) -> float:
+        return force(w)
+
+    @staticmethod
+    @compiled
+    def energy(law: InfiniteWall, w: float) -> float:
+        return energy(w)
+
+    @staticmethod
+    @compiled
+    def stiffness(law: InfiniteWall, w: float) -> float:
+        return stiffness(w)
+
+    @staticmethod
+    @compiled
+    def turning_stiffness(law: InfiniteWall, speed: float) -> float:
+        return turning_stiffness(speed)

@@ -17,8 +17,11 @@ is written out, so that nothing is lost to rounding.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from granular.compiled import compiled, entry
+from granular.compiled import Array, compiled, entry
+from granular.effects import wall_infinite
+from granular.effects.wall_side import Side
 
 
 @compiled
@@ -74,3 +77,71 @@ def stiffness(w: float, a: float, b: float) -> float:
     beyond = max(0.0, -min(a, b))
     square = w * w + beyond * beyond
     return 3.0 / (square * square)
+
+
+class SlabWall(NamedTuple):
+    """One or two slabs in a line, as the kernels take them.
+
+    Attributes
+    ----------
+    starts, ends : float64 (k,)
+        Where each slab begins and ends along the wall [D].
+    closed : bool
+        Whether no grain can come behind it.
+    """
+
+    starts: Array
+    ends: Array
+    closed: bool
+
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: SlabWall, count: int, moments: Array | None, side: Side, force: Array, normal: Array,
+        tangential: Array,
+    ) -> int:  # fmt: skip
+        """Add the forces away from the slabs; those along them are left in ``tangential``."""
+        outside = 0
+        for i in range(count):
+            w = side.sign * (side.place[i] - side.offset)
+            normal[i] = 0.0
+            tangential[i] = 0.0
+            for k in range(law.starts.size):
+                a, b = side.along[i] - law.starts[k], law.ends[k] - side.along[i]
+                normal[i] += normal_force(w, a, b)
+                tangential[i] += tangential_force(w, a, b)
+            if moments is not None:
+                normal[i] *= moments[i]
+            force[i] += side.sign * normal[i]
+            outside += (not w > 0.0) if law.closed else (not abs(w) >= 0.0)
+        return outside
+
+    @staticmethod
+    @compiled
+    def add_tangential_forces(
+        law: SlabWall, count: int, moments: Array | None, along_force: Array, tangential: Array
+    ) -> None:
+        """Add the forces along the slabs."""
+        for i in range(count):
+            ratio = 1.0
+            if moments is not None:
+                ratio = moments[i]
+            along_force[i] += ratio * tangential[i]
+
+    @staticmethod
+    @compiled
+    def measure(law: SlabWall, count: int, side: Side, slopes: Array, energies: Array) -> None:
+        """As of `granular.effects.wall_side.distance_energies`."""
+        for i in range(count):
+            w = side.sign * (side.place[i] - side.offset)
+            energies[i] = 0.0
+            for k in range(law.starts.size):
+                a, b = side.along[i] - law.starts[k], law.ends[k] - side.along[i]
+                energies[i] += energy(w, a, b)
+                slopes[i] += stiffness(w, a, b)
+
+    @staticmethod
+    @compiled
+    def turning_stiffness(law: SlabWall, speed: float) -> float:
+        """At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer."""
+        return 4.0 * wall_infinite.turning_stiffness(speed)

@@ -6,19 +6,51 @@ piston force.
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects import wall_experimental, wall_infinite, wall_slab
+from granular.compiled.dispatch import by_law
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.own_wall import WallText, wall_laws
+from granular.effects.wall_experimental import ExperimentalWall
+from granular.effects.wall_infinite import InfiniteWall
+from granular.effects.wall_side import Side, distance_energies, distance_forces
+from granular.effects.wall_slab import SlabWall
+from granular.engine.constants import Constants, moments_of, over_mass, value_of
+from granular.engine.state import HEIGHT, State
 from granular.pairs.vector import lane_sum
-from granular.scene.schema import FieldError, Section, choice, one, quantity
+from granular.scene.parts import Cell, Grains, Piston
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, Kind, Section, declare, one, quantity, unknown
 
 LAWS = ("experimental", "infinite", "slab")
+FORMULA = "formula"
+"""Law of a wall whose energy is written as a formula."""
 SIDES = ("left", "right", "bottom", "top")
 LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
+
+
+@dataclasses.dataclass(frozen=True)
+class LawName(Kind):
+    """The name of a law of a wall."""
+
+    def parse(self, value: Any, diameter: float | None) -> str:
+        known = (*LAWS, FORMULA, *wall_laws())
+        if not isinstance(value, str) or value not in known:
+            raise FieldError(unknown(str(value), known, "choice"))
+        return value
+
+
+class Own(Kind):
+    """A section that is made already."""
+
+    def parse(self, value: Any, diameter: float | None) -> Any:
+        return value
 
 
 class Wall(Section):
@@ -34,22 +66,42 @@ class Wall(Section):
         bottom and the piston are as long as the cell is wide.
     gap_start, gap_end : float or None
         A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
+    own : section or None
+        Of a law of one's own; in a scene its keys stand beside ``law``. See
+        `granular.effects.own_wall`.
     """
 
-    law: str = choice(*LAWS, default="experimental")
+    law: str = declare(LawName(), default="experimental")
     length: float | None = quantity("m", above=0.0, default=None, optional=True)
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
+    own: Any = declare(Own(True), default=None)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
-        return super().from_plain({"law": plain} if isinstance(plain, str) else plain, diameter)
+        plain = {"law": plain} if isinstance(plain, str) else plain
+        if not isinstance(plain, Mapping) or "own" in plain:
+            return super().from_plain(plain, diameter)
+        given = {name: value for name, value in plain.items() if name != "law"}
+        law = plain.get("law", FORMULA if "energy" in plain else None)
+        if law == FORMULA:
+            return cls(law=FORMULA, own=WallText.from_plain(given, diameter))
+        if isinstance(law, str) and law in wall_laws():
+            return cls(law=law, own=wall_laws()[law].from_plain(given, diameter))
+        return super().from_plain(plain, diameter)
+
+    def to_plain(self) -> dict[str, Any]:
+        if self.own is None:
+            return super().to_plain()
+        return {"law": self.law, **self.own.to_plain()}
 
     @property
     def has_gap(self) -> bool:
         return self.gap_start is not None
 
     def validate(self) -> None:
+        if (self.own is None) != (self.law in LAWS):
+            raise FieldError("a law of one's own needs its parameters", "law")
         if self.law != "slab" and (self.length is not None or self.has_gap):
             raise FieldError(f"only a slab has a length or a gap; this wall is {self.law!r}", "law")
         if (self.gap_start is None) != (self.gap_end is None):
@@ -59,21 +111,27 @@ class Wall(Section):
                 f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end"
             )
 
-    def kernel(self, width: float, unit: float) -> WallLaw:
-        """The law in natural units, for a cell of that width [m] and the length unit D [m]."""
+    def law_of(self, width: float, scales: Scales) -> Any:
+        """The law in natural units, for a cell of that width [m]."""
+        if self.own is not None:
+            return self.own.law(scales)
         if self.law == "experimental":
-            return WallLaw(experimental=True)
+            return ExperimentalWall()
         if self.law == "infinite":
-            return WallLaw(infinite=True)
+            return InfiniteWall()
         ends = [0.0, width if self.length is None else self.length]
         if self.gap_start is not None and self.gap_end is not None:
             ends = [0.0, self.gap_start, self.gap_end, ends[1]]
-        natural = np.array(ends) / unit
-        return WallLaw(slab=Slab(natural[::2].copy(), natural[1::2].copy(), not self.has_gap))
+        natural = np.array(ends) / scales.length
+        return SlabWall(natural[::2].copy(), natural[1::2].copy(), not self.has_gap)
 
 
-class Walls(Section):
+class Walls(Effect):
     """The four walls; the top is the piston. ``"none"`` leaves a side open."""
+
+    key = "walls"
+    rank = 2
+    energy_record = in_joules("wall_energy", "energy of the grains at the walls")
 
     left: Wall | None = one(Wall, default=Wall(), optional=True)
     right: Wall | None = one(Wall, default=Wall(), optional=True)
@@ -93,8 +151,16 @@ class Walls(Section):
             if wall.length is not None and not upright:
                 raise FieldError("is the cell's width here; leave it out", side, "length")
 
-    def check_size(self, width: float, height: float | None) -> None:
-        """Raise `FieldError` unless slabs fit a cell of that width and piston height [m]."""
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        """Raise `FieldError` unless slabs fit the cell and the piston's height."""
+        try:
+            self._check_size(cell.width, None if piston is None else piston.height)
+        except FieldError as error:
+            raise error.within("effects", self.key) from None
+
+    def _check_size(self, width: float, height: float | None) -> None:
         bottom = self.bottom
         if bottom is not None and bottom.gap_end is not None and bottom.gap_end > width:
             raise FieldError(
@@ -118,6 +184,11 @@ class Walls(Section):
         return tuple(getattr(self, side) for side in SIDES)
 
     @property
+    def sources(self) -> tuple[str, ...]:
+        own = [wall.own for wall in self.sides if wall is not None and wall.own is not None]
+        return tuple(source for one in own for source in one.sources)
+
+    @property
     def has_slab(self) -> bool:
         return any(wall is not None and wall.law == "slab" for wall in self.sides)
 
@@ -125,158 +196,131 @@ class Walls(Section):
     def has_gap(self) -> bool:
         return self.bottom is not None and self.bottom.has_gap
 
-    def kernel(self, width: float, unit: float) -> WallLaws:
-        """The laws in natural units; see `Wall.kernel`."""
+    def law(self, setting: Setting) -> WallLaws:
+        """The laws in natural units; see `Wall.law_of`."""
+        width, scales = setting.cell.width, setting.scales
         return WallLaws(
-            *(None if wall is None else wall.kernel(width, unit) for wall in self.sides)
+            *(None if wall is None else wall.law_of(width, scales) for wall in self.sides)
         )
-
-
-class Slab(NamedTuple):
-    """One or two slabs in a line.
-
-    Attributes
-    ----------
-    starts, ends : float64 (k,)
-        Where each slab begins and ends along the wall [D].
-    closed : bool
-        Whether no grain can come behind it.
-    """
-
-    starts: Array
-    ends: Array
-    closed: bool
-
-
-class WallLaw(NamedTuple):
-    """The law of one wall as the kernels take it: exactly one field is not None."""
-
-    experimental: bool | None = None
-    infinite: bool | None = None
-    slab: Slab | None = None
 
 
 class WallLaws(NamedTuple):
     """The law of each side; None is open."""
 
-    left: WallLaw | None
-    right: WallLaw | None
-    bottom: WallLaw | None
-    top: WallLaw | None
+    left: Any
+    right: Any
+    bottom: Any
+    top: Any
 
+    def room(self, size: int, count: int) -> np.ndarray | None:
+        """Room for the forces along a wall, which slabs alone have."""
+        slabs = any(hasattr(law, "add_forces") for law in self)
+        return np.zeros(size) if slabs else None
 
-OPEN = WallLaws(None, None, None, None)
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
+        time: float,
+    ) -> int:  # fmt: skip
+        """Add the walls' forces on the grains, and enter the force on each wall.
 
+        The count is of grains on the wrong side of a wall, or at no number.
+        """
+        return _add_wall_forces(
+            law, constants.grains, moments_of(constants), state.x, state.y, state.fx, state.fy,
+            constants.width, state.piston[HEIGHT], state.scratch, room, state.wall_forces,
+        )  # fmt: skip
 
-class Side(NamedTuple):
-    """A wall's place, and the grains' coordinates as seen from it.
+    @staticmethod
+    @compiled
+    def measure(
+        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
+        time: float, stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter the energy of the grains at the walls."""
+        _under_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        energies[place] = _measure_walls(
+            law, constants.grains, moments_of(constants), state.x, state.y,
+            constants.width, state.piston[HEIGHT], stiffness, state.scratch,
+        )  # fmt: skip
+        over_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        return 0
 
-    Attributes
-    ----------
-    place, along : float64 (m,)
-        Coordinates of the grains across and along the wall [D].
-    offset, sign : float
-        The distance from the wall is sign * (place - offset).
-    """
+    @staticmethod
+    @compiled
+    def against_piston(
+        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
+        slopes: Array,
+    ) -> int:  # fmt: skip
+        """Add the stiffness of the grains against the piston, over the mass."""
+        side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
+        _measure_side(law.top, constants.grains, moments_of(constants), side, slopes, state.scratch)
+        over_mass(slopes, constants.moments, constants.masses, constants.grains)
+        return 0
 
-    place: Array
-    along: Array
-    offset: float
-    sign: float
-
-
-@compiled(inline=True)
-def _add_normal_forces(
-    experimental: bool | None,
-    infinite: bool | None,
-    slab: Slab | None,
-    count: int,
-    moments: Array | None,
-    side: Side,
-    force: Array,
-    normal: Array,
-    tangential: Array | None,
-) -> int:
-    """Add the forces of one wall away from it.
-
-    Those along it, which slabs alone have, are left in ``tangential``, for grains of moment 1.
-    """
-    outside = 0
-    if experimental is not None:
-        for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
-            normal[i] = wall_experimental.force(w)
-            if moments is not None:
-                normal[i] *= moments[i]
-            force[i] += side.sign * normal[i]
-    if infinite is not None:
-        for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
-            normal[i] = wall_infinite.force(w)
-            if moments is not None:
-                normal[i] *= moments[i]
-            force[i] += side.sign * normal[i]
-            outside += not w > 0.0
-    if slab is not None and tangential is not None:
-        for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
-            normal[i] = 0.0
-            tangential[i] = 0.0
-            for k in range(slab.starts.size):
-                a, b = side.along[i] - slab.starts[k], slab.ends[k] - side.along[i]
-                normal[i] += wall_slab.normal_force(w, a, b)
-                tangential[i] += wall_slab.tangential_force(w, a, b)
-            if moments is not None:
-                normal[i] *= moments[i]
-            force[i] += side.sign * normal[i]
-            outside += (not w > 0.0) if slab.closed else (not abs(w) >= 0.0)
-    return outside
+    @staticmethod
+    @compiled
+    def collision(
+        law: WallLaws, room: None, place: int, speed: float, constants: Constants
+    ) -> float:
+        """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
+        ratio = constants.least_ratio
+        speed /= math.sqrt(ratio)
+        return ratio * max(
+            _turning_side(law.left, speed),
+            _turning_side(law.right, speed),
+            _turning_side(law.bottom, speed),
+            _turning_side(law.top, speed),
+        )
 
 
 @compiled
-def _add_tangential_forces(
-    slab: Slab | None,
-    count: int,
-    moments: Array | None,
-    along_force: Array,
-    tangential: Array | None,
-) -> None:
-    if slab is not None and tangential is not None:
+def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+    """What `over_mass` takes back: of grains of moment 1, for what the walls add such to."""
+    if moments is not None:
         for i in range(count):
-            ratio = 1.0
-            if moments is not None:
-                ratio = moments[i]
-            along_force[i] += ratio * tangential[i]
+            stiffness[i] *= value_of(masses, i) / moments[i]
+
+
+@compiled
+def _no_tangent(
+    law: Any, count: int, moments: Array | None, along_force: Array, tangential: Array | None
+) -> None:
+    """Forces along the wall, of a law of the distance alone."""
+
+
+_forces = by_law("add_forces", "count moments side force normal tangential", distance_forces)
+_tangential_forces = by_law(
+    "add_tangential_forces", "count moments along_force tangential", _no_tangent
+)
+_energies = by_law("measure", "count side stiffness energies", distance_energies)
+
+
+@compiled
+def _unknown(law: Any, speed: float) -> float:
+    return 0.0
+
+
+_turning = by_law("turning_stiffness", "speed", _unknown)
 
 
 @compiled(inline=True)
 def _add_side(
-    law: WallLaw | None,
-    which: int,
-    count: int,
-    moments: Array | None,
-    side: Side,
-    force: Array,
-    along_force: Array,
-    normal: Array,
-    tangential: Array | None,
-    wall_forces: Array,
-) -> int:
+    law: Any, which: int, count: int, moments: Array | None, side: Side, force: Array,
+    along_force: Array, normal: Array, tangential: Array | None, wall_forces: Array,
+) -> int:  # fmt: skip
     if law is None:
         return 0
-    outside = _add_normal_forces(
-        law.experimental, law.infinite, law.slab, count, moments, side, force, normal, tangential
-    )
-    _add_tangential_forces(law.slab, count, moments, along_force, tangential)
+    outside = _forces(law, count, moments, side, force, normal, tangential)
+    _tangential_forces(law, count, moments, along_force, tangential)
     wall_forces[which] = lane_sum(normal)
-    if law.experimental is not None:
-        # Behind this wall the force is no number, so the total tells.
-        outside += not wall_forces[which] < math.inf
-    return outside
+    # Behind a wall the force may be no number, and at it infinite, so the total tells.
+    return outside + (not wall_forces[which] < math.inf)
 
 
 @compiled(inline=True)
-def add_wall_forces(
+def _add_wall_forces(
     laws: WallLaws,
     count: int,
     moments: Array | None,
@@ -290,10 +334,8 @@ def add_wall_forces(
     tangential: Array | None,
     wall_forces: Array,
 ) -> int:
-    """Add the walls' forces on the grains.
+    """Add the forces of all four walls.
 
-    Parameters
-    ----------
     laws : WallLaws
     width, height : float
         Cell width and piston height [D].
@@ -322,39 +364,8 @@ def add_wall_forces(
 
 
 @compiled
-def _measure(
-    experimental: bool | None,
-    infinite: bool | None,
-    slab: Slab | None,
-    count: int,
-    side: Side,
-    stiffness: Array,
-    energies: Array,
-) -> None:
-    """Energies at one wall, for grains of moment 1; adds its stiffness over the grain's mass."""
-    if experimental is not None:
-        for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
-            energies[i] = wall_experimental.energy(w)
-            stiffness[i] += wall_experimental.stiffness(w)
-    if infinite is not None:
-        for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
-            energies[i] = wall_infinite.energy(w)
-            stiffness[i] += wall_infinite.stiffness(w)
-    if slab is not None:
-        for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
-            energies[i] = 0.0
-            for k in range(slab.starts.size):
-                a, b = side.along[i] - slab.starts[k], slab.ends[k] - side.along[i]
-                energies[i] += wall_slab.energy(w, a, b)
-                stiffness[i] += wall_slab.stiffness(w, a, b)
-
-
-@compiled
 def _measure_side(
-    law: WallLaw | None,
+    law: Any,
     count: int,
     moments: Array | None,
     side: Side,
@@ -363,7 +374,7 @@ def _measure_side(
 ) -> float:
     if law is None:
         return 0.0
-    _measure(law.experimental, law.infinite, law.slab, count, side, stiffness, energies)
+    _energies(law, count, side, stiffness, energies)
     if moments is not None:
         for i in range(count):
             energies[i] *= moments[i]
@@ -371,7 +382,7 @@ def _measure_side(
 
 
 @compiled
-def measure_walls(
+def _measure_walls(
     laws: WallLaws,
     count: int,
     moments: Array | None,
@@ -396,49 +407,7 @@ def measure_walls(
 
 
 @compiled
-def piston_stiffness(
-    law: WallLaw | None, count: int, moments: Array | None, x: Array, y: Array, height: float,
-    slopes: Array, energies: Array,
-) -> tuple[float, float]:  # fmt: skip
-    """Stiffness of all grains against the piston [F*/D], and the largest of one grain per mass."""
-    slopes[:] = 0.0
-    _measure_side(law, count, moments, Side(y, x, height, -1.0), slopes, energies)
-    total = 0.0
-    largest = 0.0
-    for i in range(count):
-        largest = max(largest, slopes[i])
-        total += slopes[i] if moments is None else slopes[i] * moments[i]
-    return total, largest
-
-
-@compiled
-def _turning(
-    experimental: bool | None, infinite: bool | None, slab: Slab | None, speed: float
-) -> float:
-    square = 0.0
-    if experimental is not None:
-        square = wall_experimental.turning_stiffness(speed)
-    if infinite is not None:
-        square = wall_infinite.turning_stiffness(speed)
-    if slab is not None:
-        # At its end a slab has half the infinite wall's energy: a grain comes sqrt(2) nearer.
-        square = 4.0 * wall_infinite.turning_stiffness(speed)
-    return square
-
-
-@compiled
-def _turning_side(law: WallLaw | None, speed: float) -> float:
+def _turning_side(law: Any, speed: float) -> float:
     if law is None:
         return 0.0
-    return _turning(law.experimental, law.infinite, law.slab, speed)
-
-
-@compiled
-def turning_stiffness(laws: WallLaws, speed: float) -> float:
-    """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
-    return max(
-        _turning_side(laws.left, speed),
-        _turning_side(laws.right, speed),
-        _turning_side(laws.bottom, speed),
-        _turning_side(laws.top, speed),
-    )
+    return _turning(law, speed)

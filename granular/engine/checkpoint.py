@@ -47,7 +47,7 @@ class Progress:
     results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
-IN_FILES = {"wall_forces": "totals", "rounding": "low"}
+IN_FILES = {"wall_forces": "totals", "rounding": "low", "ledger": "entries"}
 """Fields of a state that checkpoints hold under another name: that of the first ones."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 COLUMNS = (
     "time",
     "height",
@@ -12,14 +14,8 @@ COLUMNS = (
     "top",
     "kinetic",
     "pair",
-    "wall",
-    "weight",
-    "contact",
     "piston",
     "work",
-    "drag_loss",
-    "friction_loss",
-    "contact_loss",
     "piston_loss",
     "closest",
     "fastest",
@@ -27,11 +23,11 @@ COLUMNS = (
     "grains",
     "turned",
 )
-"""Time; height and velocity of the piston; the force on each wall; the energies of the grains
-(kinetic, of pairs, at walls, weight, contacts) and of the piston; the ledger (work from outside,
-losses); the least distance of two grains, the greatest speed, and the bound of the highest angular
-frequency that the bed can meet; the number of grains; the energy turned over so far. In natural
-units."""
+"""Time; height and velocity of the piston; the force on each wall; the kinetic energy of the
+grains, that of the pairs and of the piston; work from outside, and what the piston loses; the least
+distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
+bed can meet; the number of grains; the energy turned over so far. Behind them stand the energy of
+each law, and what each of them took. In natural units."""
 
 # Kernels take whole numbers, not texts; a test holds both lists together.
 (
@@ -44,14 +40,8 @@ units."""
     TOP,
     KINETIC,
     PAIR,
-    WALL,
-    WEIGHT,
-    CONTACT,
     PISTON,
     WORK,
-    DRAG_LOSS,
-    FRICTION_LOSS,
-    CONTACT_LOSS,
     PISTON_LOSS,
     CLOSEST,
     FASTEST,
@@ -59,3 +49,57 @@ units."""
     GRAINS,
     TURNED,
 ) = range(len(COLUMNS))
+
+ENERGIES = len(COLUMNS)
+"""Where the energies of the laws begin."""
+
+
+def all_columns(laws: int) -> tuple[str, ...]:
+    """Every column of a record, with that many laws."""
+    places = range(laws)
+    return (*COLUMNS, *map(energy_column, places), *map(loss_column, places))
+
+
+def energy_column(place: int) -> str:
+    """Column of the energy of the law in that place."""
+    return f"energy {place}"
+
+
+def loss_column(place: int) -> str:
+    """Column of what the law in that place took."""
+    return f"loss {place}"
+
+
+def width(laws: int) -> int:
+    """Columns of a record, with that many laws."""
+    return ENERGIES + 2 * laws
+
+
+def potentials(rows: np.ndarray) -> np.ndarray:
+    """Potential energy of the grains in each record (r,), as a whole."""
+    return np.asarray(_terms(rows).sum(axis=1))
+
+
+def potential_sizes(rows: np.ndarray) -> np.ndarray:
+    """Sum of the sizes of the potential energies in each record (r,)."""
+    return np.asarray(np.abs(_terms(rows)).sum(axis=1))
+
+
+def energies(rows: np.ndarray) -> np.ndarray:
+    """Energy of grains and piston in each record (r,)."""
+    terms = [rows[:, [KINETIC]], _terms(rows), rows[:, [PISTON]]]
+    return np.asarray(np.concatenate(terms, axis=1).sum(axis=1))
+
+
+def losses(rows: np.ndarray) -> np.ndarray:
+    """Energy lost up to each record (r,)."""
+    return np.asarray(rows[:, _middle(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
+
+
+def _middle(rows: np.ndarray) -> int:
+    return (ENERGIES + rows.shape[1]) // 2
+
+
+def _terms(rows: np.ndarray) -> np.ndarray:
+    """Potential energies in each record: of the pairs, and of the laws from the last one on."""
+    return np.concatenate([rows[:, [PAIR]], rows[:, ENERGIES : _middle(rows)][:, ::-1]], axis=1)

@@ -6,7 +6,8 @@ Integration (2006), VIII.5.
 
 from __future__ import annotations
 
-from granular.compiled import compiled
+from granular.compiled import Array, compiled
+from granular.engine.state import VX, VY, State
 
 
 @compiled
@@ -15,3 +16,14 @@ def compensated_sum(total: float, rounding: float, increment: float) -> tuple[fl
     wanted = increment + rounding
     new = total + wanted
     return new, wanted - (new - total)
+
+
+@compiled
+def speed_up(rounding: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
+    """Add to the velocity of a grain, as a compensated sum where what rounding takes is kept."""
+    if rounding is None:
+        state.vx[i] += by_x
+        state.vy[i] += by_y
+    else:
+        state.vx[i], rounding[VX, i] = compensated_sum(state.vx[i], rounding[VX, i], by_x)
+        state.vy[i], rounding[VY, i] = compensated_sum(state.vy[i], rounding[VY, i], by_y)

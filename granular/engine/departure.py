@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from granular.engine.constants import Constants
 from granular.engine.state import State
-from granular.engine.system import Constants
 from granular.pairs.direct import PADDING
 
 
 def grain_constants(constants: Constants) -> list[np.ndarray]:
-    """The constants with one value for each grain, which must move with the grains."""
+    """The constants with one value for each grain, which must move with the grains.
+
+    All arrays of a law are such; what is something else stands in a tuple within it.
+    """
     acting = constants.acting
-    found = [constants.masses, constants.moments]
-    if acting.friction is not None:
-        found += [acting.friction.factor, acting.friction.weight]
-    if acting.contact is not None:
-        found.append(acting.contact.radius)
-    return [values for values in found if values is not None]
+    found = [constants.masses, constants.moments, acting.weight]
+    found += [values for law in acting.laws for values in law]
+    return [values for values in found if isinstance(values, np.ndarray)]
 
 
 def take_out(state: State, constants: Constants) -> Constants:
@@ -28,8 +28,9 @@ def take_out(state: State, constants: Constants) -> Constants:
             grains -= 1
             _move_last_to(i, grains, state, constants)
     state.scratch[:] = 0.0
-    if state.slab_scratch is not None:
-        state.slab_scratch[:] = 0.0
+    for room in state.rooms:
+        if isinstance(room, np.ndarray):
+            room[:] = 0.0
     return constants._replace(grains=grains)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from granular.engine.constants import Constants
 from granular.engine.state import HEIGHT, State
-from granular.engine.system import Constants
 from granular.scene.scales import Scales
 from granular.shared.errors import (
     EnergyError,
@@ -36,7 +36,7 @@ def misplaced(
             step=step, time=time, value=value,
             remedy="give it a wall ('effects.walls.top'), or a path that stays above the bottom",
         )  # fmt: skip
-    walls = constants.acting.walls
+    walls = constants.acting.sides
     gaps = {
         "the left wall": (walls.left, place[:, 0]),
         "the right wall": (walls.right, constants.width - place[:, 0]),

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.friction import FrictionLaw
-from granular.engine.kick import speed_up
+from granular.engine.compensation import speed_up
+from granular.engine.constants import Constants, moments_of
 from granular.engine.state import State
-from granular.engine.system import Constants, moments_of
 from granular.pairs.far_field import FarForces, find_far_forces
 
 
@@ -15,15 +14,10 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
     """Find the far field at the present places; 1 where its mesh has no room for them."""
     if far is None:
         return 0
-    return _find(constants.acting.friction, far, state, constants)
-
-
-@compiled
-def _find(friction: FrictionLaw | None, far: FarForces, state: State, constants: Constants) -> int:
-    weight = None if friction is None else friction.weight
     return find_far_forces(
-        far, constants.threaded, constants.grains, state.x, state.y, moments_of(constants), weight
-    )
+        far, constants.threaded, constants.grains, state.x, state.y, moments_of(constants),
+        constants.acting.weight,
+    )  # fmt: skip
 
 
 @compiled(inline=True)

@@ -7,20 +7,21 @@ import dataclasses
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.columns import COLUMNS
 from granular.scene.scene import Scene
 
-POTENTIALS = ("pair", "wall", "weight", "contact")
-ENERGIES = ("kinetic", *POTENTIALS, "piston")
-LOSSES = ("drag_loss", "friction_loss", "contact_loss", "piston_loss")
 WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
 DOUBTFUL = 1e-4
 """Residual beyond which a run is called degraded."""
 COARSE_FACTOR = 10.0
 """With the source's regularised friction, or its list of pairs under friction, the first limit is
-this much wider, and the second `COARSE_DOUBT`: the former's force follows the velocity before each
-kick, to first order only; the latter misses pairs that come closer."""
+this much wider, and the second `COARSE_DOUBT`: the source's beds are run at the source's steps.
+
+Of 119 random runs of these kinds, with at most 12 grains, 18 were off by more than 1e-4. Most often
+it was the step: a quarter of it left a sixteenth, with any list, skin and threshold speed. Not so
+where a list that is made anew takes pairs in and leaves others out, 6e-4 in a run at any step (3e-6
+with all pairs), and where regularised friction is far above the other forces and chatters: 0.09
+under a normal load of 1 N on a grain, 0.002 at a sixteenth of the step."""
 COARSE_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
 _LEAST_TURNOVER = 1e-5
@@ -39,10 +40,6 @@ def is_coarse(scene: Scene) -> bool:
 def doubtful(scene: Scene) -> float:
     """Residual over the energy turned over beyond which a run of the scene is called degraded."""
     return DOUBTFUL * (COARSE_DOUBT if is_coarse(scene) else 1.0)
-
-
-def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
-    return rows[:, [COLUMNS.index(name) for name in names]]
 
 
 @dataclasses.dataclass
@@ -82,21 +79,19 @@ class Ledger:
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
         """A ledger that begins with this record; ``coarse`` as `is_coarse` says."""
         rows = row[None]
-        potential = float(_columns(rows, *POTENTIALS).sum())
         return cls(
-            start=float(_columns(rows, *ENERGIES).sum()),
-            potential=potential,
+            start=float(columns.energies(rows)[0]),
+            potential=float(columns.potentials(rows)[0]),
             piston=float(row[columns.PISTON]),
-            moved=_LEAST_TURNOVER * float(np.abs(_columns(rows, *POTENTIALS)).sum()),
+            moved=_LEAST_TURNOVER * float(columns.potential_sizes(rows)[0]),
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What each record is off by beyond rounding: [F* D], and over the energy turned over."""
-        potential = _columns(rows, *POTENTIALS).sum(axis=1)
-        total = _columns(rows, *ENERGIES).sum(axis=1)
-        lost, work = _columns(rows, *LOSSES).sum(axis=1), _columns(rows, "work")[:, 0]
-        moved = np.maximum(_columns(rows, "turned")[:, 0], self.moved)
+        potential, total = columns.potentials(rows), columns.energies(rows)
+        lost, work = columns.losses(rows), rows[:, columns.WORK]
+        moved = np.maximum(rows[:, columns.TURNED], self.moved)
         residual = total - self.start + lost - work
         floor = _ROUNDING * (np.abs(potential) + np.abs(total) + lost + np.abs(work))
         excess = np.maximum(np.abs(residual) - floor, 0.0)

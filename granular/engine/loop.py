@@ -16,14 +16,14 @@ import numpy as np
 from granular.compiled import Array, compiled, entry
 from granular.effects.walls import TOP
 from granular.engine import columns
+from granular.engine.constants import Constants
 from granular.engine.far import find_far_field, kick_by_far_field
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.piston import piston_energy
-from granular.engine.state import HEIGHT, SPEED, Measurement, State
+from granular.engine.state import HEIGHT, LOSSES, PISTON, SPEED, WORK, Measurement, State
 from granular.engine.step import Plan, make_step
 from granular.engine.step_size import Pace, tick_start, tick_steps
 from granular.engine.stiffness import stiffest_mode
-from granular.engine.system import Constants
 from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, next_step
 from granular.protocol.motion import Motion
 
@@ -82,7 +82,9 @@ def measure(
 ) -> None:
     """Fill one record after a measuring pass, at a time [tau]."""
     kinetic, fastest = kinetic_energy(state, constants)
-    pair, wall, weight, contact = potential_energies(state, constants, time, measurement)
+    laws = state.ledger.size - LOSSES
+    energies = row[columns.ENERGIES : columns.ENERGIES + laws]
+    pair = potential_energies(state, constants, time, measurement, energies)
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]
@@ -90,12 +92,11 @@ def measure(
         row[columns.LEFT + side] = state.wall_forces[side]
     row[columns.KINETIC] = kinetic
     row[columns.PAIR] = pair
-    row[columns.WALL] = wall
-    row[columns.WEIGHT] = weight
-    row[columns.CONTACT] = contact
     row[columns.PISTON] = piston_energy(state, constants, time)
-    for place in range(state.ledger.size):
-        row[columns.WORK + place] = state.ledger[place]
+    row[columns.WORK] = state.ledger[WORK]
+    row[columns.PISTON_LOSS] = state.ledger[PISTON]
+    for law in range(laws):
+        row[columns.ENERGIES + laws + law] = state.ledger[LOSSES + law]
     fifth = measurement.extremes[1]  # power of the inverse distance
     row[columns.CLOSEST] = fifth**-0.2 if fifth > 0.0 else math.inf
     row[columns.FASTEST] = math.sqrt(fastest)
@@ -152,8 +153,11 @@ class Window(NamedTuple):
 def _turned_over(watch: Watch, row: Array) -> float:
     """Energy turned over since the start; see `granular.engine.ledger.Ledger`."""
     c = columns
-    potential = row[c.PAIR] + row[c.WALL] + row[c.WEIGHT] + row[c.CONTACT] - watch.potential
-    lost = row[c.DRAG_LOSS] + row[c.FRICTION_LOSS] + row[c.CONTACT_LOSS] + row[c.PISTON_LOSS]
+    potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
+    laws = (row.size - c.ENERGIES) // 2
+    for law in range(laws):
+        potential += row[c.ENERGIES + law]
+        lost += row[c.ENERGIES + laws + law]
     piston = abs(row[c.PISTON] - watch.piston)
     return row[c.KINETIC] + abs(potential) + piston + lost + abs(row[c.WORK])
 
@@ -236,7 +240,7 @@ def advance(
 
     Parameters
     ----------
-    rows : float64 (r, len(COLUMNS))
+    rows : float64 (r, columns)
         Filled with the records; the row behind them holds the last tick.
 
     Returns

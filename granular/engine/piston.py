@@ -5,16 +5,12 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled
+from granular.compiled.dispatch import sum_over
 from granular.effects import drag
 from granular.effects.friction import sliding
-from granular.effects.shaking import (
-    Swing,
-    acceleration,
-    acceleration_rate,
-    mass_moment,
-)
 from granular.effects.walls import TOP
 from granular.engine.compensation import compensated_sum
+from granular.engine.constants import Constants, Resistance
 from granular.engine.state import (
     HEIGHT,
     HEIGHT_ROUNDING,
@@ -24,8 +20,13 @@ from granular.engine.state import (
     WORK,
     State,
 )
-from granular.engine.system import Constants, Resistance
 from granular.protocol.motion import TABLE, Motion, outer_force, path
+
+lift = sum_over("lift", "time", 0.0)
+"""Upward acceleration of all that has a mass, at a time [tau]."""
+
+enter_work = sum_over("work", "span state constants time")
+"""Enter the work that forces which depend on time do in ``span``, at a time [tau]."""
 
 
 @compiled
@@ -145,7 +146,7 @@ def kick_piston(
     the ledger has the method's order.
     """
     if motion.free:
-        _, swing = acceleration(constants.acting.shaking, start + time)
+        swing = lift(constants.acting.laws, state.rooms, start + time)
         outer = outer_force(motion, time)
         force = (
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
@@ -157,20 +158,7 @@ def kick_piston(
         state.ledger[WORK] -= (
             span * state.wall_forces[TOP] * _path_speed(motion, time, span, opening)
         )
-    add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
-
-
-@compiled(inline=True)
-def add_shaking_work(
-    swing: Swing | None, span: float, state: State, constants: Constants, time: float
-) -> None:
-    """Enter the work that the shaking does on grains and piston in ``span``, at a time [tau]."""
-    if swing is not None:
-        rx, ry = acceleration_rate(swing, time)
-        mx, my = mass_moment(constants.grains, constants.masses, state.x, state.y)
-        state.ledger[WORK] -= span * (rx * mx + ry * my)
-        if constants.piston_mass < math.inf:
-            state.ledger[WORK] -= span * ry * constants.piston_mass * state.piston[HEIGHT]
+    enter_work(constants.acting.laws, state.rooms, span, state, constants, start + time)
 
 
 @compiled(inline=True)
@@ -193,7 +181,7 @@ def piston_energy(state: State, constants: Constants, time: float) -> float:
     """Kinetic and potential energy of the piston [F* D]; zero where it has no mass."""
     if not constants.piston_mass < math.inf:
         return 0.0
-    _, swing = acceleration(constants.acting.shaking, time)
+    swing = lift(constants.acting.laws, state.rooms, time)
     height, velocity = state.piston[HEIGHT], state.piston[SPEED]
     return (
         0.5 * constants.piston_mass * velocity * velocity

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.effects.shaking import acceleration
+from granular.compiled.dispatch import sum_over
 from granular.effects.walls import TOP
+from granular.engine.constants import Constants, Resistance
 from granular.engine.forces import compute_forces, measure_forces
-from granular.engine.piston import add_shaking_work, piston_energy
+from granular.engine.piston import enter_work, lift, piston_energy
 from granular.engine.state import (
-    DRAG,
     HEIGHT,
     PISTON,
     SPEED,
@@ -21,14 +21,9 @@ from granular.engine.state import (
     X,
     Y,
 )
-from granular.engine.system import Constants, Resistance
-from granular.pairs.vector import lane_sum
 from granular.protocol.motion import Motion, outer_force, path
 
-
-@compiled
-def _rate(rate: float | None) -> float:
-    return 0.0 if rate is None else rate
+_slow = sum_over("slow", "slopes span state constants")
 
 
 @compiled
@@ -43,17 +38,14 @@ def _mass(masses: Array | None, i: int) -> float:
 
 @compiled
 def _grain_slopes(slopes: Array, span: float, state: State, constants: Constants) -> None:
-    """Slopes of positions and velocities; the loss to drag is entered with the weight ``span``."""
-    rate = _rate(constants.acting.drag)
+    """Slopes of positions and velocities; losses are entered with the weight ``span``."""
     for i in range(constants.grains):
         mass = _mass(constants.masses, i)
-        vx, vy = state.vx[i], state.vy[i]
-        slopes[X, i] = vx
-        slopes[Y, i] = vy
-        slopes[VX, i] = state.fx[i] / mass - rate * vx
-        slopes[VY, i] = state.fy[i] / mass - rate * vy
-        state.scratch[i] = mass * (vx * vx + vy * vy)
-    state.ledger[DRAG] += span * rate * lane_sum(state.scratch)
+        slopes[X, i] = state.vx[i]
+        slopes[Y, i] = state.vy[i]
+        slopes[VX, i] = state.fx[i] / mass
+        slopes[VY, i] = state.fy[i] / mass
+    _slow(constants.acting.laws, state.rooms, slopes, span, state, constants)
 
 
 @compiled
@@ -62,7 +54,7 @@ def _piston_slopes(
     motion: Motion,
 ) -> None:  # fmt: skip
     if motion.free:
-        _, swing = acceleration(constants.acting.shaking, start + time)
+        swing = lift(constants.acting.laws, state.rooms, start + time)
         outer = outer_force(motion, time)
         rate = _resistance_rate(constants.resistance)
         force = (
@@ -75,7 +67,7 @@ def _piston_slopes(
         state.ledger[PISTON] += span * constants.piston_mass * rate * speed * speed
     else:
         state.ledger[WORK] -= span * state.wall_forces[TOP] * path(motion, time)[1]
-    add_shaking_work(constants.acting.shaking, span, state, constants, start + time)
+    enter_work(constants.acting.laws, state.rooms, span, state, constants, start + time)
 
 
 @compiled

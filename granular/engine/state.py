@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.engine.constants import Acting
 from granular.methods import Method
-from granular.pairs.cells import ClosePairs, close_pairs_room
 from granular.pairs.direct import padded_coordinates, part_buffers
 from granular.pairs.far_field import FarForces, far_forces_room
 from granular.pairs.stripes import LISTED, Stripes, stripes_room
 from granular.pairs.verlet_list import VerletList, verlet_list_room
-
-if TYPE_CHECKING:
-    from granular.engine.system import Acting
 
 X, Y, VX, VY = range(4)
 """Rows of what is kept of the grains' places and velocities together."""
@@ -22,8 +19,9 @@ X, Y, VX, VY = range(4)
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
 """Entries of the piston."""
 
-WORK, DRAG, FRICTION, CONTACT, PISTON = range(5)
-"""Entries of the ledger: work done from outside, and the losses."""
+WORK, PISTON, LOSSES = range(3)
+"""Entries of the ledger: work done from outside; what the piston loses; from there on, what each
+effect takes, in the order of the laws."""
 
 
 class Slopes(NamedTuple):
@@ -48,9 +46,8 @@ class State(NamedTuple):
         Positions, velocities and forces (magnetic, weight, contact, inertia), padded.
     piston : float64 (4,)
         Height and velocity of the piston, and what rounding took from each.
-    ledger : float64 (5,)
-        Work done on grains and piston from outside, and energy lost to drag, to friction, in
-        contacts, and by the piston.
+    ledger : float64 (2 + laws,)
+        Work done on grains and piston from outside, and energy lost by the piston and to effects.
     clock : float64 (7,)
         See `granular.engine.variable`.
     wall_forces : float64 (4,)
@@ -65,12 +62,10 @@ class State(NamedTuple):
         The source's list of pairs.
     far_forces : FarForces or None
         The far field, and its forces.
-    close_pairs : ClosePairs or None
-        Grains in contact.
+    rooms : tuple
+        Scratch of each law, or None; arrays of it are zero behind the grains.
     scratch : float64 (m,)
         For sums over the grains; zero behind them.
-    slab_scratch : float64 (m,) or None
-        Forces along a wall, which slabs alone have.
     buffers : float64 (parts, 5, m) or None
         Scratch of the pair sum.
     rounding : float64 (4, m) or None
@@ -94,9 +89,8 @@ class State(NamedTuple):
     stripes: Stripes | None
     verlet_list: VerletList | None
     far_forces: FarForces | None
-    close_pairs: ClosePairs | None
+    rooms: tuple[Any, ...]
     scratch: np.ndarray
-    slab_scratch: np.ndarray | None
     buffers: np.ndarray | None
     rounding: np.ndarray | None
     slopes: Slopes | None
@@ -135,7 +129,6 @@ def new_state(
     x, y = padded_coordinates(positions)
     vx, vy = np.zeros_like(x), np.zeros_like(x)
     vx[:count], vy[:count] = velocities[:, 0], velocities[:, 1]
-    slabs = any(law is not None and law.slab is not None for law in acting.walls)
     return State(
         x=x,
         y=y,
@@ -144,33 +137,36 @@ def new_state(
         fx=np.zeros_like(x),
         fy=np.zeros_like(x),
         piston=np.array([height, 0.0, 0.0, 0.0]),
-        ledger=np.zeros(5),
+        ledger=np.zeros(LOSSES + len(acting.laws)),
         clock=np.array([0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
         wall_forces=np.zeros(4),
         label=np.arange(x.size),
-        load=None if acting.friction is None else np.zeros_like(x),
+        load=None if acting.weight is None else np.zeros_like(x),
         stripes=_stripes(x.size, acting),
         verlet_list=None if acting.listing is None else verlet_list_room(x.size),
         far_forces=_far_forces(x.size, acting),
-        close_pairs=None if acting.contact is None else close_pairs_room(count),
+        rooms=tuple(_room(law, x.size, count) for law in acting.laws),
         scratch=np.zeros_like(x),
-        slab_scratch=np.zeros_like(x) if slabs else None,
         buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
         rounding=np.zeros((4, x.size)) if method.compensated else None,
         slopes=None if method.tableau is None else _slopes(len(method.tableau), x.size),
     )
 
 
+def _room(law: Any, size: int, count: int) -> Any:
+    return law.room(size, count) if hasattr(law, "room") else None
+
+
 def _stripes(size: int, acting: Acting) -> Stripes | None:
     if acting.cut is None:
         return None
-    return stripes_room(size, moments=acting.cut.moments, loaded=acting.friction is not None)
+    return stripes_room(size, moments=acting.cut.moments, loaded=acting.weight is not None)
 
 
 def _far_forces(size: int, acting: Acting) -> FarForces | None:
     if acting.far is None:
         return None
-    return far_forces_room(acting.far, size, loaded=acting.friction is not None)
+    return far_forces_room(acting.far, size, loaded=acting.weight is not None)
 
 
 def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:

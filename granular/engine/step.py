@@ -8,13 +8,13 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.engine.compensation import compensated_sum
+from granular.engine.constants import Constants
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.kick import kick_grains
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
 from granular.engine.state import Measurement, State, X, Y
 from granular.engine.step_size import Step
-from granular.engine.system import Constants
 from granular.methods import Method
 from granular.pairs.far_field import FarField
 from granular.protocol.motion import Motion

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 
-from granular.compiled import compiled, entry
-from granular.effects.contact import ContactLaw, impact_stiffness
-from granular.effects.dipole import head_on_stiffness, pair_energy
-from granular.effects.walls import piston_stiffness, turning_stiffness
-from granular.engine.state import HEIGHT, Measurement, State
-from granular.engine.system import Constants, moments_of
+from granular.compiled import Array, compiled, entry
+from granular.compiled.dispatch import greatest_over, sum_over
+from granular.effects.dipole import head_on_stiffness
+from granular.engine.constants import Constants
+from granular.engine.state import Measurement, State
 from granular.protocol.motion import Motion
+
+_collision = greatest_over("collision", "speed constants")
+_against_piston = sum_over("against_piston", "state constants slopes")
 
 
 @entry
@@ -26,18 +28,18 @@ def collision_frequency(constants: Constants, speed: float) -> float:
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
         square = head_on_stiffness(speed, constants.least_mass, constants.least_moment)
-    square = max(square, turning_stiffness(constants.acting.walls, speed))
-    return math.sqrt(max(square, _impact(constants.acting.contact, speed, constants)))
+    laws = constants.acting.laws
+    return math.sqrt(max(square, _collision(laws, laws, speed, constants)))
 
 
 @compiled
-def _impact(law: ContactLaw | None, speed: float, constants: Constants) -> float:
-    if law is None:
-        return 0.0
-    barrier = 0.0
-    if constants.acting.dipole is not None:
-        barrier = pair_energy(law.narrowest) * constants.least_moment**2
-    return impact_stiffness(law, speed, constants.least_mass, barrier)
+def _total_and_largest(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
+    """Stiffness of all grains [F*/D], and the largest of one grain per mass."""
+    total, largest = 0.0, 0.0
+    for i in range(count):
+        largest = max(largest, slopes[i])
+        total += slopes[i] if masses is None else slopes[i] * masses[i]
+    return total, largest
 
 
 @compiled
@@ -53,9 +55,9 @@ def stiffest_mode(
     for i in range(constants.grains):
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
-        total, largest = piston_stiffness(
-            constants.acting.walls.top, constants.grains, moments_of(constants), state.x, state.y,
-            state.piston[HEIGHT], measurement.against_piston, state.scratch,
-        )  # fmt: skip
+        slopes = measurement.against_piston
+        slopes[:] = 0.0
+        _against_piston(constants.acting.laws, state.rooms, state, constants, slopes)
+        total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), collision_frequency(constants, speed))

@@ -2,128 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
+from numba.core.errors import NumbaError
 
-from granular.compiled import Array, compiled
-from granular.effects.contact import ContactLaw
-from granular.effects.friction import FrictionLaw
-from granular.effects.shaking import Swing
-from granular.effects.walls import OPEN, WallLaws
+from granular.effects.effect import Effect, Setting
+from granular.engine.constants import Acting, Constants, Resistance, Sides
 from granular.methods import Method
 from granular.pairs.direct import padded_values
-from granular.pairs.far_field import FarField
+from granular.pairs.far_field import MOST_POINTS, SPACINGS, FarField
 from granular.pairs.stripes import CutOff
-from granular.pairs.verlet_list import Listing
 from granular.scene.parts import Piston
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-
-
-class Acting(NamedTuple):
-    """The effects that act; None is compiled away.
-
-    Attributes
-    ----------
-    dipole : bool or None
-    walls : WallLaws
-    gravity : float or None
-        G [F*/m].
-    drag : float or None
-        Decay rate [1/tau].
-    friction : FrictionLaw or None
-    contact : ContactLaw or None
-    shaking : Swing or None
-    cut : CutOff or None
-        Where pairs end; with None for this and the next, all pairs are summed.
-    listing : Listing or None
-        Of the source's Verlet list.
-    far : FarField or None
-        What is beyond the radius where pairs end smoothly.
-    """
-
-    dipole: bool | None
-    walls: WallLaws
-    gravity: float | None
-    drag: float | None
-    friction: FrictionLaw | None
-    contact: ContactLaw | None
-    shaking: Swing | None
-    cut: CutOff | None
-    listing: Listing | None
-    far: FarField | None
-
-
-class Resistance(NamedTuple):
-    """What holds a free piston back.
-
-    Attributes
-    ----------
-    rate : float
-        Decay rate of its velocity [1/tau].
-    force : float
-        Coulomb friction [F*].
-    """
-
-    rate: float
-    force: float
-
-
-class Constants(NamedTuple):
-    """What stays the same during a run (but that grains may leave).
-
-    Attributes
-    ----------
-    grains : int
-        Number of grains.
-    masses : float64 (m,) or None
-        Mass of each grain over that of the first species; None where all are alike.
-    moments : float64 (m,) or None
-        Magnetic moment of each grain over that of the first species. None where these are the same
-        numbers as the masses, as in species of one material and thickness: a second array in here
-        makes a step of 92 grains 10 % slower. Kernels ask `moments_of`.
-    least_mass, least_moment : float
-        Of the lightest species.
-    width : float
-        Cell width [D].
-    piston_mass, piston_weight : float
-        [m], [F*]; the mass is infinite where none is given.
-    resistance : Resistance or None
-        Of the piston.
-    exit : float
-        Height below which a grain has left through a gap [D]; minus infinity where there is none.
-    acting : Acting
-    threaded : bool or None
-        None for one thread.
-    """
-
-    grains: int
-    masses: Array | None
-    moments: Array | None
-    least_mass: float
-    least_moment: float
-    width: float
-    piston_mass: float
-    piston_weight: float
-    resistance: Resistance | None
-    exit: float
-    acting: Acting
-    threaded: bool | None
-
-
-@compiled(inline=True)
-def moments_of(constants: Constants) -> Array | None:
-    """Magnetic moment of each grain over that of the first species; None where all are alike."""
-    return _given(constants.moments, constants.masses)
-
-
-@compiled(inline=True)
-def _given(values: Array | None, otherwise: Array | None) -> Array | None:
-    return otherwise if values is None else values
-
 
 FAR_EVERY = 8
 """Steps from one evaluation of the far field to the next: 0.8 of the inverse of the highest angular
@@ -139,11 +34,28 @@ EXIT = -5.0
 
 @dataclasses.dataclass(frozen=True)
 class System:
-    """A compiled scene: the natural units, the constants, and the species of each grain."""
+    """A compiled scene.
+
+    Attributes
+    ----------
+    scales : Scales
+        The natural units.
+    constants : Constants
+    species : int (n,)
+        Of each grain.
+    effects : tuple of Effect
+        Those that act, dipole aside, in the order of their laws.
+    """
 
     scales: Scales
     constants: Constants
     species: np.ndarray
+    effects: tuple[Effect, ...]
+
+    @property
+    def pull(self) -> float:
+        """Downward acceleration that never changes [F*/m]."""
+        return sum(effect.pull(self.scales) for effect in self.effects)
 
 
 def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = None) -> System:
@@ -156,18 +68,24 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     """
     scales = Scales.of(scene.grains)
     species = scene.grains.assignment()
-    ratios = np.array([one.diameter for one in scene.grains.species])
-    ratios = (ratios / scales.length) ** 2
+    masses = scene.grains.mass_ratios()[species]
+    moments = scene.grains.moment_ratios()[species] * scene.grains.spread_factors()
+    several = len(scene.grains.species) > 1
+    alike = bool((masses == moments).all())
+    weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
+    effects = scene.effects.laws
     acting = _acting(scene, scales, species, method)
-    masses = None if len(ratios) == 1 else padded_values(ratios[species])
-    piston_mass, piston_weight = _piston_mass(scene, scales, acting.gravity)
+    piston_mass, piston_weight = _piston_mass(
+        scene, scales, sum(effect.pull(scales) for effect in effects)
+    )
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
-        masses=masses,
-        moments=None,
-        least_mass=float(ratios.min()),
-        least_moment=float(ratios.min()),
+        masses=padded_values(masses) if several else None,
+        moments=None if alike else padded_values(moments),
+        least_mass=1.0 if weakest is None else float(masses[weakest]),
+        least_moment=1.0 if weakest is None else float(moments[weakest]),
+        least_ratio=float((moments / masses).min(initial=1.0)) if not alike else 1.0,
         width=scene.cell.width / scales.length,
         piston_mass=piston_mass,
         piston_weight=piston_weight,
@@ -176,32 +94,67 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
         acting=acting,
         threaded=None if threads == 1 else True,
     )
-    return System(scales, constants, species)
+    return System(scales, constants, species, effects)
 
 
 def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> Acting:
-    effects, grains = scene.effects, scene.grains
-    walls, friction, contact = effects.walls, effects.friction, effects.contact
-    summed = None if effects.dipole is None else scene.pair_method
+    grains, effects = scene.grains, scene.effects.laws
+    setting = _setting(scene, scales, species)
+    weights = [found for one in effects if (found := one.load_weight(setting)) is not None]
+    dipole, walls = scene.effects.dipole, scene.effects.walls
+    summed = None if dipole is None else scene.pair_method
     radius = scene.pairs.radius(summed, scales.length)
     smooth = True if summed == "mesh" else None
     return Acting(
-        dipole=None if effects.dipole is None else True,
-        walls=OPEN if walls is None else walls.kernel(scene.cell.width, scales.length),
-        gravity=None if effects.gravity is None else effects.gravity.kernel(scales),
-        drag=None if effects.drag is None else effects.drag.kernel(scales),
-        friction=None if friction is None else friction.kernel(grains, scene.cell, scales, species),
-        contact=None if contact is None else contact.kernel(grains, scales, species),
-        shaking=None if effects.shaking is None else effects.shaking.kernel(scales),
-        cut=None if radius is None else CutOff(radius, len(grains.species) > 1, smooth),
+        laws=tuple(effect.law(setting) for effect in effects),
+        dipole=None if dipole is None else True,
+        sides=Sides()
+        if walls is None
+        else Sides(*(None if one is None else True for one in walls.sides)),
+        weight=weights[0] if weights else None,
+        cut=None
+        if radius is None
+        else CutOff(radius, len(grains.species) > 1 or grains.spread > 0.0, smooth),
         listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
         far=None if smooth is None or radius is None else _far_field(scene, scales, radius, method),
     )
 
 
+def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
+    effects = scene.effects.laws
+    places = {effect.key: place for place, effect in enumerate(effects)}
+    acting = {effect.key: effect for effect in scene.effects.all}
+    return Setting(scene.grains, scene.cell, scales, species, acting, places)
+
+
+@contextlib.contextmanager
+def own_code_compiles(scene: Scene) -> Iterator[None]:
+    """Let what the compiler says of a user's function be one line.
+
+    Raises
+    ------
+    InputError
+        If one does not compile.
+    """
+    try:
+        yield
+    except NumbaError:
+        setting = _setting(scene, Scales.of(scene.grains), scene.grains.assignment())
+        for effect in scene.effects.laws:
+            effect.check_compiling(setting)
+        raise
+
+
 def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | None) -> FarField:
     height = HEADROOM * scene.greatest_height() / scales.length
-    return FarField(radius, scene.cell.width / scales.length, height, _far_every(scene, method))
+    width = scene.cell.width / scales.length
+    points = width * height * (SPACINGS / radius) ** 2
+    if points > MOST_POINTS:
+        raise InputError(
+            f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
+            f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
+        )
+    return FarField(radius, width, height, _far_every(scene, method))
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:
@@ -220,11 +173,11 @@ def _far_every(scene: Scene, method: Method | None) -> int | None:
     return wanted if able and wanted > 1 else None
 
 
-def _piston_mass(scene: Scene, scales: Scales, gravity: float | None) -> tuple[float, float]:
+def _piston_mass(scene: Scene, scales: Scales, gravity: float) -> tuple[float, float]:
     if scene.piston is None or scene.piston.mass is None:
         return np.inf, 0.0
     mass = scene.piston.mass / scales.mass
-    return mass, mass * (gravity or 0.0)
+    return mass, mass * gravity
 
 
 def _resistance(piston: Piston | None, scales: Scales) -> Resistance | None:

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 
 from granular.compiled import compiled, entry
-from granular.effects.walls import WallLaws
+from granular.engine.constants import Constants, Sides, moments_of
 from granular.engine.state import HEIGHT, SPEED, State
-from granular.engine.system import Constants, moments_of
 from granular.pairs.density import step_density
 
 TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
@@ -26,7 +25,7 @@ def _place(here: bool, value: float, away: float) -> float:
 
 
 @compiled
-def _sides(walls: WallLaws, width: float, height: float) -> tuple[float, float, float, float]:
+def _sides(walls: Sides, width: float, height: float) -> tuple[float, float, float, float]:
     return (
         _place(walls.left is not None, 0.0, -math.inf),
         _place(walls.right is not None, width, math.inf),
@@ -40,7 +39,7 @@ def _density(state: State, constants: Constants) -> tuple[float, float]:
     return step_density(
         state.x, state.y, state.vx, state.vy, constants.grains, moments_of(constants),
         state.clock[SQUARE], state.clock[LEAST],
-        _sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
+        _sides(constants.acting.sides, constants.width, state.piston[HEIGHT]),
         state.piston[SPEED], constants.acting.dipole is not None,
     )  # fmt: skip
 

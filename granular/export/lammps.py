@@ -137,7 +137,8 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
     deck = Deck(
         scene=scene,
         scales=scales,
-        charges=tuple((one.diameter / scales.length) ** 2 for one in scene.grains.species),
+        charges=tuple(scene.grains.moment_ratios().tolist()),
+        masses=tuple(scene.grains.mass_ratios().tolist()),
         legs=start.legs,
         piston=start.height,
         height=max([top, *(one.highest for one in paths)]),
@@ -162,14 +163,21 @@ def _squeezed(deck: Deck, start: _Start) -> float:
     """Highest frequency of the bed as it stands, and evenly squeezed by the piston [1/tau]."""
     unit = deck.scales.length
     place, width = start.positions / unit, deck.scene.cell.width / unit
-    charge = np.array(deck.charges)[deck.scene.grains.assignment()[start.grains]]
-    if deck.cut is None:
-        charge *= 0.0
+    species = deck.scene.grains.assignment()[start.grains]
+    charge, mass = np.array(deck.charges)[species], np.array(deck.masses)[species]
     height = deck.height if start.height is None else start.height
     heights = [one.path.lowest for one in deck.legs if one.path is not None]
     shares = {1.0, *(low / height for low in heights)}
     return max(
-        stiffest_frequency(place * [1.0, share], charge, deck.sides, width, height * share / unit)
+        stiffest_frequency(
+            place * [1.0, share],
+            charge,
+            mass,
+            deck.sides,
+            width,
+            height * share / unit,
+            pairs=deck.cut is not None,
+        )
         for share in (1.0, min(shares))
     )
 
@@ -182,7 +190,8 @@ def _colliding(deck: Deck, start: _Start) -> float:
     speed += max((one.path.speed for one in deck.legs if one.path is not None), default=0.0)
     return collision_frequency(
         speed / deck.scales.velocity,
-        min(deck.charges),
+        deck.charges,
+        deck.masses,
         set(deck.sides.values()),
         pairs=deck.cut is not None,
     )

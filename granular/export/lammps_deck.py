@@ -30,7 +30,9 @@ class Deck(NamedTuple):
     scene : Scene
     scales : Scales
     charges : tuple of float
-        Moment and mass of each species over those of the first one.
+        Moment of each species over that of the first one.
+    masses : tuple of float
+        The same of the masses.
     legs : tuple of Leg
     piston : float or None
         Its height at the start [m].
@@ -45,6 +47,7 @@ class Deck(NamedTuple):
     scene: Scene
     scales: Scales
     charges: tuple[float, ...]
+    masses: tuple[float, ...]
     legs: tuple[Leg, ...]
     piston: float | None
     height: float
@@ -171,11 +174,11 @@ def _drag(deck: Deck) -> Iterator[str]:
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
         yield f"variable rate equal {drag.coefficient / deck.scales.mass!r}"
         stretch = "v_rate*dt/(1.0-exp(-v_rate*dt))"
-        shares = "".join(f" scale {k} {one!r}" for k, one in enumerate(deck.charges, start=1))
+        shares = "".join(f" scale {k} {one!r}" for k, one in enumerate(deck.masses, start=1))
         yield f"fix drag all viscous {drag.coefficient!r}{shares}"
     yield f"variable stretch equal {stretch}"
-    for number, charge in enumerate(deck.charges, start=1):
-        yield f"variable mass{number} equal {charge * deck.scales.mass!r}*v_stretch"
+    for number, mass in enumerate(deck.masses, start=1):
+        yield f"variable mass{number} equal {mass * deck.scales.mass!r}*v_stretch"
     yield "compute motion all ke"
     yield "variable kinetic equal c_motion/v_stretch"
 

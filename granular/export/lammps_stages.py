@@ -58,6 +58,10 @@ class Leg(NamedTuple):
         return max(0.0, self.span - self.done)
 
 
+CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
+"""Effects that a deck has."""
+
+
 def check_scene(scene: Scene) -> None:
     """Refuse what a LAMMPS deck cannot carry.
 
@@ -77,6 +81,16 @@ def check_scene(scene: Scene) -> None:
                 f"effects.{name} cannot be exported to LAMMPS: {why}; leave it out "
                 f"(--set effects.{name}=none) or run the scene here"
             )
+    for effect in effects.all:
+        if effect.key not in CARRIED:
+            raise InputError(
+                f"effects.{effect.key} cannot be exported to LAMMPS; leave it out "
+                f"(--set effects.{effect.key}=none) or run the scene here"
+            )
+    if scene.grains.spread > 0.0:
+        raise InputError(
+            "grains.spread cannot be exported to LAMMPS, whose tables are of species; set it to 0"
+        )
     for side in ("left", "right", "bottom", "top"):
         wall = None if walls is None else getattr(walls, side)
         if wall is not None and wall.law not in WALL_EXPONENTS:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,25 +16,28 @@ _WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
 def stiffest_frequency(
-    place: np.ndarray, charge: np.ndarray, walls: Mapping[str, str], width: float, height: float
-) -> float:
+    place: np.ndarray, charge: np.ndarray, mass: np.ndarray, walls: Mapping[str, str],
+    width: float, height: float, *, pairs: bool,
+) -> float:  # fmt: skip
     """Bound of the highest angular frequency of a bed [1/tau], by Gershgorin's theorem.
 
     Parameters
     ----------
     place : float (n, 2)
         [D]
-    charge : float (n,)
+    charge, mass : float (n,)
         Moment and mass over those of the first species.
     walls : mapping of str to str
         Side and law.
     width, height : float
         Of the cell [D].
+    pairs : bool
+        Whether grains repel each other.
     """
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(place).query_pairs(REACH, output_type="ndarray")
-    i, j = pairs[:, 0], pairs[:, 1]
+    near = cKDTree(place).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
+    i, j = near[:, 0], near[:, 1]
     fifth = np.linalg.norm(place[i] - place[j], axis=1) ** -5.0
     size = len(place)
     sums = np.bincount(i, charge[j] * fifth, size) + np.bincount(j, charge[i] * fifth, size)
@@ -46,15 +49,21 @@ def stiffest_frequency(
     }  # fmt: skip
     for side, law in walls.items():
         rows += [_WALLS[law].stiffness(gap) for gap in gaps[side]]
-    return math.sqrt(float(rows.max()))
+    return math.sqrt(float((rows * (charge / mass)).max()))
 
 
-def collision_frequency(speed: float, least: float, laws: set[str], *, pairs: bool) -> float:
+def collision_frequency(
+    speed: float, charges: Sequence[float], masses: Sequence[float], laws: set[str], *, pairs: bool
+) -> float:
     """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
 
-    Two grains of the ``least`` moment and mass meet head-on, or one of them meets a wall.
+    Two grains of a species meet head-on, or one of them meets a wall.
     """
-    squares = [_WALLS[law].turning_stiffness(speed) for law in laws]
-    if pairs:
-        squares.append(dipole.head_on_stiffness(speed, least, least))
+    squares = []
+    for charge, mass in zip(charges, masses, strict=True):
+        ratio = charge / mass
+        at = speed / math.sqrt(ratio)
+        squares += [ratio * _WALLS[law].turning_stiffness(at) for law in laws]
+        if pairs:
+            squares.append(dipole.head_on_stiffness(speed, mass, charge))
     return math.sqrt(max(squares, default=0.0))

@@ -87,8 +87,7 @@ def interaction_forces(run: Trajectory) -> xarray.DataArray:
 
 def grain_masses(run: Trajectory) -> np.ndarray:
     """Mass of each grain (n,) [kg]."""
-    grains = run.scene.grains
-    return np.asarray(np.pi / 4.0 * grains.density * grains.thickness * grains.diameters() ** 2)
+    return run.scene.grains.masses()
 
 
 def _body_acceleration(run: Trajectory) -> np.ndarray:

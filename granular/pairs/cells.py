@@ -57,12 +57,15 @@ def _grid(
     for i in range(count):
         left, right = min(left, x[i]), max(right, x[i])
         low, high = min(low, y[i]), max(high, y[i])
+    # In floating-point numbers: the product of far more cells than there is room for overflows.
     size = reach
-    columns, rows = int((right - left) / size) + 1, int((high - low) / size) + 1
-    while columns * rows > most:
+    columns, rows = np.floor((right - left) / size) + 1.0, np.floor((high - low) / size) + 1.0
+    while columns * rows > most and size < np.inf:
         size *= 1.5
-        columns, rows = int((right - left) / size) + 1, int((high - low) / size) + 1
-    return left, low, size, columns, rows
+        columns, rows = np.floor((right - left) / size) + 1.0, np.floor((high - low) / size) + 1.0
+    if not columns * rows <= most:  # a place is no number
+        return left, low, reach, 1, 1
+    return left, low, size, int(columns), int(rows)
 
 
 @compiled

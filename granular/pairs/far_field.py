@@ -27,6 +27,9 @@ SPACINGS = 4.5
 """Of the finest mesh, in the split radius. With 4.5 the mesh takes about as long as the near part
 where it is met every eighth step."""
 
+MOST_POINTS = 1e8
+"""Of the finest mesh: all of them take two gigabytes."""
+
 
 class FarField(NamedTuple):
     """The far field of a scene.

@@ -6,6 +6,8 @@ seen to rest; the duration is then the limit that may not be passed.
 
 from granular.protocol.descend import Descend
 from granular.protocol.follow import Follow
+from granular.protocol.formula_force import Force
+from granular.protocol.formula_path import Path
 from granular.protocol.free import Free
 from granular.protocol.hold import Hold
 from granular.protocol.lift import Lift
@@ -23,8 +25,11 @@ KINDS: dict[str, type[Stage]] = {
     "free": Free,
     "push": Push,
     "lift": Lift,
+    "path": Path,
+    "force": Force,
 }
 
 __all__ = [
-    "KINDS", "Descend", "Follow", "Free", "Hold", "Lift", "Move", "Oscillate", "Push", "Stage",
+    "KINDS", "Descend", "Follow", "Force", "Free", "Hold", "Lift", "Move", "Oscillate", "Path",
+    "Push", "Stage",
 ]  # fmt: skip

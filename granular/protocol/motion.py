@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.compiled import compiled, entry
 
-STRAIGHT, DESCENT, SINE, TABLE = range(4)
+STRAIGHT, DESCENT, SINE, TABLE, SPLINE = range(5)
 _NO_TABLE = np.zeros(2)
 
 
@@ -21,7 +21,8 @@ class Motion(NamedTuple):
     free : bool
         Under its weight and the grains' force; otherwise along the path.
     kind : int
-        Of the path: straight, exponential descent, sinusoidal, or a table.
+        Of the path: straight, exponential descent, sinusoidal, a table, or a spline; or of the
+        outer force: sinusoidal or a spline.
     start : float
         Height at the stage's start [D].
     speed : float
@@ -36,8 +37,10 @@ class Motion(NamedTuple):
         Amplitude and mean of the outer force on a free piston [F*].
     limit : float
         Force on the piston that ends the stage [F*].
-    times, heights : float64 (k,)
-        Of the table [tau], [D].
+    times : float64 (k,)
+        Of the table, or the knots of the spline, equally far from each other [tau].
+    heights : float64 (k,) or (2 k,)
+        Of the table [D]; of a spline the values, and behind them their slopes.
     """
 
     free: bool = False
@@ -66,6 +69,8 @@ def path(motion: Motion, time: float) -> tuple[float, float]:
         return height, motion.reach * motion.omega * math.cos(phase)
     if motion.kind == TABLE:
         return _table(motion, time)
+    if motion.kind == SPLINE:
+        return _spline(motion, time)
     return motion.start + motion.speed * time, motion.speed
 
 
@@ -90,6 +95,21 @@ def _table(motion: Motion, time: float) -> tuple[float, float]:
     return heights[k] + speed * (time - times[k]), speed
 
 
+@compiled
+def _spline(motion: Motion, time: float) -> tuple[float, float]:
+    """Value and slope of the cubic spline; behind its ends what they are."""
+    count = motion.times.size
+    h = motion.times[1]
+    k = min(max(int(time / h), 0), count - 2)
+    s = min(max(time / h - k, 0.0), 1.0)
+    low, high = motion.heights[k], motion.heights[k + 1]
+    rise, left, right = high - low, h * motion.heights[count + k], h * motion.heights[count + k + 1]
+    bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
+    return low + s * (left + s * (bend + s * twist)), (
+        left + s * (2.0 * bend + 3.0 * s * twist)
+    ) / h
+
+
 def greatest_speed(
     motion: Motion, mass: float, gravity: float, height: float, speed: float
 ) -> float:
@@ -98,7 +118,10 @@ def greatest_speed(
     From a height [D] and with a speed [D/tau], for a mass [m] under gravity [F*/m].
     """
     if motion.free:
-        pull = gravity + (abs(motion.bias) + abs(motion.push)) / mass
+        outer = abs(motion.bias) + abs(motion.push)
+        if motion.kind == SPLINE:
+            outer += float(np.abs(motion.heights[: motion.times.size]).max())
+        pull = gravity + outer / mass
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
     if motion.kind == DESCENT:
         k = motion.steepness
@@ -107,6 +130,8 @@ def greatest_speed(
         return motion.reach * motion.omega
     if motion.kind == TABLE:
         return float(np.abs(np.diff(motion.heights) / np.diff(motion.times)).max())
+    if motion.kind == SPLINE:
+        return float(np.abs(motion.heights[motion.times.size :]).max())
     return abs(motion.speed)
 
 
@@ -116,10 +141,17 @@ def drive_frequency(motion: Motion) -> float:
         return motion.steepness / motion.span
     if motion.kind == TABLE:
         return 1.0 / float(np.diff(motion.times).min())
+    if motion.kind == SPLINE:
+        slopes = motion.heights[motion.times.size :]
+        fastest = float(np.abs(slopes).max())
+        bend = float(np.abs(np.diff(slopes)).max()) / float(motion.times[1])
+        return bend / fastest if fastest > 0.0 else 0.0
     return motion.omega
 
 
 @compiled
 def outer_force(motion: Motion, time: float) -> float:
     """Force from outside on a free piston, upwards [F*]."""
+    if motion.kind == SPLINE:
+        return _spline(motion, time)[0]
     return motion.bias + motion.push * math.sin(motion.omega * time)

@@ -11,7 +11,7 @@ from granular.engine.far import total_force
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.state import State, new_measurement, new_state
-from granular.engine.system import Constants, natural_system
+from granular.engine.system import System, natural_system, own_code_compiles
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -85,12 +85,14 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement = new_measurement(state)
-    with unfinite_as(_misplaced):
+    with unfinite_as(_misplaced), own_code_compiles(scene):
         outside = measure_forces(state, constants, 0.0, measurement)
     force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise _misplaced()
-    potential = sum(potential_energies(state, constants, 0.0, measurement))
+    energies = np.zeros(len(constants.acting.laws))
+    potential = potential_energies(state, constants, 0.0, measurement, energies)
+    potential += float(energies[::-1].sum())
     kinetic, _ = kinetic_energy(state, constants)
     wall_forces = state.wall_forces * scales.force
     return Evaluation(
@@ -99,7 +101,7 @@ def evaluate(
         wall_forces=dict(zip(SIDES, wall_forces.tolist(), strict=True)),
         potential_energy=float(potential * scales.energy),
         kinetic_energy=float(kinetic * scales.energy),
-        normal_load=_normal_load(state, constants) * scales.force,
+        normal_load=_normal_load(state, system) * scales.force,
     )
 
 
@@ -110,11 +112,13 @@ def _misplaced() -> InputError:
     )
 
 
-def _normal_load(state: State, constants: Constants) -> np.ndarray:
-    law = constants.acting.friction
-    if law is None or state.load is None:
-        return np.zeros(constants.grains)
-    return np.asarray(law.load + law.factor * state.load)[: constants.grains]
+def _normal_load(state: State, system: System) -> np.ndarray:
+    grains = system.constants.grains
+    for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
+        found = effect.grain_values(law, state)
+        if "normal_load" in found:
+            return found["normal_load"][:grains]
+    return np.zeros(grains)
 
 
 def _field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:

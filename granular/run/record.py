@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import warnings
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.scene.schema import unknown
-from granular.scene.units import unit_size
-from granular.shared.errors import RecordError, SceneError
+from granular.readers.reading import Reading
+from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import replacing
 from granular.shared.messages import quoted, visible
-from granular.shared.tables import PARQUET, Table, read_csv, read_parquet, write_parquet
+
+if TYPE_CHECKING:
+    from granular.readers.meaning import Meaning
+    from granular.readers.opening import Reader
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
-_MOST_SHOWN = 20  # names of columns in a message
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class PistonRecord:
         [m/s]; the force on the piston, upwards [N].
     extra : mapping of str to float64 (n,)
         Further columns, as they were given.
+    angle : bool
+        Whether the coordinate, ``height``, is an angle [rad]; its velocity is in rad/s then.
 
     Raises
     ------
@@ -49,6 +53,7 @@ class PistonRecord:
     velocity: np.ndarray | None = None
     force: np.ndarray | None = None
     extra: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    angle: bool = False
 
     def __post_init__(self) -> None:
         for name in UNITS:
@@ -92,87 +97,116 @@ class PistonRecord:
         return len(self.time)
 
     @classmethod
-    def from_file(cls, path: str | Path, units: Mapping[str, str] | None = None) -> PistonRecord:
-        """Read a record from a Parquet file (``.parquet``, ``.pq``), or from a CSV file.
+    def from_file(
+        cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
+    ) -> PistonRecord:
+        """Read a record from a file, as an instrument or a program writes it.
 
-        Raises
-        ------
-        RecordError
-            As `from_csv` and `from_parquet`.
-        """
-        parquet = Path(path).suffix.lower() in PARQUET
-        return cls.from_parquet(path, units) if parquet else cls.from_csv(path, units)
+        CSV and its kin in any encoding, with preambles, rows of units, decimal commas, lost
+        samples, dates and times of day; LabVIEW measurements; and by their endings Parquet
+        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A
+        ``record.toml`` names another file, and says how it is read.
 
-    @classmethod
-    def from_csv(cls, path: str | Path, units: Mapping[str, str] | None = None) -> PistonRecord:
-        """Read a record from a CSV file.
+        Which column is what follows from names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
+        ``displacement``, ``angle``, ...) and from units (``height [mm]``, ``height_mm``, ...); SI
+        where there is none. What is guessed, and what is done to the samples, is said in a warning.
 
         Parameters
         ----------
         path : str or Path
-            A file with a header line that names the columns ``time`` and ``height``, and
-            ``velocity``, ``force`` and others where they are there. A unit may stand behind each
-            name: ``height [mm]``; SI without. Commas, semicolons or tabs separate; a name that
-            holds one of them stands in double quotes. ``time``, ``height``, ``velocity`` and
-            ``force`` must hold finite numbers in every line; any other column that does not, and
-            any without a name, is left out.
         units : mapping of str to str, optional
-            Units of the columns, instead of those in the header.
+            Units of the columns, instead of those in the file.
+        **said
+            The fields of `granular.readers.reading.Reading`: ``columns``, ``decimal``, ``skip``,
+            ``sheet``, ``flip``, ``between``.
 
         Raises
         ------
         RecordError
             If the file cannot be read as such; the message names line and column.
         """
-        return cls._of_table(Path(path), read_csv(Path(path), tuple(UNITS)), units or {})
+        return cls._read(Path(path), None, units, said)
 
     @classmethod
-    def from_parquet(cls, path: str | Path, units: Mapping[str, str] | None = None) -> PistonRecord:
-        """Read a record from a Parquet file (needs the extra ``parquet``).
+    def from_csv(
+        cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
+    ) -> PistonRecord:
+        """Read a record from a file of text, whatever its name; see `from_file`."""
+        from granular.readers.opening import read_text_sheet
 
-        Parameters
-        ----------
-        path : str or Path
-            A file with the columns that `from_csv` reads. A unit stands behind a name,
-            ``height [mm]``, or in the metadata of its field as ``units`` (or ``unit``); SI without.
-            ``time``, ``height``, ``velocity`` and ``force`` must hold finite numbers in every row;
-            any other column that does not is left out.
-        units : mapping of str to str, optional
-            Units of the columns, instead of those in the file.
+        return cls._read(Path(path), read_text_sheet, units, said)
+
+    @classmethod
+    def from_parquet(
+        cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
+    ) -> PistonRecord:
+        """Read a record from a Parquet file (needs the extra ``parquet``); see `from_file`.
+
+        A unit stands behind a name, ``height [mm]``, or in the metadata of its field as ``units``
+        (or ``unit``).
+        """
+        from granular.readers.parquet import read_parquet
+
+        return cls._read(Path(path), read_parquet, units, said)
+
+    @classmethod
+    def from_table(
+        cls, table: Any, units: Mapping[str, str] | None = None, **said: Any
+    ) -> PistonRecord:
+        """The record in a DataFrame, an xarray object, or a mapping of names to arrays.
+
+        Names and units are read as those of a file; see `from_file`.
 
         Raises
         ------
         RecordError
-            If the file cannot be read as such, or pyarrow is not there.
+            If it is no table, or holds no record.
         """
-        return cls._of_table(Path(path), read_parquet(Path(path), tuple(UNITS)), units or {})
+        from granular.readers.frames import sheet_of
+        from granular.readers.meaning import meaning_of
+
+        found = meaning_of(sheet_of(table), Reading(units=units or {}, **said))
+        if found.notes:
+            warnings.warn("; ".join(found.notes), RecordWarning, stacklevel=2)
+        return cls.of_meaning(found)
 
     @classmethod
-    def _of_table(cls, path: Path, table: Table, units: Mapping[str, str]) -> PistonRecord:
-        for name in units:
-            if name not in table.names:
-                raise RecordError(unknown(name, table.names, "column"))
-        for name in ("time", "height"):
-            if name not in table.names:
-                found = ", ".join(map(quoted, table.names[:_MOST_SHOWN])) or "none with a name"
-                raise RecordError(
-                    f"{visible(path)}: no column {quoted(name)}; found: {found}; {table.remedy}"
-                )
-        written = table.units | dict(units)
-        values = {
-            name: numbers * _size(name, written.get(name))
-            for name, numbers in table.columns.items()
-        }
+    def _read(
+        cls,
+        path: Path,
+        reader: Reader | None,
+        units: Mapping[str, str] | None,
+        said: dict[str, Any],
+    ) -> PistonRecord:
+        from granular.readers.opening import read_meaning
+
+        found = read_meaning(path, Reading(units=units or {}, **said), reader)
         try:
-            return cls(
-                time=values.pop("time"),
-                height=values.pop("height"),
-                velocity=values.pop("velocity", None),
-                force=values.pop("force", None),
-                extra=values,
-            )
+            record = cls.of_meaning(found)
         except RecordError as error:
             raise RecordError(f"{visible(path)}: {error}") from None
+        if found.notes:
+            warnings.warn(f"{visible(path)}: {'; '.join(found.notes)}", RecordWarning, stacklevel=3)
+        return record
+
+    @classmethod
+    def of_meaning(cls, found: Meaning) -> PistonRecord:
+        """The record that columns were taken for; see `granular.readers.meaning`.
+
+        Raises
+        ------
+        RecordError
+            If they make none.
+        """
+        values = dict(found.columns)
+        return cls(
+            time=values.pop("time"),
+            height=values.pop("height"),
+            velocity=values.pop("velocity", None),
+            force=values.pop("force", None),
+            extra=values,
+            angle=found.angle,
+        )
 
     def to_csv(self, path: str | Path) -> None:
         """Write the record to a CSV file that `from_csv` reads back to the same bits.
@@ -183,7 +217,7 @@ class PistonRecord:
             If it cannot be written; what was there before still stands.
         """
         columns = {
-            f"{name} [{UNITS[name]}]" if name in UNITS else name: values
+            f"{name} [{self.units[name]}]" if name in UNITS else name: values
             for name, values in self.columns.items()
         }
         with (
@@ -204,7 +238,14 @@ class PistonRecord:
         InputError
             If it cannot be written; what was there before still stands.
         """
-        write_parquet(Path(path), self.columns, UNITS)
+        from granular.readers.parquet import write_parquet
+
+        write_parquet(Path(path), self.columns, self.units)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI units of its own columns."""
+        return {**UNITS, "height": "rad", "velocity": "rad/s"} if self.angle else dict(UNITS)
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
@@ -254,6 +295,7 @@ class PistonRecord:
             None if self.velocity is None else self.velocity[samples],
             None if self.force is None else self.force[samples],
             {key: values[samples] for key, values in self.extra.items()},
+            self.angle,
         )
 
 
@@ -272,18 +314,3 @@ def _numbers(name: str, values: Any) -> np.ndarray:
         raise RecordError(
             f"{visible(name)}: holds something that is not a number; give finite real numbers"
         ) from None
-
-
-def _size(name: str, unit: str | None) -> float:
-    wanted = UNITS.get(name)
-    if unit is None or wanted is None:
-        return 1.0
-    try:
-        size, dimension = unit_size(unit)
-    except SceneError as error:
-        raise RecordError(f"{name}: {error}") from None
-    if dimension != unit_size(wanted)[1]:
-        raise RecordError(
-            f"{name}: the unit {quoted(unit)} does not fit; one of {wanted} is wanted"
-        )
-    return size

@@ -7,16 +7,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from granular.engine.columns import COLUMNS
+from granular.effects.effect import Effect
+from granular.engine.columns import width
+from granular.engine.constants import Constants
 from granular.engine.far import total_force
 from granular.engine.state import HEIGHT, State
-from granular.engine.system import Constants
 from granular.run.variables import (
     FRAME_HEIGHT,
     FRAME_TIME,
     STAGE,
     TIME,
     Variable,
+    columns_of,
     frame_variables,
     scalar_variables,
     si_column,
@@ -33,6 +35,7 @@ class Recorder:
     """
 
     count: int
+    effects: tuple[Effect, ...] = ()
     rows: list[np.ndarray] = dataclasses.field(default_factory=list)
     stages: list[np.ndarray] = dataclasses.field(default_factory=list)
     frames: list[dict[str, np.ndarray]] = dataclasses.field(default_factory=list)
@@ -49,10 +52,9 @@ class Recorder:
             "velocity": self._field(state, constants.grains, state.vx, state.vy),
             "force": self._field(state, constants.grains, *total_force(state)),
         }
-        law = constants.acting.friction
-        if law is not None and state.load is not None:
-            load = law.load + law.factor * state.load
-            frame["normal_load"] = self._field(state, constants.grains, load)[:, 0]
+        for effect, law in zip(self.effects, constants.acting.laws, strict=True):
+            for name, values in effect.grain_values(law, state).items():
+                frame[name] = self._field(state, constants.grains, values)[:, 0]
         self.frames.append(frame)
 
     def _field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
@@ -71,15 +73,16 @@ class Recorder:
     def in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[Variable, np.ndarray]]:
         """Every variable of the scene with its values in SI."""
         rows, stages = self.table()
+        columns = columns_of(scene)
         for one in (TIME, *scalar_variables(scene)):
-            yield one, si_column(one, rows, scales)
+            yield one, si_column(one, rows, columns, scales)
         yield STAGE, stages
         for one in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
             yield one, self.stacked(one.name, one.dims) * getattr(scales, one.scale)
 
     def table(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""
-        empty = np.empty((0, len(COLUMNS)))
+        empty = np.empty((0, width(len(self.effects))))
         return (
             np.concatenate([empty, *self.rows]),
             np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),

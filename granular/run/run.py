@@ -12,7 +12,6 @@ import numpy as np
 
 from granular.engine import columns
 from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
-from granular.engine.columns import COLUMNS
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import countless, misplaced, restless, unbalanced
 from granular.engine.far import find_far_field, hold_far_field
@@ -88,7 +87,7 @@ class Run:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
         self.plan = plan_of(method, step, system.constants.acting.far)
-        self.recorder = Recorder(scene.grains.count)
+        self.recorder = Recorder(scene.grains.count, system.effects)
         self.progress = Progress()
         positions, velocities = scene.initial_motion()
         height = scene.piston.height if scene.piston is not None else 0.0
@@ -105,7 +104,8 @@ class Run:
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: Ledger | None = None
         self.motion = Motion()
-        self._row = np.zeros(len(COLUMNS))
+        self._columns = columns.width(len(system.effects))
+        self._row = np.zeros(self._columns)
         self._call_ticks = 1
 
     # Checkpoints -------------------------------------------------------------------------------
@@ -126,9 +126,14 @@ class Run:
         Raises
         ------
         StoreError
-            If the run has gone farther than its end is now to be.
+            If the run has gone farther than its end is now to be, or a former version made it.
         """
         state = self.state
+        if not set(kept_arrays(state)) <= set(kept):
+            raise StoreError(
+                "the run was made with a former version, whose checkpoints hold other arrays; give "
+                "a new directory"
+            )
         put_arrays(state, kept)
         self.band[:], self.seen[:] = kept["band"], kept["seen"]
         memory = json.loads(str(kept["memory"]))
@@ -261,7 +266,7 @@ class Run:
 
     @staticmethod
     def _energy(row: np.ndarray) -> float:
-        return float(row[columns.KINETIC : columns.PISTON + 1].sum())
+        return float(columns.energies(row[None])[0])
 
     def _take_hold(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
@@ -273,14 +278,13 @@ class Run:
     def _set_pace(self, row: np.ndarray) -> None:
         """Cut the stage into ticks, by the speeds that the bed can reach from its start."""
         output, scales = self.scene.output, self.system.scales
-        gravity = self.constants.acting.gravity or 0.0
+        gravity = self.system.pull
         # A grain may still gain what it loses in height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
         speed += greatest_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
-        if self.constants.acting.shaking is not None:
-            speed += self.constants.acting.shaking.greatest_speed
+        speed += sum(one.greatest_speed(scales) for one in self.system.effects)
         frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
         pace = self.step.pace(
             output.scalars / scales.time,
@@ -301,11 +305,13 @@ class Run:
 
     def _resolved(self, frequency: float) -> float:
         """The frequency that an automatic step is to resolve, with the drive and the drag."""
-        rate = self.constants.acting.drag or 0.0
-        record = self.scene.output.scalars / self.system.scales.time
+        scales, effects = self.system.scales, self.system.effects
+        rate = max((one.decay_rate(scales) for one in effects), default=0.0)
+        record = self.scene.output.scalars / scales.time
         slowest = max(frequency, self.step.fraction / record)
-        swing = self.constants.acting.shaking
-        drive = max(drive_frequency(self.motion), 0.0 if swing is None else swing.omega)
+        drive = max(
+            [drive_frequency(self.motion), *(one.drive_frequency(scales) for one in effects)]
+        )
         resolved = max(frequency, drive, min(rate, DECAY_LIMIT * slowest))
         steps = record * resolved / self.step.fraction
         if self.step.automatic:
@@ -415,7 +421,7 @@ class Run:
 
     def _run(self, window: Window, pace: Pace, watch: Watch) -> tuple[int, int, np.ndarray]:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
-        rows = np.empty((window.ticks // pace.every + 2, len(COLUMNS)))
+        rows = np.empty((window.ticks // pace.every + 2, self._columns))
         status, done, kept = advance(
             window, pace, self.plan, self.state, self.constants, self.motion,
             self.measurement, watch, rows,
@@ -458,8 +464,7 @@ class Run:
 
     @property
     def _dissipates(self) -> bool:
-        acting = self.constants.acting
-        return acting.drag is not None or acting.friction is not None
+        return any(effect.damps for effect in self.system.effects)
 
     def _let_go(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""

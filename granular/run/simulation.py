@@ -19,7 +19,7 @@ import numpy as np
 from granular.engine.ledger import doubtful
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.step_size import Step
-from granular.engine.system import System, natural_system
+from granular.engine.system import System, natural_system, own_code_compiles
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
 from granular.pairs.direct import PARTED_FROM, PARTS
@@ -30,6 +30,7 @@ from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
+from granular.run.sources import own_sources
 from granular.run.store import Store, read_settings
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
@@ -116,7 +117,8 @@ def simulate(
     with deferred_stop() as stop:
         store = None if out is None else _open_store(Path(out), run, settings, resume)
         try:
-            return _Job(run, store, settings).carry_out(progress, stop)
+            with own_code_compiles(scene):
+                return _Job(run, store, settings).carry_out(progress, stop)
         finally:
             if store is not None:
                 store.release()
@@ -249,6 +251,7 @@ def _settings(scene: Scene, dt: float | str, method: Method) -> dict[str, Any]:
         "method": method_setting(method),
         "pairs": scene.pair_method,
         "versions": versions(),
+        **({"own": own} if (own := own_sources(scene)) else {}),
     }
 
 
@@ -268,6 +271,11 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
                 f"the run in {path} has another {what}: {former[name]}, not {settings[name]}; "
                 "resume with the same, or give a new directory"
             )
+    if former.get("own", []) != settings.get("own", []):
+        raise StoreError(
+            f"the run in {path} was made with other functions of an own effect, which have changed "
+            "since; resume with the same, or give a new directory"
+        )
     if former.get("versions") != settings["versions"]:
         warnings.warn(
             f"the run in {path} was made with other versions ({former.get('versions')}); what "
@@ -289,9 +297,11 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
     if residual > doubtful(trajectory.scene):
+        remedy = "a shorter dt is more accurate"
+        if trajectory.scene.pair_method == "verlet-list":
+            remedy += ", and so is pairs.method = 'direct', without a list that misses pairs"
         warnings.warn(
-            f"the energy ledger is off by {residual:.2g} of the energy turned over; a shorter dt "
-            "is more accurate",
+            f"the energy ledger is off by {residual:.2g} of the energy turned over; {remedy}",
             stacklevel=3,
         )
     closest = settings.get("closest_distance", math.inf)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from granular.effects.effect import Record
 from granular.effects.walls import SIDES
-from granular.engine.columns import COLUMNS
+from granular.engine.columns import all_columns, energy_column, loss_column
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 
@@ -20,7 +22,8 @@ class Variable:
     Attributes
     ----------
     column : str
-        Column of the records it comes from; empty for grain fields.
+        Column of the records it comes from, or several with " + " between them; empty for grain
+        fields.
     scale : str
         The natural unit it is multiplied by (an attribute of `Scales`); empty for none.
     """
@@ -48,19 +51,9 @@ _SIDES = tuple(
 _TOP = Variable("piston_force", "N", "force of the grains on the piston, upwards", "top", "force")
 _KINETIC = Variable("kinetic_energy", "J", "kinetic energy of the grains", "kinetic", "energy")
 _PAIR = Variable("pair_energy", "J", "energy of the magnetic pairs", "pair", "energy")
-_WALL = Variable("wall_energy", "J", "energy of the grains at the walls", "wall", "energy")
-_WEIGHT = Variable("weight_energy", "J", "potential energy of the weight", "weight", "energy")
 _PISTON_ENERGY = Variable(
     "piston_energy", "J", "kinetic and potential energy of the piston", "piston", "energy"
 )
-_CONTACT = Variable("contact_energy", "J", "energy of the contacts", "contact", "energy")
-_LOSSES = {
-    "drag": Variable("drag_loss", "J", "energy lost to viscous drag", "drag_loss", "energy"),
-    "friction": Variable(
-        "friction_loss", "J", "energy lost to dry friction", "friction_loss", "energy"
-    ),
-    "contact": Variable("contact_loss", "J", "energy lost in contacts", "contact_loss", "energy"),
-}
 _PISTON_LOSS = Variable(
     "piston_loss", "J", "energy lost to the piston's friction and drag", "piston_loss", "energy"
 )
@@ -79,9 +72,6 @@ GRAIN_FIELDS = (
     Variable("velocity", "m/s", "velocities", "", "velocity", ("frame", "grain", "axis")),
     Variable("force", "N", "magnetic, weight and contact", "", "force", ("frame", "grain", "axis")),
 )
-NORMAL_LOAD = Variable(
-    "normal_load", "N", "normal force on the plates", "", "force", ("frame", "grain")
-)
 FRAME_HEIGHT = Variable(
     "frame_height", "m", "height of the piston at the frame", "", "length", ("frame",)
 )
@@ -90,6 +80,7 @@ FRAME_HEIGHT = Variable(
 def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     """The scalar records that a scene has: what does not act is not recorded."""
     effects = scene.effects
+    laws = list(enumerate(effects.laws))
     chosen: list[Variable] = []
     if scene.piston is not None:
         chosen += _PISTON
@@ -99,12 +90,10 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += [_WALL] if effects.walls else []
-    chosen += [_WEIGHT] if effects.gravity else []
+    chosen += _summed((energy_column(place), one.energy_record) for place, one in laws[::-1])
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += [_CONTACT] if effects.contact else []
-    chosen += [loss for name, loss in _LOSSES.items() if getattr(effects, name)]
+    chosen += _summed((loss_column(place), one.loss_record) for place, one in laws)
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking else []
@@ -113,9 +102,23 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     return tuple(chosen)
 
 
+def _summed(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
+    """A variable for each record, of the columns of all effects that share it."""
+    columns: dict[Record, list[str]] = {}
+    for column, record in records:
+        if record is not None:
+            columns.setdefault(record, []).append(column)
+    return [_variable(record, " + ".join(found)) for record, found in columns.items()]
+
+
+def _variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) -> Variable:
+    return Variable(record.name, record.unit, record.meaning, column, record.scale, dims)
+
+
 def frame_variables(scene: Scene) -> tuple[Variable, ...]:
     """The grain fields of each frame that a scene has."""
-    return (*GRAIN_FIELDS, NORMAL_LOAD) if scene.effects.friction else GRAIN_FIELDS
+    brought = (record for effect in scene.effects.laws for record in effect.grain_records)
+    return (*GRAIN_FIELDS, *(_variable(one, "", ("frame", "grain")) for one in brought))
 
 
 def run_variables(scene: Scene) -> tuple[Variable, ...]:
@@ -124,7 +127,15 @@ def run_variables(scene: Scene) -> tuple[Variable, ...]:
     return (*scalars, FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene))
 
 
-def si_column(variable: Variable, rows: np.ndarray, scales: Scales) -> np.ndarray:
-    """A variable's values in SI from records in natural units."""
-    values = rows[:, COLUMNS.index(variable.column)]
+def columns_of(scene: Scene) -> tuple[str, ...]:
+    """Every column of a scene's records."""
+    return all_columns(len(scene.effects.laws))
+
+
+def si_column(
+    variable: Variable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
+) -> np.ndarray:
+    """A variable's values in SI from records in natural units, with those columns."""
+    first, *others = (rows[:, columns.index(one)] for one in variable.column.split(" + "))
+    values = sum(others, start=first)
     return values * getattr(scales, variable.scale) if variable.scale else values

@@ -11,6 +11,7 @@ import dataclasses
 import math
 
 from granular.scene.parts import Grains
+from granular.scene.units import unit_size
 
 MAGNETIC_CONSTANT = 4e-7 * math.pi
 """Permeability of free space [H/m], the value of [D, Table 4.3]."""
@@ -24,20 +25,38 @@ class Scales:
     ----------
     length, mass, force : float
         D [m], m [kg], F* [N].
+    current : float
+        mu/D^2 [A], with the moment mu of a grain of the first species.
     """
 
     length: float
     mass: float
     force: float
+    current: float = 1.0
 
     @classmethod
     def of(cls, grains: Grains) -> Scales:
         """The natural units of a bed: those of its first species."""
         diameter = grains.species[0].diameter
-        volume = math.pi * grains.thickness * diameter**2 / 4.0
-        moment = grains.remanence * volume / MAGNETIC_CONSTANT
+        thickness, density, remanence = (
+            float(grains.of_species(name)[0]) for name in ("thickness", "density", "remanence")
+        )
+        volume = math.pi * thickness * diameter**2 / 4.0
+        moment = remanence * volume / MAGNETIC_CONSTANT
         force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)
-        return cls(length=diameter, mass=grains.density * volume, force=force)
+        return cls(diameter, density * volume, force, moment / diameter**2)
+
+    def unit(self, text: str) -> float:
+        """The natural unit of a quantity that is given in such an SI unit, in SI."""
+        length, mass, time, current = unit_size(text)[1]
+        return float(
+            self.length**length * self.mass**mass * self.time**time * self.current**current
+        )
+
+    @property
+    def permeability(self) -> float:
+        """mu0 [H/m]"""
+        return MAGNETIC_CONSTANT
 
     @property
     def time(self) -> float:

@@ -6,48 +6,112 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granular.effects.contact import Contact
-from granular.effects.dipole import Dipole
-from granular.effects.drag import Drag
-from granular.effects.friction import Friction
-from granular.effects.gravity import Gravity
-from granular.effects.shaking import Shaking
-from granular.effects.walls import Walls
+from granular.effects.effect import Effect
+from granular.effects.registry import find, names
 from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import Arrangement, initial_motion
 from granular.scene.parts import Cell, Grains, Output, Piston
-from granular.scene.schema import FieldError, Many, Section, declare, one, text, unknown
+from granular.scene.schema import FieldError, Many, One, Section, declare, one, text, unknown
 from granular.scene.units import si_value
 from granular.shared.errors import SceneError
 from granular.shared.files import write_text
+from granular.shared.messages import quoted
+
+if TYPE_CHECKING:
+    from granular.effects.dipole import Dipole
+    from granular.effects.friction import Friction
+    from granular.effects.shaking import Shaking
+    from granular.effects.walls import Walls
 
 
 class Effects(Section):
-    """The effects that act. What is left out costs nothing.
+    """The effects that act, each as an attribute of its name. What is left out costs nothing.
 
-    Attributes
-    ----------
-    dipole : Dipole or None
-    walls : Walls or None
-    gravity : Gravity or None
-    drag : Drag or None
-    friction : Friction or None
-    contact : Contact or None
-    shaking : Shaking or None
+    An effect that does not act is None. `granular.effects.registry` has all that can be named: each
+    file of `granular.effects` brings one, and a user's own script may bring more.
     """
 
-    dipole: Dipole | None = one(Dipole, default=None, optional=True)
-    walls: Walls | None = one(Walls, default=None, optional=True)
-    gravity: Gravity | None = one(Gravity, default=None, optional=True)
-    drag: Drag | None = one(Drag, default=None, optional=True)
-    friction: Friction | None = one(Friction, default=None, optional=True)
-    contact: Contact | None = one(Contact, default=None, optional=True)
-    shaking: Shaking | None = one(Shaking, default=None, optional=True)
+    _given: Mapping[str, Effect]
+
+    if TYPE_CHECKING:
+        dipole: Dipole | None
+        walls: Walls | None
+        friction: Friction | None
+        shaking: Shaking | None
+
+    def __init__(self, **given: Any) -> None:
+        object.__setattr__(self, "_given", _read_effects(given, None))
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or find(name) is None:
+            raise AttributeError(f"there is no effect {name!r}")
+        return self._given.get(name)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Effects) and self._given == other._given
+
+    def __hash__(self) -> int:
+        return hash(tuple(sorted(self._given)))
+
+    def __repr__(self) -> str:
+        return f"Effects({', '.join(f'{name}={one!r}' for name, one in self._given.items())})"
+
+    @property
+    def all(self) -> tuple[Effect, ...]:
+        """Those that act, by their names."""
+        return tuple(self._given.values())
+
+    @property
+    def laws(self) -> tuple[Effect, ...]:
+        """Those that act but for the dipole, in the order in which the loop takes them."""
+        parts = [one for effect in self.all if effect.key != "dipole" for one in effect.parts]
+        return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
+
+    @classmethod
+    def key_names(cls) -> tuple[str, ...]:
+        return names()
+
+    @classmethod
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
+        """As of `Section.from_plain`."""
+        if plain is True:
+            plain = {}
+        if not isinstance(plain, Mapping):
+            raise FieldError(
+                f"{quoted(plain)} must be a table with the keys {', '.join(cls.key_names())}"
+            )
+        self = object.__new__(cls)
+        object.__setattr__(self, "_given", _read_effects(plain, diameter))
+        return self
+
+    def to_plain(self) -> dict[str, Any]:
+        return {name: effect.to_plain() for name, effect in self._given.items()}
+
+
+IMPORT = "(import the file of your own ones first: --import FILE, or an installed package)"
+
+
+def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str, Effect]:
+    known: dict[str, type[Effect]] = {}
+    for name in plain:
+        effect = find(name)
+        if effect is None:
+            raise FieldError(f"{unknown(name, names(), 'effect')} {IMPORT}")
+        known[name] = effect
+    found = {}
+    for name in sorted(plain):
+        try:
+            section = One(True, section=known[name]).read(plain[name], diameter)
+        except FieldError as error:
+            raise error.within(name) from None
+        if section is not None:
+            found[name] = section
+    return found
 
 
 class Scene(Section):
@@ -66,8 +130,10 @@ class Scene(Section):
     def validate(self) -> None:
         self._check_piston()
         self._check_walls()
-        if self.effects.friction is not None:
-            self.effects.friction.factors(self.grains, self.cell)
+        acting = {effect.key: effect for effect in self.effects.all}
+        for effect in acting.values():
+            effect.check(self.grains, self.cell, self.piston, acting)
+        self._check_kicks()
         if self.output.record is not None:
             names = tuple(stage.name for stage in self.protocol)
             if self.output.record not in names:
@@ -81,6 +147,17 @@ class Scene(Section):
             )
         self._check_pairs()
         self.initial_motion()
+
+    def _check_kicks(self) -> None:
+        """Of the effects that are solved together with the forces, one must know the others."""
+        kicks = [effect for effect in self.effects.laws if effect.takes_along is not None]
+        for other in kicks[:-1]:
+            if other.key not in (kicks[-1].takes_along or ()):
+                raise FieldError(
+                    f"cannot act together with {other.key!r}; take one of them away",
+                    "effects",
+                    kicks[-1].key,
+                )
 
     def initial_motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2).
@@ -125,12 +202,7 @@ class Scene(Section):
         return max(highest)
 
     def _check_walls(self) -> None:
-        walls, piston = self.effects.walls, self.piston
-        if walls is not None:
-            try:
-                walls.check_size(self.cell.width, None if piston is None else piston.height)
-            except FieldError as error:
-                raise error.within("effects", "walls") from None
+        walls = self.effects.walls
         top = walls is not None and walls.top is not None
         for place, stage in enumerate(self.protocol):
             if not top and self.grains.count and (stage.needs_mass or stage.limits_force):

@@ -239,7 +239,7 @@ class Many(Kind):
                 raise error.within(str(index)) from None
         names = [getattr(item, "name", "") for item in built]
         for name in names:
-            if names.count(name) > 1:
+            if name and names.count(name) > 1:
                 raise FieldError(f"the name {quoted(name)} is given twice; names must differ")
         return tuple(built)
 

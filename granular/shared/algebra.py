@@ -7,6 +7,7 @@ name that is made here, never one that a user wrote.
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,8 @@ from granular.shared.grammar import FormulaError, Name, Node, Number
 
 if TYPE_CHECKING:
     import sympy
+
+_LEAST, _GREATEST = sys.float_info.min, sys.float_info.max
 
 
 def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) -> sympy.Expr:
@@ -36,6 +39,26 @@ def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) ->
     if found.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
         raise FormulaError("it divides by zero, or is no real number; write another formula")
     return found
+
+
+def check_numbers(found: sympy.Expr) -> None:
+    """Numbers that came about by multiplying out are ones that a computer holds.
+
+    Raises
+    ------
+    FormulaError
+        If a part that holds numbers alone is beyond 1e308, or below 1e-308 but not zero.
+    """
+    import sympy
+
+    for part in sympy.preorder_traversal(found):
+        if part.is_number and part != 0:
+            size = abs(part.evalf())
+            if size.is_Number and not _LEAST <= size <= _GREATEST:
+                raise FormulaError(
+                    f"it holds {size.evalf(3)} when multiplied out, and computers hold numbers "
+                    "from 1e-308 to 1e308: write other numbers"
+                )
 
 
 def _functions() -> dict[str, Callable[..., Any]]:

@@ -168,8 +168,8 @@ def add_import(parser: argparse.ArgumentParser) -> None:
     """Code of the user's own."""
     parser.add_argument(
         "--import", dest="own_files", metavar="FILE", action="append", default=[],
-        help="run this Python file of yours first: its methods and measures are then known by "
-        "their names (repeatable)",
+        help="run this Python file of yours first: its effects, methods and measures are then "
+        "known by their names (repeatable)",
     )  # fmt: skip
 
 

@@ -37,6 +37,10 @@ class SceneError(InputError):
     """A scene, or a change to it, is not valid."""
 
 
+class RecordWarning(UserWarning):
+    """What was guessed of a record, or done to its samples."""
+
+
 class RecordError(InputError):
     """A piston record (a CSV file or arrays) cannot be used."""
 

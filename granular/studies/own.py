@@ -1,4 +1,4 @@
-"""Measures from a Python file that the user names on the command line."""
+"""Measures and effects from a Python file that the user names on the command line."""
 
 from __future__ import annotations
 

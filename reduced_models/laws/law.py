@@ -29,6 +29,9 @@ SwingStarts = Callable[
 COMPILED = 64
 """Functions of laws that are kept in memory; each discovery makes up laws that never come back."""
 
+PROGRAMS = 16
+"""Programs of JAX that are kept in memory, of each kind; one takes some 20 MB."""
+
 _RATES = {"z'": "z_first", "z''": "z_second"}
 _TIME_WORD = re.compile(rf"(?<![\w']){TIME}(?![\w'])")
 _MOST_HIDDEN = 8  # states: beyond what any record can tell apart
@@ -233,6 +236,11 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     if factor == 0 or rest.has(a) or factor.has(a):
         raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
     acceleration = -rest / factor
+    try:
+        for each in (acceleration, *rates):
+            algebra.check_numbers(each)
+    except grammar.FormulaError as error:
+        raise InputError(f"{law} cannot be reckoned with: {error}") from None
     known = {"z", *trees.hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in known)
     return Parsed(
@@ -351,13 +359,32 @@ def jacobian_of(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
     """Derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
+    import sympy
+
+    def step(inner: sympy.Expr) -> sympy.Expr:
+        return 2 * sympy.Heaviside(inner) - 1
+
+    # Of what SymPy cannot know to be real, as asin(z), these have derivatives of complex numbers.
+    for kind, instead in ((sympy.sign, step), (sympy.Abs, lambda inner: inner * step(inner))):
+        rates = [
+            rate.replace(
+                lambda part, kind=kind: part.func is kind and not part.args[0].is_extended_real,
+                lambda part, instead=instead: instead(part.args[0]),
+            )
+            for rate in rates
+        ]
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
     found = algebra.function_of(arguments, [rate.diff(one) for rate in rates for one in by], names)
 
     def matrix(*values: float) -> np.ndarray:
-        slopes = np.array(found(*values), dtype=np.float64).reshape(len(rates), len(by))
-        return slopes if np.isfinite(slopes).all() else np.full_like(slopes, math.nan)
+        # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
+        with np.errstate(all="ignore"):
+            slopes = np.array(found(*map(np.float64, values))).reshape(len(rates), len(by))
+        # The derivative of a power of a negative number holds its logarithm.
+        if np.iscomplexobj(slopes) or np.isnan(slopes).any():
+            return np.full(slopes.shape, math.nan)
+        return slopes.astype(np.float64)
 
     return matrix
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
-from reduced_models.laws.law import Law, compiled_field
+from reduced_models.laws.law import PROGRAMS, Law, compiled_field
 from reduced_models.records.inputs import Interpolation, pieces
 
 jnp = jax.numpy
@@ -192,7 +192,7 @@ class Solution:
 Motion = Solution  # its former name
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PROGRAMS)
 def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
     rates = compiled_field(equation)
 
@@ -277,7 +277,7 @@ _MOST_DRIVEN = 2**22
 """Steps of a driven solution: as many as a gigabyte holds."""
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PROGRAMS)
 def _stepping(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array]:
     rates = compiled_field(equation, inputs)
     solver = diffrax.Dopri8()

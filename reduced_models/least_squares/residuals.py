@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.jax_setup import jax
-from reduced_models.laws.law import COMPILED, compiled_field
+from reduced_models.laws.law import PROGRAMS, compiled_field
 from reduced_models.laws.solution import between, on_grid
 from reduced_models.least_squares.levenberg_marquardt import Normal
 from reduced_models.least_squares.samples import Samples, samples_on_grid
@@ -124,7 +124,7 @@ def residual_functions(unknowns: Unknowns) -> ResidualFunctions:
     return _compiled(law.equation, law.inputs, unknowns.logarithmic, unknowns.map is None)
 
 
-@functools.lru_cache(maxsize=COMPILED)
+@functools.lru_cache(maxsize=PROGRAMS)
 def _compiled(
     equation: str, inputs: tuple[str, ...], logarithmic: tuple[bool, ...], fits_map: bool
 ) -> ResidualFunctions:

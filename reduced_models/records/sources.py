@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from granular.readers.description import is_description
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quoted, visible
@@ -97,7 +98,7 @@ def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
     """
     path = Path(source)
     try:
-        if path.is_file() and path.suffix != ".toml":
+        if path.is_file() and (path.suffix != ".toml" or is_description(path)):
             return PistonRecord.from_file(path)
         from granular.run.directory import is_run
         from granular.run.trajectory import load_trajectory

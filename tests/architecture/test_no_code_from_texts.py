@@ -32,6 +32,7 @@ ALLOWED = {
         "the file that a user names on the command line, by --import",
     ("granular/shared/own_file.py", "compile"):
         "the same file",
+    ("granular/effects/registry.py", "import_module"): "the files of the package itself",
     ("granular/compiled/cache.py", "pickle.loads"):
         "compiled code that was sealed, in a folder that belongs to the user alone",
     ("validation/exact/__init__.py", "import_module"): "names from a table in the source",

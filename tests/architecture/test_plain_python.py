@@ -1,4 +1,7 @@
-"""All that acts also runs where numba does not compile, and keeps the ledger there."""
+"""All that acts also runs where numba does not compile, and keeps the ledger there.
+
+Pytest runs in a process of its own, since numba is told once.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 def test_small_runs_in_plain_python() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:cacheprovider",
-         "tests/plain_python"],
+         "tests/plain_python", "tests/physics/test_forces.py::test_force_is_minus_gradient"],
         capture_output=True, text=True, check=False, cwd=ROOT,
         env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
     )  # fmt: skip

@@ -1,14 +1,14 @@
-"""Orders of convergence by slope, against exact solutions, with a negative control."""
+"""Orders of convergence by slope, against exact solutions.
+
+The negative control, drag in the force sum, is in `tests/plain_python/test_order.py`.
+"""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.effects import drag
 
 
 def bouncing(**changes: object) -> Scene:
@@ -39,7 +39,7 @@ def reference(scene: Scene) -> np.ndarray:
 
     scales = Scales.of(scene.grains)
     gravity = scene.effects.gravity.acceleration / scales.acceleration
-    rate = scene.effects.drag.kernel(scales) if scene.effects.drag else 0.0
+    rate = scene.effects.drag.decay_rate(scales) if scene.effects.drag else 0.0
 
     def motion(_: float, state: np.ndarray) -> list[float]:
         y, v = state
@@ -58,34 +58,6 @@ def test_verlet_has_order_two_at_the_wall() -> None:
 def test_verlet_keeps_order_two_with_drag() -> None:
     scene = bouncing(**{"effects.drag.coefficient": 0.02})
     assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
-
-
-def test_drag_as_a_plain_force_would_lose_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Negative control: the same step in plain Python, with the drag smuggled into the kick."""
-
-    def verlet(dt: float, *, smuggled: bool) -> float:
-        y, v, rate = 3.0, 0.0, 0.05
-        steps = round(40.0 / dt)
-        half = 0.5 * dt
-        decay, gain, *_ = drag.flow(rate, half)
-        for _ in range(steps):
-            for part in range(2):
-                force = 0.5 / y**3.5 - 0.002
-                v = v + half * (force - rate * v) if smuggled else decay * v + gain * force
-                if part == 0:
-                    y += dt * v
-        return y
-
-    steps = np.array([0.08, 0.04, 0.02, 0.01])
-    finest = verlet(0.0005, smuggled=False)
-    orders = {
-        smuggled: np.polyfit(
-            np.log(steps), [math.log(abs(verlet(h, smuggled=smuggled) - finest)) for h in steps], 1
-        )[0]
-        for smuggled in (False, True)
-    }
-    assert orders[False] == pytest.approx(2.0, abs=0.05)
-    assert orders[True] == pytest.approx(1.0, abs=0.1)
 
 
 def test_free_piston_converges_with_order_two(small_damper: Scene) -> None:

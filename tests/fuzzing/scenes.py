@@ -1,6 +1,6 @@
 """Random scenes, sound and unsound, and what becomes of them: fine, refused, stopped, or a fault.
 
-A case follows from its number alone. Tried as a program, each gives a line of JSON:
+A program, of which `trials` tells:
 
     NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --first 0 --count 20
     NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --first 17 --count 1 --show
@@ -8,9 +8,9 @@ A case follows from its number alone. Tried as a program, each gives a line of J
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import copy
+import itertools
 import json
 import math
 import resource
@@ -19,22 +19,17 @@ import signal
 import sys
 import tempfile
 import time
-import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from trials import FAULT, LONGEST, MOST_MEMORY, Hang, Outcome, Random, random_of, tell, wanted
 
-SEED = 20260515
 MOST_GRAINS = 12
-HANG = 60.0
-"""Seconds after which a case that was told to stop is a fault."""
-MEMORY = 4 * 2**30
 
 Plain = dict[str, Any]
-Random = np.random.Generator
 
 ODD: tuple[Any, ...] = (
     0, -1, 1, 2, 2**53 + 1, 2**63, -(2**70), 1e-300, 1e-30, 1e-29, 1e-12, 1e12, 1e29, 1e30, 1e300,
@@ -274,7 +269,7 @@ def spoil(random: Random, plain: Plain) -> None:
 
 
 class Case:
-    """A scene and how it is run, from its number.
+    """A scene and how it is run, from a seed and a number.
 
     Attributes
     ----------
@@ -284,12 +279,14 @@ class Case:
         Of `simulate`.
     common : bool
         Whether its effects are among the `COMMON` ones.
+    compiled : bool
+        Whether it is, moreover, one of the many that share compiled code.
     resumed : float or None
         Share of the run after which it is cut and resumed.
     """
 
-    def __init__(self, number: int) -> None:
-        random = np.random.default_rng([SEED, number])
+    def __init__(self, seed: int, number: int) -> None:
+        random = random_of(seed, number)
         self.common = some(random, 0.3)
         names = {one for one in ("dipole", "walls", "gravity") if some(random, 0.8)}
         rare = ("drag", "friction", "contact", "shaking")
@@ -297,6 +294,9 @@ class Case:
         if self.common:
             names = set(one_of(random, COMMON))
         self.plain = sound_scene(random, names, self.common)
+        found = self.plain["effects"]
+        usual = found.get("friction", {}).get("scheme") != "regularised"
+        self.compiled = self.common and usual and found.get("walls") == {}
         self.arguments = arguments(random, self.plain, self.common)
         if some(random, 0.4):
             for _ in range(int(random.integers(1, 4))):
@@ -310,64 +310,60 @@ class Case:
 # What becomes of it ----------------------------------------------------------------------------
 
 
-class Hang(BaseException):
-    """A case did not end, though it was told to."""
-
-
 @contextlib.contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """Ctrl-C after some seconds, and `Hang` later."""
-    begun = time.monotonic()
+    """Ctrl-C after some seconds of the processor, and `Hang` later."""
+    begun = time.process_time()
 
     def alarm(*_: object) -> None:
-        if time.monotonic() - begun > HANG:
+        if time.process_time() - begun > LONGEST:
             raise Hang
-        signal.setitimer(signal.ITIMER_REAL, HANG)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST)
         signal.raise_signal(signal.SIGINT)
 
-    former = signal.signal(signal.SIGALRM, alarm)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    former = signal.signal(signal.SIGPROF, alarm)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, former)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, former)
 
 
-def tried(case: Case, seconds: float) -> tuple[str, str]:
-    """The outcome of a case, and what there is to say of it."""
+def tried(case: Case, seconds: float, *, figures: bool = False) -> Outcome:
+    """The outcome of a case, and what is to be said of it; or figures of its second record."""
     from granular.shared.errors import InputError, RunError
 
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
             with within(seconds):
-                run_case(case, said)
+                run = run_case(case, said)
         except KeyboardInterrupt as stop:
             part = getattr(stop, "trajectory", None)
             bad = "" if part is None or part.path is not None else unfinite(part)
-            return ("fault", bad) if bad else ("cut", f"after {seconds:g} s")
+            return (FAULT, bad) if bad else ("cut", f"after {seconds:g} s")
         except InputError as error:
             return judged("refused", error)
         except RunError as error:
             if error.trajectory is None:
-                return "fault", f"no trajectory: {error}"
+                return FAULT, f"no trajectory: {error}"
             return judged("stopped", error)
-        except Hang:
-            return "fault", f"hangs for more than {HANG:g} s"
-        except Exception:
-            return "fault", traceback.format_exc(limit=-6)
+    if figures:
+        data = run.dataset.isel(time=slice(2))
+        rows = {name: data[name].values for name in data if data[name].dims == ("time",)}
+        return "fine", json.dumps({str(name): float(row[-1]) for name, row in rows.items()})
     return "fine", "; ".join(sorted({str(one.message)[:60] for one in said}))
 
 
-def judged(outcome: str, error: Exception) -> tuple[str, str]:
+def judged(outcome: str, error: Exception) -> Outcome:
     text = str(error)
     printed = "\n" not in text and text.isprintable()
-    return (outcome, f"{type(error).__name__}: {text}") if printed else ("fault", repr(text))
+    return (outcome, f"{type(error).__name__}: {text}") if printed else (FAULT, repr(text))
 
 
-def run_case(case: Case, said: list[warnings.WarningMessage]) -> None:
-    """Run a case, and assert what holds of every run."""
+def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
+    """The run of a case, and assert what holds of every run."""
     import tomllib
 
     from granular import Scene, simulate
@@ -383,6 +379,7 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> None:
     check_run(run, said)
     if case.resumed is not None and run.dataset.sizes["time"] > 1:
         check_resumed(case, run)
+    return run
 
 
 @contextlib.contextmanager
@@ -449,34 +446,30 @@ def check_resumed(case: Case, whole: Any) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int, default=20)
+    parser = wanted(__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="from when on a case is cut")
-    parser.add_argument("--common", action="store_true", help="only cases of common effects")
-    parser.add_argument("--show", action="store_true", help="print the cases, too")
+    parser.add_argument("--common", action="store_true", help="only cases that share compiled code")
+    parser.add_argument("--figures", action="store_true", help="what two programs may compare")
     options = parser.parse_args()
     import granular.run.simulation
     import granular.run.summary  # noqa: F401
 
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    number, done = options.first, 0
-    while done < options.count:
-        case = Case(number)
-        if case.common or not options.common:
-            if options.show:
-                print(
-                    json.dumps({"scene": case.plain, **case.arguments}, indent=1), file=sys.stderr
-                )
-            begun = time.monotonic()
-            outcome, what = tried(case, options.seconds)
-            line = {"case": number, "outcome": outcome, "what": what}
-            print(json.dumps(line | {"seconds": round(time.monotonic() - begun, 2)}), flush=True)
-            done += 1
-        number += 1
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
 
+    def numbers() -> Iterator[int]:
+        found = itertools.count(options.first)
+        if options.common:
+            found = (number for number in found if Case(options.seed, number).compiled)
+        return itertools.islice(found, options.count)
 
-Tried = Callable[..., list[Plain]]
+    def trial(number: int) -> Outcome:
+        case = Case(options.seed, number)
+        if options.show:
+            print(json.dumps({"scene": case.plain, **case.arguments}, indent=1), file=sys.stderr)
+        return tried(case, options.seconds, figures=options.figures)
+
+    tell(trial, numbers())
+
 
 if __name__ == "__main__":
     main()

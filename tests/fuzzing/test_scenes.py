@@ -3,54 +3,49 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
+import math
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-SCRIPT = Path(__file__).with_name("scenes.py")
-
-
-def tried(*words: str, compiled: bool = False) -> list[dict[str, Any]]:
-    """The cases that the program tried, in a process of its own, whose memory is limited."""
-    paths = (str(ROOT), os.environ.get("PYTHONPATH", ""))
-    surroundings = {
-        "NUMBA_DISABLE_JIT": "0" if compiled else "1",
-        "PYTHONPATH": os.pathsep.join(path for path in paths if path),
-    }
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), *words],
-        cwd=ROOT, env=os.environ | surroundings, stdout=subprocess.PIPE, text=True, check=False,
-    )  # fmt: skip
-    cases = [json.loads(line) for line in done.stdout.splitlines()]
-    assert done.returncode == 0, cases[-1:]
-    return cases
-
 
 def check(cases: list[dict[str, Any]], count: int) -> None:
-    outcomes = Counter(case["outcome"] for case in cases)
-    print(dict(outcomes))
-    assert [case for case in cases if case["outcome"] == "fault"] == []
-    assert sum(outcomes.values()) == count
-    assert outcomes["fine"] > 0.1 * count
-    assert outcomes["refused"] > 0.1 * count
+    found = Counter(case["outcome"] for case in cases)
+    print(dict(found))
+    assert len(cases) == count
+    assert set(found) <= {"fine", "refused", "stopped", "cut"}
+    assert min(found["fine"], found["refused"]) > 0.1 * count
 
 
-def test_some_random_scenes() -> None:
-    check(tried("--count", "20", "--seconds", "0.5"), 20)
-
-
-@pytest.mark.long
-def test_many_random_scenes() -> None:
-    check(tried("--count", "5000"), 5000)
+def test_some_random_scenes(tried: Any) -> None:
+    words = ("--count", "20", "--seconds", "0.5")
+    check(tried("scenes.py", *words, compiled=False), 20)
 
 
 @pytest.mark.long
-def test_random_scenes_compiled() -> None:
-    """The first of them whose effects are common."""
-    check(tried("--count", "300", "--common", "--seconds", "20", compiled=True), 300)
+def test_many_random_scenes(tried: Any) -> None:
+    check(tried("scenes.py", "--count", "5000", compiled=False), 5000)
+
+
+@pytest.mark.long
+def test_random_scenes_compiled(tried: Any) -> None:
+    """The first of them whose effects are common, beside what plain Python makes of them."""
+    words = ("--count", "300", "--common", "--seconds", "20", "--figures")
+    compiled, plain = tried("scenes.py", *words), tried("scenes.py", *words, compiled=False)
+    check(compiled, 300)
+    for one, other in zip(compiled, plain, strict=True):
+        if "cut" not in (one["outcome"], other["outcome"]):
+            assert one["outcome"] == other["outcome"], one["case"]
+        if one["outcome"] == other["outcome"] == "fine":
+            assert_same(json.loads(one["what"]), json.loads(other["what"]), one["case"])
+
+
+def assert_same(one: dict[str, float], other: dict[str, float], case: int) -> None:
+    """But for rounding, which a few steps have hardly let grow."""
+    assert set(one) == set(other)
+    energy = max((abs(one[name]) for name in one if name.endswith("_energy")), default=0.0)
+    for name, value in one.items():
+        least = max(1e-9 * energy, 1e-100) if name.endswith(("_energy", "_loss", "work")) else 1e-12
+        close = math.isclose(value, other[name], rel_tol=1e-6, abs_tol=least)
+        assert close or math.isnan(value), (case, name, value, other[name])

@@ -273,8 +273,8 @@ def test_bad_input_is_one_line_and_exit_code_2(
 
 
 @pytest.mark.parametrize("package", ["granular", "reduced_models"])
-def test_exit_code_reaches_the_shell(command: Command, package: str) -> None:
-    done = command(package, "fly")
+def test_exit_code_reaches_the_shell(process: Command, package: str) -> None:
+    done = process(package, "fly")
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith("error: ")
@@ -304,15 +304,15 @@ def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
 
 
 @pytest.mark.long
-def test_second_start_compiles_nothing(command: Command, tmp_path: Path) -> None:
+def test_second_start_compiles_nothing(process: Command, tmp_path: Path) -> None:
     words = ("granular", "run", "bed", *SMALL, "--t-end", "0.002", "--quiet")
     caches = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
 
     def compiled() -> dict[str, int]:
         return {str(one): one.stat().st_mtime_ns for one in (tmp_path / "numba").rglob("*.kernel")}
 
-    assert command(*words, **caches).returncode == 0
+    assert process(*words, **caches).returncode == 0
     first = compiled()
     assert first
-    assert command(*words, **caches).returncode == 0
+    assert process(*words, **caches).returncode == 0
     assert compiled() == first

@@ -13,6 +13,7 @@ class Stage(NamedTuple):
     compiled : bool
         Whether numba compiles. Without, nothing waits for a compiler, and small cases say much.
     paths : tuple of str
+        Files, folders, or tests of a file.
     """
 
     compiled: bool
@@ -21,6 +22,15 @@ class Stage(NamedTuple):
 
 _FORCES = "tests/physics/test_forces.py"
 _SMALL = "tests/plain_python"
+_RUBBING = tuple(
+    f"tests/physics/test_friction.py::test_{one}"
+    for one in (
+        "grain_that_is_thrown_up_slides_back",
+        "friction_and_drag_together_stop_a_grain_as_in_closed_form",
+        "weight_above_static_friction_slides_with_dynamic_friction",
+    )
+)
+"""A lone grain over some hundred steps."""
 
 _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     "granular/effects/contact": (
@@ -28,8 +38,8 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(True, ("tests/physics/test_contact.py",)),
     ),
     "granular/effects/friction": (
-        Stage(False, (_FORCES, _SMALL)),
-        Stage(True, ("tests/physics/test_friction.py", "tests/granular/run/test_drive.py")),
+        Stage(False, (_FORCES, _SMALL, *_RUBBING)),
+        Stage(True, ("tests/physics/test_friction.py",)),
     ),
     "granular/effects/wall": (
         Stage(False, (_FORCES, _SMALL)),
@@ -40,15 +50,20 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),
     ),
     "granular/engine": (
-        Stage(False, (_FORCES, _SMALL)),
+        Stage(False, (_FORCES, _SMALL, *_RUBBING)),
+        Stage(True, ("tests/physics/test_energy.py", "tests/physics/test_friction.py")),
         Stage(
             True,
-            ("tests/granular/run", "tests/physics", "tests/granular/protocol", "tests/regression"),
+            ("tests/granular/protocol", "tests/granular/run", "tests/regression", "tests/physics"),
         ),
     ),
     "granular/pairs": (
         Stage(False, (_FORCES, _SMALL, "tests/granular/pairs/test_verlet_list.py")),
         Stage(True, ("tests/physics/test_pair_sum.py", "tests/granular/pairs")),
+    ),
+    "reduced_models/least_squares": (
+        Stage(True, ("tests/reduced_models/least_squares",)),
+        Stage(True, ("tests/reduced_models/fitting", "tests/reduced_models/laws/test_laws.py")),
     ),
     "reduced_models": (
         Stage(True, ("tests/reduced_models/fitting", "tests/reduced_models/laws/test_laws.py")),

@@ -1,6 +1,6 @@
 """The notebooks run, say what they say with the numbers of the run, and fit their scripts.
 
-Quick: the first three as scripts. Long: all of them, each in a kernel of its own.
+Quick: the first as a script. Long: all of them, each in a kernel of its own.
 """
 
 from __future__ import annotations
@@ -114,13 +114,11 @@ def hard_cases(found: Numbers) -> None:
 def own_effect_and_law(found: Numbers) -> None:
     # Central differences at 3e-7 m are good to 1e-8.
     assert found["own_gradient"] < 1e-7
-    assert found["bed_gradient"] < 1e-7
-    # Rounding of a hundred steps.
-    assert found["loop_difference"] < 1e-12
+    assert found["ways_differ"] < 1e-12
     assert found["energy_order"] == pytest.approx(2.0, abs=0.1)
-    assert found["balance"] < 1e-5
+    assert found["balance"] < 1e-3
     assert found["weight_is_g"]
-    assert "spring" in found["unknown_effect"]
+    assert "asks for" in found["wrong_force"]
 
 
 def designing_a_damper(found: Numbers) -> None:
@@ -161,7 +159,7 @@ with open({path!r}, "wb") as _file:
 """
 """Cell that hands the plain numbers and texts of a kernel over."""
 
-QUICK = ("01_first_bed", "02_compression_and_structure", "03_bidisperse_order")
+QUICK = ("01_first_bed",)
 
 
 def test_numbers_have_no_gap() -> None:

@@ -24,7 +24,8 @@ def ledger(run: Trajectory) -> tuple[np.ndarray, float]:
 
 def test_held_bed_keeps_its_energy(bed: Scene) -> None:
     """368 grains under a piston at 20 D, 1e5 steps of 1e-5 s: within 1e-6, without a trend."""
-    scene = bed.replace(**{"effects.drag": None})
+    # No drag, by its coefficient: as other beds that are compiled already.
+    scene = bed.replace(**{"effects.drag.coefficient": 0.0})
     run = simulate(scene, dt=1e-5, t_end=1.0, progress=False)
     assert run.settings()["steps"] == 100_000
     residual, _ = ledger(run)

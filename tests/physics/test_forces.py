@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
@@ -21,15 +23,28 @@ MIXTURE = [
 ]
 
 
-def scenes() -> list[tuple[str, Scene]]:
+COMPILED = ("dipole-mono", "walls-mono", "all-mono", "all-mixture")
+"""Beds that are compiled for other tests as well, or hold all; the others are quick in plain Python
+alone, where `tests/architecture/test_plain_python.py` takes them."""
+
+
+def scenes() -> list[Any]:
     bed = load_scene("bed").replace(
         **{"grains.count": 30, "cell.width": "12 D", "arrangement.jitter": 0.15}
     )
     mixed = bed.replace(**{"grains.species": MIXTURE})
-    return [
-        (f"{name}-{kind}", scene.replace(**changes))
+    found = {
+        f"{name}-{kind}": scene.replace(**changes)
         for name, changes in ALONE.items()
         for kind, scene in (("mono", bed), ("mixture", mixed))
+    }
+    return [
+        pytest.param(
+            scene,
+            id=name,
+            marks=() if numba.config.DISABLE_JIT or name in COMPILED else pytest.mark.long,
+        )
+        for name, scene in found.items()
     ]
 
 
@@ -43,10 +58,8 @@ def slope(values: tuple[float, float, float, float], step: float) -> float:
     return (far_before - 8.0 * before + 8.0 * after - far_after) / (12.0 * step)
 
 
-@pytest.mark.parametrize(
-    ("name", "scene"), scenes(), ids=lambda one: one if str(one) == one else ""
-)
-def test_force_is_minus_gradient(name: str, scene: Scene) -> None:
+@pytest.mark.parametrize("scene", scenes())
+def test_force_is_minus_gradient(scene: Scene) -> None:
     positions = scene.initial_motion()[0]
     height, step = scene.piston.height, 2e-4 * 0.006
     here = evaluate(scene, positions)

@@ -216,7 +216,11 @@ def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     assert (np.linalg.norm(force, axis=1) <= 0.6 * load * (1 + 1e-12)).all()
 
 
-@pytest.mark.parametrize("drag", [None, {"coefficient": 0.1}])
+@pytest.mark.parametrize(
+    "drag",
+    # Quick: a small run with both in plain Python.
+    [None, pytest.param({"coefficient": 0.1}, marks=pytest.mark.long)],
+)
 def test_ledger_closes_to_second_order_with_friction(small_bed: Scene, drag: dict | None) -> None:
     scene = small_bed.replace(**{"effects.drag": drag, "effects.friction": {}})
     steps = np.array([8e-5, 2e-5, 5e-6])

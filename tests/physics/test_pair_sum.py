@@ -36,7 +36,9 @@ def arrangement(count: int, seed: int) -> np.ndarray:
     return 1.7 * place + random.uniform(-0.6, 0.6, (count, 2))
 
 
-def sums(function, positions: np.ndarray, moments, *, full: bool) -> list[np.ndarray]:
+def sums(
+    function, positions: np.ndarray, moments, *, full: bool, threaded: bool | None = None
+) -> list[np.ndarray]:
     x, y = padded_coordinates(positions)
     out = [np.zeros_like(x) for _ in range(4)]
     extremes = np.zeros(2)
@@ -45,7 +47,7 @@ def sums(function, positions: np.ndarray, moments, *, full: bool) -> list[np.nda
         x, y, out[0], out[1], moments,
         out[2] if full else None, extremes if full else None,
         out[3] if full else None, weight if full else None,
-        part_buffers(x.size), None,
+        part_buffers(x.size), threaded,
     )  # fmt: skip
     return [*(one[: len(positions)] for one in out), extremes]
 
@@ -141,22 +143,33 @@ def test_parts_agree_with_one_part() -> None:
         np.testing.assert_allclose(among[: len(alone)], alone, rtol=1e-11, atol=1e-13)
 
 
-def test_without_compilation() -> None:
-    """The engine also runs as plain Python, and gives the same motion."""
-    code = """
+def test_threads_give_the_same_bits() -> None:
+    """Each part is summed by one thread, and the parts in their order."""
+    positions = arrangement(PARTED_FROM + 3, 6)
+    one, several = (
+        sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True)
+    )
+    for alone, together in zip(one, several, strict=True):
+        assert np.array_equal(alone, together)
+
+
+WITHOUT = """
 import numpy as np
 from granular import load_scene, simulate
 scene = load_scene("bed").replace(**{"grains.count": 5, "cell.width": "7 D",
     "piston.height": "4 D", "arrangement.height": "4 D", "output.scalars": 1e-3})
 run = simulate(scene, dt=2e-4, t_end=4e-3, progress=False)
-print(repr(run.dataset["position"].values[-1].tolist()))
+found = run.dataset["position"].values[-1].tolist()
 """
-    results = []
-    for flag in ("0", "1"):
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            capture_output=True, text=True, check=True, cwd=ROOT,
-            env={**os.environ, "NUMBA_DISABLE_JIT": flag},
-        )  # fmt: skip
-        results.append(np.array(eval(done.stdout)))
-    np.testing.assert_allclose(results[0], results[1], rtol=1e-12)
+
+
+def test_without_compilation() -> None:
+    """The engine also runs as plain Python, and gives the same motion."""
+    here: dict[str, list[list[float]]] = {}
+    exec(WITHOUT, here)
+    done = subprocess.run(
+        [sys.executable, "-c", f"{WITHOUT}print(found)"],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+    )  # fmt: skip
+    np.testing.assert_allclose(json.loads(done.stdout), here["found"], rtol=1e-12)

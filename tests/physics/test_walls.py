@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, Trajectory, evaluate, load_scene, simulate
-from granular.effects import wall_experimental, wall_infinite, wall_slab
+from granular.compiled import entry
+from granular.effects import wall_experimental, wall_infinite, wall_slab, walls
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0
@@ -89,6 +90,18 @@ def test_simple_laws(law, w: float) -> None:  # type: ignore[no-untyped-def]
     assert near == pytest.approx(law.stiffness(turn), rel=0.01)
 
 
+def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
+    """A grain of that speed turns there where half the infinite wall's energy stops it."""
+    speed, far = 0.4, 1e6
+    distances = np.geomspace(0.2, 20.0, 20000)
+    energies = [wall_slab.energy(one, 0.0, far) for one in distances]
+    turn = distances[np.argmin(np.abs(np.array(energies) - 0.5 * speed**2))]
+    slab = walls.Slab(np.array([0.0]), np.array([LENGTH]), True)
+    laws = walls.OPEN._replace(bottom=walls.WallLaw(slab=slab))
+    found = entry(walls.turning_stiffness)(laws, speed)
+    assert found == pytest.approx(wall_infinite.stiffness(turn), rel=0.01)
+
+
 def walled(law: str, **more: object) -> Scene:
     """The damper's bed with slabs or other walls on all sides."""
     side = {"law": law, **({"length": "75 D"} if law == "slab" else {})}
@@ -156,18 +169,36 @@ def test_bad_walls(bed: Scene, walls: dict, words: str) -> None:
     assert words in str(caught.value)
 
 
-@pytest.fixture(scope="module")
-def silo() -> Scene:
-    """Two slabs with a gap, two species that rub: all that a grain that leaves takes with it."""
-    species = [
+RUBBING = {
+    "grains.species": [
         {"name": "big", "diameter": 0.006, "share": 0.5},
         {"name": "small", "diameter": 0.004, "share": 0.5},
-    ]
+    ],
+    "effects.friction": {}, "effects.drag": None,
+}  # fmt: skip
+"""Two species that rub: all that a grain that leaves takes with it."""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        # The walls of the beds above, so that they share compiled code.
+        pytest.param({"effects.walls": None}, id="slabs all around"),
+        pytest.param(RUBBING, id="two species that rub", marks=pytest.mark.long),
+    ],
+)
+def silo(request: pytest.FixtureRequest) -> Scene:
+    """Two slabs with a gap."""
+    bottom = {"law": "slab", "gap_start": "6 D", "gap_end": "14 D"}
+    changes = dict(request.param)
+    if "effects.walls" in changes:
+        side = {"law": "slab", "length": "20 D"}
+        changes["effects.walls"] = {"left": side, "right": side, "top": "slab", "bottom": bottom}
+    else:
+        changes["effects.walls.bottom"] = bottom
     return load_scene("bed").replace(
-        **{"grains.species": species, "grains.count": 40, "cell.width": "20 D",
-           "piston.height": "14 D", "arrangement.height": "13 D", "effects.friction": {},
-           "effects.drag": None, "output.frames": 0.01,
-           "effects.walls.bottom": {"law": "slab", "gap_start": "6 D", "gap_end": "14 D"}}
+        **{"grains.count": 40, "cell.width": "20 D", "piston.height": "14 D",
+           "arrangement.height": "13 D", "output.frames": 0.01, **changes}
     )  # fmt: skip
 
 

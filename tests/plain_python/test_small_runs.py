@@ -6,6 +6,7 @@ compiled, so that all that acts can be met within seconds, and lines can be watc
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numba
@@ -136,6 +137,41 @@ def test_ledger_closes_to_second_order(name: str) -> None:
     assert whole / half == pytest.approx(4.0, abs=0.1)
 
 
+LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}}
+"""A list that is made anew while grains cross its radius."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "steps", "words"),
+    [
+        ({}, 1, None),
+        ({}, 4, "a shorter dt is more accurate"),
+        ({"effects.friction": {}}, 4, "a shorter dt is more accurate"),
+        ({"effects.friction.scheme": "regularised"}, 4, None),
+        ({"effects.friction": {}, "pairs.method": "verlet-list"}, 4, None),
+        (LISTED, 0.5, "so is pairs.method = 'direct'"),
+    ],
+)
+def test_a_ledger_that_is_off_is_told(
+    changes: dict[str, Any], steps: float, words: str | None
+) -> None:
+    """From 1e-4 on; from 1e-2 on where grains rub by the source's law or under its list."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        off = residual(run(small(**changes), steps * STEP))
+    told = [str(one.message) for one in said if "ledger is off" in str(one.message)]
+    assert (off > 1e-4) == (steps != 1)
+    assert len(told) == (words is not None)
+    assert words is None or words in told[0]
+
+
+@pytest.mark.filterwarnings("ignore:the energy ledger is off")
+def test_no_step_mends_what_the_list_misses() -> None:
+    """Pairs that come to a list or leave it change the energy at once."""
+    listed = [residual(run(small(**LISTED), dt)) for dt in (STEP / 2, STEP / 4)]
+    assert min(listed) > 100.0 * residual(run(small(), STEP / 2))
+
+
 FARTHEST = {1: 3e-3, 2: 1e-5, 4: 1e-8, 6: 1e-12, 8: 1e-12}
 """How far a grain may end from where the exact motion takes it [D], by the method's order."""
 
@@ -157,3 +193,51 @@ def test_compensated_sums_change_the_last_bits_only() -> None:
     names = ("stormer-verlet", f"stormer-verlet{COMPENSATED}")
     plain, compensated = (final(run(small(), STEP, name)) for name in names)
     assert 0.0 < np.abs(compensated - plain).max() < 1e-15
+
+
+def test_a_force_is_reached_at_one_moment_however_often_frames_are_kept() -> None:
+    """The loop is called from frame to frame; the stage ends within the first call or a later."""
+    ends = []
+    for frames in (3, 40):
+        scene = small(
+            **stage("move", to="4 D", speed="0.5 m/s", until_force=0.87),
+            output={"scalars": STEP, "frames": frames * STEP},
+        )
+        trajectory = simulate(scene, STEP, progress=False)
+        force = trajectory.dataset["piston_force"].values
+        assert (force[:-1] < 0.87).all()
+        assert force[-1] >= 0.87
+        assert trajectory.stages[0].reason == "force"
+        assert trajectory.stages[0].end == pytest.approx(STEP * (len(force) - 1))
+        ends.append(len(force) - 1)
+    assert 3 < ends[0] == ends[1] < 40
+
+
+def test_a_grain_that_leaves_takes_all_that_is_its_own() -> None:
+    """Two of four grains that rub, of two species, are shot through a gap, one behind the other."""
+    scene = small(
+        **SPECIES,
+        **{
+            "grains.count": 4,
+            "effects.friction": {},
+            "effects.walls.bottom": {"law": "slab", "gap_start": "1 D", "gap_end": "5 D"},
+            "arrangement": {
+                "positions": [["3 D", "1 D"], ["1 D", "4.5 D"], ["3 D", "3 D"], ["5 D", "4.5 D"]],
+                "velocities": [[0.0, -10.0], [0.0, 0.0], [0.0, -10.0], [0.0, 0.0]],
+            },
+            "output": {"scalars": 10 * STEP, "frames": 10 * STEP},
+        },
+    )
+    trajectory = simulate(scene, STEP, t_end=300 * STEP, progress=False)
+    data = trajectory.dataset
+    assert data["time"].values == pytest.approx(10 * STEP * np.arange(31))
+    assert data["frame_time"].values == pytest.approx(10 * STEP * np.arange(31))
+    assert data["grain_count"].values[0] == 4
+    assert data["grain_count"].values[-1] == 2
+    gone = np.isnan(data["position"].values[:, :, 0])
+    assert list(gone[-1]) == [True, False, True, False]
+    leaving = [int(np.flatnonzero(gone[:, grain])[0]) for grain in (0, 2)]
+    assert 0 < leaving[0] < leaving[1]
+    stays = data["position"].values[:, [1, 3]]
+    assert np.abs(np.diff(stays, axis=0)).max() < 1e-3
+    assert residual(trajectory) < 1e-4

@@ -56,6 +56,7 @@ BAD = [
     (("lab.csv", "--set", "piston.mass=1"), "only a scene can be changed"),
     (("lab.csv", "--law", "linaer"), "did you mean 'linear'"),
     (("lab.csv", "--starts", "0"), "whole number from 1"),
+    (("lab.csv", "--starts", "1000000000"), "whole number from 1 to 10000"),
     (("lab.csv", "--starts", "few"), "invalid int value"),
     (("damper", "--method", "euler?"), "unknown method"),
     (("damper", "--set", "piston.mass=1 mm^-200 kg"), "is beyond 9"),

@@ -48,13 +48,13 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("platform", ["cuda", "nonsense"])
 def test_a_device_that_is_not_there_is_said_in_one_line(
-    command: Callable, tmp_path: Path, platform: str
+    process: Callable, tmp_path: Path, platform: str
 ) -> None:
     if platform == "cuda" and importlib.util.find_spec("jax_cuda12_plugin"):
         pytest.skip("JAX may find one here")
     record = tmp_path / "lab.csv"
     record.write_text("time,height\n" + "".join(f"{k},{k % 7}\n" for k in range(40)))
-    done = command("reduced_models", "fit", str(record), "--law", "linear", JAX_PLATFORMS=platform)
+    done = process("reduced_models", "fit", str(record), "--law", "linear", JAX_PLATFORMS=platform)
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: JAX_PLATFORMS = {platform!r}, which JAX cannot use here")
     assert done.stderr.count("\n") == 1

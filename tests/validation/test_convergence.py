@@ -63,7 +63,7 @@ def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
     def solve(problem: Problem, count: int) -> Moment:
         scales, effects = Scales.of(problem.scene.grains), problem.scene.effects
         weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
-        rate = effects.drag.kernel(scales) if effects.drag else 0.0
+        rate = effects.drag.decay_rate(scales) if effects.drag else 0.0
         plan = problem.scene.arrangement
         x = np.array(plan.positions[0]) / scales.length
         v = np.zeros(2) if plan.velocities is None else np.array(plan.velocities[0])

@@ -16,10 +16,10 @@ def hand_and_engine(
     """A bed by hand, the same by the engine, and the calls that advance each."""
     kernel, changes = KERNELS[scenery]
     engine = EngineSteps(bed_of(count, changes))
-    acting, bed = engine.run.constants.acting, engine.bed()
-    gravity, rate = acting.gravity or 0.0, acting.drag or 0.0
+    system, bed = engine.run.system, engine.bed()
+    rate = sum(one.decay_rate(system.scales) for one in system.effects)
     calls = {
-        "by hand": lambda: kernel(bed, gravity, rate, STEP, steps),
+        "by hand": lambda: kernel(bed, system.pull, rate, STEP, steps),
         "engine": lambda: engine.make(steps),
     }
     return bed, engine, calls

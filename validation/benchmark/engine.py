@@ -8,7 +8,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from granular.engine.columns import COLUMNS
+from granular.engine.columns import width
 from granular.engine.loop import Window, advance
 from granular.engine.step_size import Pace, Step
 from granular.engine.system import natural_system
@@ -48,7 +48,7 @@ class EngineSteps:
         self.run = Run(scene, system, method, Step(), None)
         self.run.begin_stage()
         self.watch = self.run._watch()._replace(stiff=math.inf, rest=-1.0)
-        self.rows = np.zeros((3, len(COLUMNS)))
+        self.rows = np.zeros((3, width(len(system.effects))))
 
     def make(self, steps: int) -> None:
         """That many steps, and the look at their end."""

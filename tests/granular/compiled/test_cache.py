@@ -18,7 +18,7 @@ def test_a_docstring_compiles_nothing_and_an_operator_compiles_all(fresh_worksho
     law = "effects/wall_experimental.py"
     words = '    """-d(force)/dw [F*/D] at the distance w [D].'
     fresh_workshop.edit(law, words, words + "\n\n    More words,\n    on more lines.\n    ")
-    fresh_workshop.edit(law, "def energy", "# A comment.\n\n\ndef energy")
+    fresh_workshop.edit(law, "@entry\ndef energy", "# A comment.\n\n\n@entry\ndef energy")
     assert float(fresh_workshop.run()[0]) == before
     assert fresh_workshop.kernels() == kernels
     fresh_workshop.edit(law, "STRENGTH * 3.5", "STRENGTH * 3.5 * 4.0")
@@ -125,7 +125,7 @@ def test_folders_that_others_may_write_to_and_places_without_a_folder(workshop: 
     assert "chmod go-w" in said
     assert workshop.kernels() == kernels
     folder.chmod(0o700)
-    found, said = workshop.run(cache=str(workshop.folder / "granular" / "methods.py"))
+    found, said = workshop.run(cache=str(workshop.folder / "granular" / "own.py"))
     assert found == wanted
     assert said.count("UserWarning: compiled code is not kept") == 1
 

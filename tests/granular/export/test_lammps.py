@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -91,10 +92,17 @@ def mixed(bed: Scene) -> Scene:
     )
 
 
+@pytest.fixture(scope="module")
+def unlike(mixed: Scene) -> Scene:
+    """The same, the small ones of another material and thickness."""
+    other = {"remanence": "0.9 T", "density": 5000.0, "thickness": "2 mm"}
+    return mixed.replace(**{f"grains.species.b.{key}": value for key, value in other.items()})
+
+
 def magnitudes(scene: Scene, positions: np.ndarray) -> np.ndarray:
     """Sum of the magnitudes of all forces on each grain [N]."""
     scales = Scales.of(scene.grains)
-    charge = (scene.grains.diameters() / scales.length) ** 2
+    charge = scene.grains.moment_ratios()[scene.grains.assignment()]
     place = positions / scales.length
     r = np.hypot(*(place[:, None] - place).T)
     np.fill_diagonal(r, np.inf)
@@ -105,7 +113,7 @@ def magnitudes(scene: Scene, positions: np.ndarray) -> np.ndarray:
 
 
 @installed
-@pytest.mark.parametrize("name", ["bed", "mixed"])
+@pytest.mark.parametrize("name", ["bed", "mixed", "unlike"])
 def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str) -> None:
     scene = static(request.getfixturevalue(name))
     to_lammps(scene, tmp_path)
@@ -118,6 +126,22 @@ def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str)
     record = np.loadtxt(tmp_path / "piston.csv", delimiter=",", skiprows=1)
     walls = [here.wall_forces[side] for side in ("top", "left", "right", "bottom")]
     np.testing.assert_allclose(record[2:], walls, rtol=1e-7)
+
+
+def test_tables_and_masses_are_those_of_the_material(unlike: Scene, tmp_path: Path) -> None:
+    to_lammps(static(unlike), tmp_path)
+    grains, scales = unlike.grains, Scales.of(unlike.grains)
+    text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
+    section = text.split("PAIR_1_2\n")[1].split("PAIR_")[0].split("\n\n")[1]
+    _, r, _, force = np.loadtxt(section.splitlines(), unpack=True)
+    moment = np.sqrt(scales.force * np.pi * scales.length**4 / (4e-7 * np.pi))
+    product = moment**2 * grains.moment_ratios()[1]
+    np.testing.assert_allclose(force, 3e-7 * product / r**4, rtol=1e-12)
+    mass = grains.masses()[grains.assignment() == 1][0]
+    script = (tmp_path / "in.granular").read_text(encoding="utf-8")
+    written = re.search(r"variable mass2 equal ([\d.e+-]+)\*", script)
+    assert written is not None
+    assert float(written[1]) == pytest.approx(mass, rel=1e-14)
 
 
 @installed
@@ -201,6 +225,8 @@ def test_shaking_agrees(small_bed: Scene, tmp_path: Path) -> None:
 REFUSED: dict[str, tuple[dict[str, object], str]] = {
     "friction": ({"effects.friction": {}}, "effects.friction cannot be exported"),
     "contact": ({"effects.contact.modulus": 1e9}, "effects.contact cannot be exported"),
+    "gradient": ({"effects.gradient.x": 1e-3}, "effects.gradient cannot be exported"),
+    "spread": ({"grains.spread": 0.1}, "grains.spread cannot be exported"),
     "slab": ({"effects.walls.bottom": "slab"}, "effects.walls.bottom.law = 'slab'"),
     "list": ({"pairs.method": "verlet-list"}, "pairs.method = 'verlet-list'"),
     "free": (

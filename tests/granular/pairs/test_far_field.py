@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
-from granular.pairs import far_field, mesh
+from granular.pairs import far_field, mesh, mesh_kernel
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import FarField, FarForces, far_forces_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
@@ -124,6 +124,16 @@ def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> No
             assert slope == pytest.approx(-force[grain], abs=1e-9)
 
 
+@pytest.mark.parametrize("extent", [1.0, 30.0, 47.0, 120.0, 3000.0])
+def test_no_more_levels_than_cover_the_bed(extent: float) -> None:
+    """Spacings double from level to level; the last one's table reaches over all of the bed."""
+    spacing = 0.75
+    reach = len(mesh_kernel.mesh_tables(RADIUS, spacing).band) - 1
+    levels = mesh_kernel.levels_over(extent, RADIUS, spacing)
+    assert spacing * reach * 2.0 ** (levels - 1) >= extent
+    assert levels == 1 or spacing * reach * 2.0 ** (levels - 2) < extent
+
+
 def test_lattice_stands_still() -> None:
     """A bed that moves by a whole spacing of the coarsest mesh feels the same."""
     bed = Bed(368)
@@ -207,6 +217,12 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
         small_bed.replace(**{"pairs.tolerance": 0.1})
 
 
+def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
+    high = bed.replace(**{"pairs.method": "mesh", "piston.height": "1e12 D"})
+    with pytest.raises(InputError, match=r"needs 3\.72e\+13 points .* take 'direct'"):
+        simulate(high, t_end=0.01, progress=False)
+
+
 def test_impulses_are_refused_where_they_cannot_be(small_bed: Scene, small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"pairs\.far_every = 4: grains rub"):
         simulate(on_mesh(rubbing(small_bed), far_every=4), t_end=0.01, progress=False)
@@ -226,6 +242,7 @@ def test_scene_is_evaluated_as_by_the_direct_sum(small_damper: Scene) -> None:
     assert meshed.potential_energy == pytest.approx(exact.potential_energy, rel=1e-3)
 
 
+@pytest.mark.long  # quick: the same kernels one by one here, and a small run in plain Python
 def test_run_with_impulses(small_damper: Scene, tmp_path: object) -> None:
     """Energy is kept, and a resumed run has the bits of one in a piece."""
     scene = on_mesh(small_damper)

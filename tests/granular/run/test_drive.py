@@ -76,6 +76,7 @@ def test_a_piston_that_is_not_driven_has_no_further_columns() -> None:
     assert run.piston().extra == {}
 
 
+@pytest.mark.long  # quick: the record of a shaken cell above, a law with an input in test_laws.py
 def test_a_law_with_an_input_fits_a_shaken_damper(small_damper: Scene) -> None:
     """The inertial force of the base is what the law lacks without the column."""
     from reduced_models import fit

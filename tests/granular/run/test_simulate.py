@@ -66,10 +66,12 @@ def test_recording_does_not_change_the_motion(scene: Scene) -> None:
     )
 
 
+@pytest.mark.long  # quick: the sums over pairs, which are all that threads share, one by one
 def test_threads_give_the_same_bits(bed: Scene) -> None:
     large = bed.replace(
         **{"grains.count": 1472, "cell.width": "120 D", "piston.height": "40 D",
-           "arrangement.height": "38 D"}
+           "arrangement.height": "38 D", "effects.walls": None, "effects.gravity": None,
+           "effects.drag": None}
     )  # fmt: skip
     one = simulate(large, dt=2e-5, t_end=2e-3, threads=1, progress=False)
     two = simulate(large, dt=2e-5, t_end=2e-3, threads=2, progress=False)
@@ -107,9 +109,10 @@ def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("method", "alone"),
     [
-        ("adaptive-verlet", False),
         ("pefrl", False),
         # A grain at the wall is compiled for other tests as well.
+        ("adaptive-verlet", True),
+        pytest.param("adaptive-verlet", False, marks=pytest.mark.long),
         ("stormer-verlet+compensated", True),
         pytest.param("stormer-verlet+compensated", False, marks=pytest.mark.long),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import resource
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, StoreError
 from granular.shared.files import replacing, write_json, write_text
 from granular.shared.html import Page
 
@@ -57,6 +58,20 @@ def test_what_stops_half_way_changes_nothing(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
+    assert path.read_text(encoding="utf-8") == "before"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    write_text(path, "before")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))  # as on a disk with so much room
+    try:
+        with pytest.raises(StoreError, match="cannot be written: File too large; make room"):
+            write_text(path, "words " * 1000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_text(encoding="utf-8") == "before"
     assert os.listdir(tmp_path) == ["file"]
 

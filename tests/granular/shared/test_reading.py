@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene, simulate
-from granular.shared import files, tables
+from granular.readers import parquet
+from granular.shared import files
 from granular.shared.errors import InputError, RecordError, SceneError
 from granular.shared.files import read_text
 from granular.shared.toml import parse_toml, read_toml
@@ -59,7 +60,7 @@ def test_few_bytes_may_hold_many_numbers(tmp_path: Path, monkeypatch: pytest.Mon
     pytest.importorskip("pyarrow")
     path = tmp_path / "record.parquet"
     PistonRecord(np.arange(1000.0), np.ones(1000)).to_parquet(path)
-    monkeypatch.setattr(tables, "_MOST_NUMBERS", 1999)
+    monkeypatch.setattr(parquet, "_MOST_NUMBERS", 1999)
     with pytest.raises(RecordError, match="1000 rows of 2 columns of numbers; at most 1999"):
         PistonRecord.from_parquet(path)
     with path.open("r+b") as file:
@@ -109,12 +110,10 @@ CELLS = (
     "\u0663",
     "True",
     "1 2",
-    "1,5",
     "½",
     "−1",
     "1e",
     "--1",
-    "",
 )
 
 
@@ -123,7 +122,7 @@ def test_a_cell_is_a_number_or_it_is_said(cell: str, tmp_path: Path) -> None:
     """Python's own reading of numbers knows underscores and the digits of all scripts."""
     path = tmp_path / "record.csv"
     path.write_text(f'time,height\n0,1\n1,"{cell}"\n', encoding="utf-8")
-    with pytest.raises(RecordError, match=r"height of sample 1 is .*, not a number"):
+    with pytest.raises(RecordError, match=r"height of sample 1 \(line 3\) is .*, not a number"):
         PistonRecord.from_csv(path)
 
 

@@ -35,29 +35,29 @@ def test_a_working_directory_that_was_deleted(
 
 
 @pytest.mark.parametrize("number", ["0", "-3"])
-def test_no_threads_at_all(command: Command, number: str) -> None:
-    done = command("granular", "run", "single-particle", NUMBA_NUM_THREADS=number)
+def test_no_threads_at_all(process: Command, number: str) -> None:
+    done = process("granular", "run", "single-particle", NUMBA_NUM_THREADS=number)
     assert done.returncode == 2
     assert f"NUMBA_NUM_THREADS = '{number}'; give at least 1" in error_of(done)
 
 
-def test_threads_by_a_library_that_is_not_there(command: Command) -> None:
+def test_threads_by_a_library_that_is_not_there(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "1e-3", "--quiet")
-    done = command(*words, NUMBA_THREADING_LAYER="none such")
+    done = process(*words, NUMBA_THREADING_LAYER="none such")
     assert done.returncode == 2
     assert "NUMBA_THREADING_LAYER = 'none such' cannot be used" in error_of(done)
 
 
-def test_signs_that_the_terminal_lacks(command: Command, tmp_path: Path) -> None:
+def test_signs_that_the_terminal_lacks(process: Command, tmp_path: Path) -> None:
     file = tmp_path / "dämpfer.toml"
     load_scene("single-particle").replace(name="Dämpfer – 磁").save(file)
-    done = command("granular", "show", str(file), **PLAIN)
+    done = process("granular", "show", str(file), **PLAIN)
     assert done.returncode == 0, done.stderr
     assert r"D\xe4mpfer \u2013 \u78c1" in done.stdout
 
 
-def test_warnings_taken_for_errors(command: Command) -> None:
+def test_warnings_taken_for_errors(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "0.01", "--dt", "7e-4", "--quiet")
-    done = command(*words, PYTHONWARNINGS="error")
+    done = process(*words, PYTHONWARNINGS="error")
     assert done.returncode == 1
     assert "warning taken for an error: records come every 0.0007 s" in error_of(done)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas
@@ -168,21 +167,20 @@ def test_maps_refuse_other_tables(tmp_path):
 
 
 def test_design_is_met_and_kept(tmp_path):
-    found = design(3.9, 0.12, grains=184, seeds=(5,), out=tmp_path, progress=False)
-    assert found.frequency == pytest.approx(3.9, rel=FREQUENCY_TOLERANCE)
-    assert found.damping_ratio == pytest.approx(0.12, rel=DAMPING_TOLERANCE)
-    plain = json.loads((tmp_path / "design.json").read_text())
-    assert plain["damper"]["grains"] == 184
-    assert "<svg" in (tmp_path / "report.html").read_text()
-    again = design(3.9, 0.12, grains=184, seeds=(5,), out=tmp_path, progress=False)
+    wanted = {"frequency": 3.9, "damping": 0.12, "grains": 184, "seeds": (5,)}
+    with ThreadPoolExecutor(1) as here:
+        found = design(**wanted, out=tmp_path, executor=here, progress=False)
+        assert found.frequency == pytest.approx(3.9, rel=FREQUENCY_TOLERANCE)
+        assert found.damping_ratio == pytest.approx(0.12, rel=DAMPING_TOLERANCE)
+        plain = json.loads((tmp_path / "design.json").read_text())
+        assert plain["damper"]["grains"] == 184
+        assert "<svg" in (tmp_path / "report.html").read_text()
+        again = design(**wanted, out=tmp_path, executor=here, progress=False)
     assert again.to_plain() == found.to_plain()
 
 
-def test_command_says_no_in_one_line():
-    done = subprocess.run(
-        [sys.executable, "-m", "reduced_models", "design", "--frequency", "9", "--damping", "0.1"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def test_command_says_no_in_one_line(command):
+    done = command("reduced_models", "design", "--frequency", "9", "--damping", "0.1")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "9 Hz" in done.stderr

@@ -105,7 +105,8 @@ def test_ten_seeds(method: str, name: str) -> None:
 
 
 def test_strong_form_and_ensembles() -> None:
-    record = made("duffing", 1)
+    whole = made("duffing", 1)
+    record = PistonRecord(whole.time[::3], whole.height[::3])
     assert is_exact(discover(record, form="strong", polish=0), "duffing")
     found = discover(record, form="strong", ensemble=True, polish=0)
     assert is_exact(found, "duffing")

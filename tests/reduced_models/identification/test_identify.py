@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +58,12 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
 
 def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path) -> None:
     scene = small_damper.replace(
-        **{"protocol.release.duration": 2.0, "protocol.drop.tolerance": "1e-3 D"}
-    )
-    found = identify(scene, tmp_path / "out", progress=False)
+        **{"protocol.release.duration": 1.0, "protocol.drop.tolerance": "1e-3 D",
+           "effects.drag.coefficient": 0.5}
+    )  # fmt: skip
+    # Checks run in other processes; `test_checks_from_a_plain_script` looks at those.
+    with ThreadPoolExecutor(1) as here:
+        found = identify(scene, tmp_path / "out", executor=here, progress=False)
     assert (tmp_path / "out" / "run" / "checkpoint.npz").is_file()
     page = (tmp_path / "out" / "report.html").read_text()
     for words in ("The bed before and after", "Energy ledger", "Settings", "What it took"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from itertools import pairwise
 
 import mpmath
@@ -15,6 +16,8 @@ from reduced_models.jax_setup import jax
 from reduced_models.laws import elliptic
 
 FUNCTIONS = {"sn": elliptic.sn, "cn": elliptic.cn, "dn": elliptic.dn}
+SLOPES_IN_U = {name: jax.jit(jax.vmap(jax.grad(one), (0, None))) for name, one in FUNCTIONS.items()}
+SLOPES_IN_M = {name: jax.jit(jax.grad(one, argnums=1)) for name, one in FUNCTIONS.items()}
 PARAMETERS = [0.0, 1e-300, 1e-16, 1e-8, 1e-3, 0.1, 0.5, 0.5 + 1e-12, 0.9, 0.999, 1.0 - 1e-6,
               1.0 - 1e-10, 1.0 - 1e-15, 1.0 - 2.0**-53, 1.0]  # fmt: skip
 OUTSIDE = [-50.0, -3.0, -0.5, -1e-9, 1.0 + 1e-6, 1.5, 4.0]
@@ -23,6 +26,7 @@ ARGUMENTS = np.concatenate(
 )
 
 
+@functools.cache
 def exact(name: str, u: float, m: float) -> float:
     with mpmath.workdps(50):
         if m == 1.0:
@@ -62,15 +66,13 @@ def test_slopes_in_u_are_those_of_the_differential_equations(m: float) -> None:
     u = ARGUMENTS[np.abs(ARGUMENTS) < 15.0]
     s, c, d = (np.asarray(function(u, m)) for function in FUNCTIONS.values())
     expected = {"sn": c * d, "cn": -s * d, "dn": -m * s * c}
-    for name, function in FUNCTIONS.items():
-        slope = jax.vmap(jax.grad(function), (0, None))(u, m)
-        np.testing.assert_allclose(slope, expected[name], rtol=1e-10, atol=1e-11)
+    for name, slope in SLOPES_IN_U.items():
+        np.testing.assert_allclose(slope(u, m), expected[name], rtol=1e-10, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("m", [1e-9, 0.2, 0.5, 0.501, 0.9, 1.0 - 1e-9, -2.0, 3.0])
 def test_slopes_in_m_agree_with_mpmath(name: str, m: float) -> None:
-    function = jax.grad(FUNCTIONS[name], argnums=1)
     for u in (0.4, 2.7, -7.3):
         with mpmath.workdps(60):
             step = mpmath.mpf("1e-20")
@@ -79,7 +81,7 @@ def test_slopes_in_m_agree_with_mpmath(name: str, m: float) -> None:
                 for side in (step, -step)
             ]
             expected = float((sides[0] - sides[1]) / (2 * step))
-        assert float(function(u, m)) == pytest.approx(expected, rel=1e-7, abs=1e-9)
+        assert float(SLOPES_IN_M[name](u, m)) == pytest.approx(expected, rel=1e-7, abs=1e-9)
 
 
 @pytest.mark.parametrize("m", [0.0, 1.0])
@@ -96,8 +98,8 @@ def test_slopes_in_m_at_the_limits(m: float) -> None:
             "dn": -0.25 * (np.sinh(u) * np.cosh(u) + u) * h * k,
         }
     )
-    for name, function in FUNCTIONS.items():
-        found = float(jax.grad(function, argnums=1)(u, m))
+    for name, slope in SLOPES_IN_M.items():
+        found = float(slope(u, m))
         assert found == pytest.approx(expected[name], rel=1e-9)
 
 

@@ -196,3 +196,9 @@ def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
     found = compiled_field(driven.equation, driven.inputs, "numpy")(*state, 0.7, *ordered)
     assert found[0] == pytest.approx(own[0] + 0.7, rel=1e-13)
     assert found[1:] == pytest.approx(own[1:])
+
+
+@pytest.mark.parametrize("text", ["1e99**(z + 4)", "1e90*(1e90*(1e90*(1e90*z)))"])
+def test_numbers_that_only_multiplying_out_makes_too_large(text: str) -> None:
+    with pytest.raises(InputError, match="computers hold numbers from 1e-308 to 1e308"):
+        parse(f"z'' + {text} + k*z = 0")

@@ -196,6 +196,21 @@ def test_slopes_of_a_law_that_jumps() -> None:
     assert np.isnan(slopes(0.3, 0.0, 2.0, 0.1, 3.0)).all()
 
 
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("z'' + k*sign(asin(z)) = 0", (0.0, 0.0)),
+        ("z'' + k*abs(log(z)) = 0", (10.0, 0.0)),
+        ("z'' + k*(-z)**0.5 = 0", (math.nan, math.nan)),
+        ("z'' + (-7)**(k*z) = 0", (math.nan, math.nan)),
+        ("z'' + k*exp(1e9*z) = 0", (-math.inf, 0.0)),
+    ],
+)
+def test_slopes_where_sympy_sees_complex_numbers(text: str, wanted: tuple[float, float]) -> None:
+    found = tuple(compiled_jacobian(text)(0.2, 0.0, 2.0)[0])
+    assert found == pytest.approx(wanted, nan_ok=True)
+
+
 def test_the_swing_form_is_the_same_law() -> None:
     """There and back, also for a motion whose rest is unstable and for the mirrored map."""
     form = law_named("van-der-pol-like").swing_form

@@ -55,6 +55,7 @@ REFUSED = {
         table(np.cos(np.arange(40000) * 2.1), 0.01 * np.arange(40000)), "record.between"
     ),
     "too large": (table(1e200 * SWING), "heights up to"),
+    "times too large": (table(SWING, 1e200 * TIME), "s can be reckoned with: check the units"),
     "no text": ("\x00\x01\x02\n", "no column 'time'"),
 }  # fmt: skip
 
@@ -64,6 +65,7 @@ DOUBTED = {
     "millimetres without unit": (table(1e3 * SWING), "check the units"),
     "another motion": (table(0.06 + 1e-3 * np.cos(10 * TIME + 9 * TIME**2)), "the law or the fit"),
     "blowing up": (table(0.06 + 1e-6 * np.exp(6.0 * TIME) * np.cos(21.8 * TIME)), "the law or the"),
+    "a square wave": (table(0.06 + 1e-3 * np.sign(np.sin(20.0 * TIME))), "the law or the fit"),
     "a jump": (table(np.where(TIME < 1.0, 0.05, 0.06) + 1e-6 * NOISE), "the law or the fit"),
     "clipped": (table(np.clip(SWING, 0.0586, 0.0594)), "the law or the fit"),
     "an outlier": (table(changed(300, 0.2)), "the law or the fit"),

@@ -1,0 +1,231 @@
+"""Kernels that the types of laws choose when the loop is compiled.
+
+An effect gives the loop its *law*: a named tuple of numbers and arrays, whose class has the
+effect's kernels as static methods, by the names of the loop's *hooks*. The laws that act are a
+tuple; what is made here calls a hook of each of them, one after another, as if the calls stood in
+the source. A law without the hook leaves nothing in the code. Without the compiler the same is
+chosen at every call.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core.typing import Signature, signature
+from numba.extending import intrinsic
+
+Kernel = Callable[..., Any]
+
+OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "nogil": True,
+    "fastmath": {"contract"},
+    "forceinline": True,
+}
+"""Of a user's functions: as of `granular.compiled.compiled` with ``inline``."""
+
+
+def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
+    """A kernel ``(laws, rooms, *rest)`` that adds up what a hook of each law returns.
+
+    The hook is called as ``hook(law, room, place, *rest)``, with the law's place in the tuple.
+
+    Parameters
+    ----------
+    hook : str
+    rest : str
+        Names of the further arguments.
+    empty : float
+        The sum where no law has the hook.
+    backward : bool
+        Take the last law first.
+    """
+
+    def call(laws: Any, rooms: Any, *others: Any) -> Any:
+        found = [
+            getattr(laws[place], hook)(laws[place], rooms[place], place, *others)
+            for place in _places(hook, map(type, laws), backward)
+        ]
+        return sum(found[1:], start=found[0]) if found else empty
+
+    def choose(context: Any, laws: Any, rooms: Any, *others: Any) -> tuple[Signature, Kernel]:
+        places = _places(hook, _classes(laws), backward)
+        calls = [_hook_call(context, hook, laws, rooms, place, others) for place in places]
+        return _unrolled(calls, empty, _sum, (laws, rooms, *others))
+
+    return _made(call, choose, f"laws rooms {rest}")
+
+
+def greatest_over(hook: str, rest: str) -> Kernel:
+    """As `sum_over`, for the greatest value; 0 where no law has the hook."""
+
+    def call(laws: Any, rooms: Any, *others: Any) -> Any:
+        return max(
+            (
+                getattr(laws[place], hook)(laws[place], rooms[place], place, *others)
+                for place in _places(hook, map(type, laws))
+            ),
+            default=0.0,
+        )
+
+    def choose(context: Any, laws: Any, rooms: Any, *others: Any) -> tuple[Signature, Kernel]:
+        places = _places(hook, _classes(laws))
+        calls = [_hook_call(context, hook, laws, rooms, place, others) for place in places]
+        return _unrolled(calls, 0.0, _greater, (laws, rooms, *others))
+
+    return _made(call, choose, f"laws rooms {rest}")
+
+
+def last_with(hook: str, rest: str, otherwise: Kernel) -> Kernel:
+    """A kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
+
+    It is called as `sum_over` is.
+    """
+
+    def call(laws: Any, rooms: Any, *others: Any) -> Any:
+        for place in _places(hook, map(type, laws), backward=True):
+            return getattr(laws[place], hook)(laws[place], rooms[place], place, *others)
+        return otherwise(*others)
+
+    def choose(context: Any, laws: Any, rooms: Any, *others: Any) -> tuple[Signature, Kernel]:
+        places = _places(hook, _classes(laws), backward=True)[:1]
+        calls = [_hook_call(context, hook, laws, rooms, place, others) for place in places]
+        calls = calls or [_call(context, otherwise, others, range(2, 2 + len(others)))]
+        return _unrolled(calls, 0, _sum, (laws, rooms, *others))
+
+    return _made(call, choose, f"laws rooms {rest}")
+
+
+def by_law(hook: str, rest: str, otherwise: Kernel) -> Kernel:
+    """A kernel ``(law, *rest)`` that calls the hook of one law, or ``otherwise`` where it has none.
+
+    Both are called with the same arguments.
+    """
+
+    def call(law: Any, *others: Any) -> Any:
+        return getattr(law, hook, otherwise)(law, *others)
+
+    def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
+        kernel = getattr(law.instance_class, hook, otherwise)
+        one = _call(context, kernel, (law, *others), range(1 + len(others)))
+        return _unrolled([one], 0, _sum, (law, *others))
+
+    return _made(call, choose, f"law {rest}")
+
+
+def _classes(laws: types.BaseTuple) -> list[type]:
+    return [law.instance_class for law in laws.types]
+
+
+def _places(hook: str, classes: Any, backward: bool = False) -> list[int]:
+    places = [place for place, one in enumerate(classes) if hasattr(one, hook)]
+    return places[::-1] if backward else places
+
+
+class _Call(NamedTuple):
+    """A call of a kernel in compiled code.
+
+    Attributes
+    ----------
+    kernel : type
+        Numba's type of the kernel.
+    sig : Signature
+    sources : sequence of int, or of (int, int)
+        Where each argument comes from: an argument, or an entry of one that is a tuple.
+    place : int or None
+        The law's place, which is handed over behind law and room.
+    """
+
+    kernel: Any
+    sig: Signature
+    sources: Sequence[int | tuple[int, int]]
+    place: int | None
+
+
+def _call(
+    context: Any, kernel: Kernel, given: Sequence[Any], sources: Sequence[int | tuple[int, int]],
+    place: int | None = None,
+) -> _Call:  # fmt: skip
+    known = context.resolve_value_type(kernel)
+    return _Call(known, known.get_call_type(context, tuple(given), {}), sources, place)
+
+
+def _hook_call(
+    context: Any, hook: str, laws: Any, rooms: Any, place: int, rest: Sequence[Any]
+) -> _Call:
+    kernel = getattr(laws.types[place].instance_class, hook)
+    given = (laws.types[place], rooms.types[place], types.int64, *rest)
+    sources = ((0, place), (1, place), *range(2, 2 + len(rest)))
+    return _call(context, kernel, given, sources, place)
+
+
+def _sum(builder: Any, first: Any, second: Any) -> Any:
+    """The sum of two numbers of one type."""
+    whole = isinstance(first.type, ir.IntType)
+    return builder.add(first, second) if whole else builder.fadd(first, second)
+
+
+def _greater(builder: Any, first: Any, second: Any) -> Any:
+    return builder.select(builder.fcmp_ordered(">", first, second), first, second)
+
+
+def _unrolled(
+    calls: Sequence[_Call], empty: float, join: Kernel, given: tuple[Any, ...]
+) -> tuple[Signature, Kernel]:
+    """The calls, one after another, and what joins their results."""
+    none = types.float64 if isinstance(empty, float) else types.int64
+    # Not a literal: the sum of what two calls return is not what the first one always does.
+    result = types.unliteral(calls[0].sig.return_type) if calls else none
+
+    def write(context: Any, builder: Any, sig: Signature, values: Sequence[Any]) -> Any:
+        if not calls:
+            return context.get_constant(none, empty)
+        total = None
+        for call in calls:
+            found = _written(context, builder, call, values, given)
+            if result == types.none:
+                total = context.get_dummy_value()
+            else:
+                found = context.cast(builder, found, call.sig.return_type, result)
+                total = found if total is None else join(builder, total, found)
+        return total
+
+    return signature(result, *given), write
+
+
+def _written(
+    context: Any, builder: Any, call: _Call, values: Sequence[Any], given: Sequence[Any]
+) -> Any:
+    arguments = []
+    for source in call.sources:
+        if isinstance(source, tuple):
+            which, entry = source
+            arguments.append(
+                (builder.extract_value(values[which], entry), given[which].types[entry])
+            )
+        else:
+            arguments.append((values[source], given[source]))
+    if call.place is not None:
+        arguments.insert(2, (context.get_constant(types.int64, call.place), types.int64))
+    cast = [
+        context.cast(builder, value, have, want)
+        for (value, have), want in zip(arguments, call.sig.args, strict=True)
+    ]
+    function = context.get_function(call.kernel, call.sig)
+    context.add_linking_libs(getattr(function, "libs", ()))
+    return function(builder, cast)
+
+
+def _made(call: Kernel, choose: Kernel, names: str) -> Kernel:
+    """What plain Python calls, or kernels, with arguments of these names."""
+    if numba.config.DISABLE_JIT:
+        return call
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    given = [inspect.Parameter(name, kind) for name in ("context", *names.split())]
+    choose.__signature__ = inspect.Signature(given)  # type: ignore[attr-defined]
+    return intrinsic(choose)

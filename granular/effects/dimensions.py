@@ -1,0 +1,97 @@
+"""The dimension of a formula: powers of metre, kilogram, second and ampere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+
+from granular.shared.errors import InputError
+from granular.shared.grammar import Applied, Name, Node, Number
+
+Dimension = tuple[Fraction, ...]
+
+BASE = ("m", "kg", "s", "A")
+NONE: Dimension = (Fraction(0),) * len(BASE)
+_SAME = {"+", "-", "max", "min", "abs"}
+
+
+def unit_text(dimension: Dimension) -> str:
+    """A dimension as the unit that has it: ``kg s^-2``; ``1`` without one."""
+    parts = [
+        name if power == 1 else f"{name}^{power}"
+        for name, power in zip(BASE, dimension, strict=True) if power
+    ]  # fmt: skip
+    return " ".join(parts) or "1"
+
+
+def dimension_of(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
+    """The dimension of a formula with names of known dimensions.
+
+    Raises
+    ------
+    InputError
+        If unlike things are added, or a function is taken of what has a unit.
+    """
+    if isinstance(tree, Name):
+        return known[tree.text]
+    if isinstance(tree, Number):
+        return NONE
+    parts = [dimension_of(one, known) for one in tree.operands]
+    if tree.head in _SAME:
+        return _alike(tree, parts)
+    if tree.head == "*":
+        return tuple(sum(powers, Fraction(0)) for powers in zip(*parts, strict=True))
+    if tree.head == "/":
+        return tuple(above - below for above, below in zip(*parts, strict=True))
+    if tree.head == "sqrt":
+        return tuple(power / 2 for power in parts[0])
+    if tree.head == "**":
+        return _power(tree, parts)
+    if tree.head not in ("sign", "heaviside") and any(part != NONE for part in parts):
+        unit = unit_text(next(part for part in parts if part != NONE))
+        raise InputError(f"{tree.head} of something in {unit}; divide it by a size in {unit}")
+    return NONE
+
+
+def _alike(tree: Applied, parts: list[Dimension]) -> Dimension:
+    # A zero has every unit.
+    found = [
+        part for part, one in zip(parts, tree.operands, strict=True) if _number(one) != 0
+    ]  # fmt: skip
+    for part in found[1:]:
+        if part != found[0]:
+            raise InputError(
+                f"{unit_text(found[0])} and {unit_text(part)} are added or compared; check the "
+                "units of the parameters"
+            )
+    return found[0] if found else NONE
+
+
+def _power(tree: Applied, parts: list[Dimension]) -> Dimension:
+    base, power = parts
+    if power != NONE:
+        raise InputError(f"a power in {unit_text(power)}; it must be a number")
+    if base == NONE:
+        return NONE
+    number = _number(tree.operands[1])
+    if number is None:
+        raise InputError(f"{unit_text(base)} to a power that is no plain number; write a number")
+    return tuple(one * number for one in base)
+
+
+def _number(tree: Node) -> Fraction | None:
+    """The value of a tree of plain numbers."""
+    if isinstance(tree, Number):
+        try:
+            return Fraction(tree.text)
+        except ValueError:
+            return None
+    if isinstance(tree, Applied):
+        parts = [_number(one) for one in tree.operands]
+        known = [part for part in parts if part is not None]
+        if len(known) == len(parts):
+            if tree.head == "-":
+                return -known[0]
+            if tree.head == "/" and known[1]:
+                return known[0] / known[1]
+    return None

@@ -1,0 +1,111 @@
+"""Eddy-current drag: a magnet that moves along a conducting plate is slowed down by it.
+
+A dipole normal to a thin plate of conductivity s and thickness d, at the height h above it, feels
+at speeds well below 2/(mu0 s d) the drag [Reitz 1970, doi:10.1063/1.1659172]
+
+    F = -(3 mu0^2 s d mu^2)/(128 pi h^4) v.
+
+It grows with the square of the moment, unlike viscous drag, and slows grains of another moment at
+another rate. Its flow is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, NamedTuple
+
+from granular.compiled import Array, compiled
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.engine.constants import Constants, moments_of, value_of
+from granular.engine.state import LOSSES, VX, VY, State
+from granular.scene.scales import Scales
+from granular.scene.schema import quantity, whole
+
+
+class Eddy(Effect):
+    """Drag by eddy currents in one or both plates of the cell.
+
+    Attributes
+    ----------
+    conductivity : float
+        s [S/m]; copper has 5.96e7.
+    thickness : float
+        d of a plate [m].
+    distance : float
+        h of the grains' middle from the middle of a plate [m].
+    plates : int
+        1 or 2.
+    """
+
+    key = "eddy"
+    rank = 1
+    example: ClassVar[Any] = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
+    damps = True
+    loss_record = in_joules("eddy_loss", "energy lost to eddy currents")
+
+    conductivity: float = quantity("S/m", least=0.0)
+    thickness: float = quantity("m", above=0.0)
+    distance: float = quantity("m", above=0.0)
+    plates: int = whole(default=1, least=1, most=2)
+
+    def coefficient(self, scales: Scales) -> float:
+        """Drag coefficient [kg/s] of a grain of the first species."""
+        moment = scales.current * scales.length**2
+        sheet = self.plates * self.conductivity * self.thickness
+        strength = 3.0 * scales.permeability**2 * sheet * moment**2
+        return strength / (128.0 * math.pi * self.distance**4)
+
+    def decay_rate(self, scales: Scales) -> float:
+        """Of a grain of the first species [1/tau]."""
+        return self.coefficient(scales) * scales.time / scales.mass
+
+    def law(self, setting: Setting) -> EddyLaw:
+        """The law in natural units."""
+        return EddyLaw(self.decay_rate(setting.scales))
+
+
+class EddyLaw(NamedTuple):
+    """Eddy-current drag as the kernels take it.
+
+    Attributes
+    ----------
+    rate : float
+        Decay rate of a grain of the first species [1/tau].
+    """
+
+    rate: float
+
+    @staticmethod
+    @compiled(inline=True)
+    def flow(
+        law: EddyLaw, room: None, place: int, span: float, state: State, constants: Constants,
+        opening: bool,
+    ) -> int:  # fmt: skip
+        """Let the velocities decay; enter what is lost."""
+        masses, moments, lost = constants.masses, moments_of(constants), 0.0
+        for i in range(constants.grains):
+            mass, moment = value_of(masses, i), value_of(moments, i)
+            exponent = -law.rate * moment * moment / mass * span
+            vx, vy = state.vx[i], state.vy[i]
+            lost -= 0.5 * mass * math.expm1(2.0 * exponent) * (vx * vx + vy * vy)
+            left = math.exp(exponent)
+            state.vx[i], state.vy[i] = left * vx, left * vy
+        state.ledger[LOSSES + place] += lost
+        return 0
+
+    @staticmethod
+    @compiled
+    def slow(
+        law: EddyLaw, room: None, place: int, slopes: Array, span: float, state: State,
+        constants: Constants,
+    ) -> int:  # fmt: skip
+        """As a force, for Runge-Kutta methods."""
+        masses, moments, lost = constants.masses, moments_of(constants), 0.0
+        for i in range(constants.grains):
+            mass, moment = value_of(masses, i), value_of(moments, i)
+            rate, vx, vy = law.rate * moment * moment / mass, state.vx[i], state.vy[i]
+            slopes[VX, i] -= rate * vx
+            slopes[VY, i] -= rate * vy
+            lost += mass * rate * (vx * vx + vy * vy)
+        state.ledger[LOSSES + place] += span * lost
+        return 0

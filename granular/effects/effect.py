@@ -1,0 +1,177 @@
+"""How an effect looks: one file that says everything that the scene, the loop and the run need.
+
+An effect is a section of the scene: its fields are its parameters, with units and limits. Once a
+run it makes its *law*: a named tuple of numbers in natural units, and of arrays with one value for
+each grain, which follow a grain that leaves. (Arrays that are something else stand in a tuple of
+their own within the law.) The law's class has the kernels, as static methods. Each may be there or
+not, and what is not there costs nothing; ``law, room, place`` stand before the others' arguments:
+
+``add_forces(..., state, constants, time) -> int``
+    Add the forces on the grains; how many grains are where they cannot be.
+``measure(..., state, constants, time, stiffness, energies) -> int``
+    Enter the energy at ``energies[place]``; add to ``stiffness`` a bound of each grain's stiffness
+    over its mass, which the automatic step follows.
+``kick(..., span, state, constants, opening) -> int``
+    Velocities after ``span`` under all forces, instead of the plain kick, for what must be solved
+    together with them; the last effect that has one gives it, and must take along what others do.
+``flow(..., span, state, constants, opening) -> int``
+    Velocities after ``span`` under a dissipative effect alone, solved exactly; forward behind the
+    kick that opens a step, backward before the one that closes it. What it takes is entered in
+    ``state.ledger[LOSSES + place]``.
+``slow(..., slopes, span, state, constants) -> int``
+    The same as a force, for Runge-Kutta methods.
+``work(..., span, state, constants, time) -> int``
+    Enter in ``state.ledger[WORK]`` what a force that depends on time does.
+``lift(..., time) -> float``
+    Upward acceleration of all that has a mass, the piston too.
+``collision(..., speed, constants) -> float``
+    Greatest stiffness over mass that a grain of this speed meets.
+``against_piston(..., state, constants, slopes) -> int``
+    Add each grain's stiffness against the piston over its mass.
+
+``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``.
+The file's own test aside, nothing else has to be touched: `granular.effects.registry` finds it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from granular.scene.parts import Cell, Grains, Piston
+from granular.scene.scales import Scales
+from granular.scene.schema import Section
+
+
+class Record(NamedTuple):
+    """A variable of the run that an effect brings.
+
+    Attributes
+    ----------
+    name, unit, meaning : str
+    scale : str
+        The natural unit it is in, an attribute of `Scales`.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    scale: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Setting:
+    """What a law is made from, besides its effect.
+
+    Attributes
+    ----------
+    grains : Grains
+    cell : Cell
+    scales : Scales
+    species : int (n,)
+        Of each grain.
+    effects : mapping of str to Effect
+        All that act.
+    places : mapping of str to int
+        Of each effect in the tuple of laws.
+    """
+
+    grains: Grains
+    cell: Cell
+    scales: Scales
+    species: np.ndarray
+    effects: Mapping[str, Any]
+    places: Mapping[str, int]
+
+
+class Effect(Section):
+    """Base of the effects.
+
+    Attributes
+    ----------
+    key : str
+        What a scene calls it.
+    rank : int
+        The loop takes effects in the order of their ranks, and of their names: 0 for what acts on
+        each grain alone, 1 for pairs, 2 for walls.
+    dry : bool
+        Whether it stops grains at a threshold, and cannot be undone backward in time.
+    damps : bool
+        Whether it takes energy wherever grains move.
+    takes_along : tuple of str or None
+        Of an effect with a ``kick``: the others with one that are solved with it.
+    energy_record, loss_record : Record or None
+        Of its energy, and of what it takes; those of one name are added up.
+    grain_records : tuple of Record
+        Of what it finds for each grain.
+    example : plain data
+        Parameters as a scene may have them, for the reference and for the test of all effects.
+    """
+
+    key: ClassVar[str] = ""
+    rank: ClassVar[int] = 0
+    dry: ClassVar[bool] = False
+    damps: ClassVar[bool] = False
+    takes_along: ClassVar[tuple[str, ...] | None] = None
+    energy_record: ClassVar[Record | None] = None
+    loss_record: ClassVar[Record | None] = None
+    grain_records: ClassVar[tuple[Record, ...]] = ()
+    example: ClassVar[Any] = True
+
+    @property
+    def parts(self) -> tuple[Effect, ...]:
+        """The effects that it is made of, each with a law."""
+        return (self,)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Digests of a user's functions and texts in it, for the run's settings."""
+        return ()
+
+    def check_compiling(self, setting: Setting) -> None:
+        """Raise `InputError` if a user's function does not compile."""
+
+    @property
+    def is_flow(self) -> bool:
+        """Whether it is a flow that Runge-Kutta methods cannot take."""
+        return False
+
+    def law(self, setting: Setting) -> Any:
+        """The law in natural units; None for what is no law of its own."""
+        raise NotImplementedError
+
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        """Raise `FieldError`, with the path from the scene, unless it fits apparatus and others."""
+
+    def load_weight(self, setting: Setting) -> np.ndarray | None:
+        """What each grain weighs (m,) in the sums over 1/r^3 that the pairs' pass takes along."""
+        return None
+
+    def grain_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:
+        """Its `grain_records` at the present moment, in natural units."""
+        return {}
+
+    def pull(self, scales: Scales) -> float:
+        """Downward acceleration that never changes, which can make grains faster."""
+        return 0.0
+
+    def greatest_speed(self, scales: Scales) -> float:
+        """Speed [D/tau] that it lends to all grains."""
+        return 0.0
+
+    def drive_frequency(self, scales: Scales) -> float:
+        """Angular frequency [1/tau] of a drive, which a step is to resolve."""
+        return 0.0
+
+    def decay_rate(self, scales: Scales) -> float:
+        """Rate [1/tau] of a linear decay, which a step is to resolve up to a limit."""
+        return 0.0
+
+
+def in_joules(name: str, meaning: str) -> Record:
+    return Record(name, "J", meaning, "energy")

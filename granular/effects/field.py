@@ -1,0 +1,172 @@
+"""Fields: forces on every grain from energies that are written as formulas.
+
+``effects.field = [{ energy = "k*y**2/2 + a*sin(x/l)", k = "10 N/m", a = "1 uJ", l = "3 mm" }]``.
+The variables are the place ``x``, ``y``, the time ``t``, and a grain's ``mass`` and magnetic
+``moment``; see `granular.effects.formula`. Where ``t`` is in it, the work from outside is derived
+too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from granular.effects.dimensions import Dimension
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.formula import LENGTH, MASS, MOMENT, TIME, Formula, Functions
+from granular.effects.own_definition import Grain, Kind
+from granular.effects.own_law import OwnLaw
+from granular.pairs.direct import padded_values
+from granular.scene.parts import Cell, Grains, Piston
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, Many, declare, quantity, unknown
+from granular.scene.schema import Kind as FieldKind
+from granular.shared.grammar import names, parse
+from granular.shared.messages import quoted
+
+
+@dataclasses.dataclass(frozen=True)
+class _Factors(FieldKind):
+    """A number for each species that has another one than 1, by their names."""
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
+        if not isinstance(value, Mapping | tuple):
+            raise FieldError(f"{quoted(value)} must be a table of numbers by species")
+        try:
+            found = {str(name): float(number) for name, number in dict(value).items()}
+            return tuple(sorted(found.items()))
+        except (TypeError, ValueError):
+            raise FieldError(f"{quoted(value)} holds something that is not a number") from None
+
+    def to_plain(self, value: Any) -> Any:
+        return dict(value)
+
+
+class FieldText(Formula, Effect):
+    """One field.
+
+    Attributes
+    ----------
+    factor : pairs of str and float
+        Species, and what its energy is multiplied by; 1 for those that are not named.
+    frequency : float
+        Highest frequency at which it changes in time [Hz], for the step.
+    """
+
+    rank = 1
+    energy_record = in_joules("field_energy", "energy of the fields")
+    variables: ClassVar[Mapping[str, Dimension]] = {
+        "x": LENGTH,
+        "y": LENGTH,
+        "t": TIME,
+        "mass": MASS,
+        "moment": MOMENT,
+    }
+
+    factor: tuple[tuple[str, float], ...] = declare(_Factors(), default=())
+    frequency: float = quantity("Hz", default=0.0, least=0.0)
+
+    @classmethod
+    def names_given(cls, energy: str) -> tuple[str, ...]:
+        depends = any(name.text == "t" for name in names(parse(energy)))
+        return ("energy", "force", "stiffness", *(("power",) if depends else ()))
+
+    @staticmethod
+    def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+        import sympy
+
+        x, y, t = (symbols[name] for name in "xyt")
+        return {
+            "energy": energy,
+            "force": sympy.Tuple(-energy.diff(x), -energy.diff(y)),
+            "slopes": sympy.Tuple(energy.diff(x, 2), energy.diff(x, y), energy.diff(y, 2)),
+            "power": energy.diff(t),
+        }
+
+    @staticmethod
+    def functions_of(made: Functions) -> Functions:
+        energy_of, force_of, slopes_of, power_of = (
+            made[name] for name in ("energy", "force", "slopes", "power")
+        )
+
+        def energy(p: Any, grain: Grain, time: float) -> Any:
+            return energy_of(grain.x, grain.y, time, grain.mass, grain.moment, *p)
+
+        def force(p: Any, grain: Grain, time: float) -> Any:
+            return force_of(grain.x, grain.y, time, grain.mass, grain.moment, *p)
+
+        def stiffness(p: Any, grain: Grain, time: float) -> Any:
+            xx, xy, yy = slopes_of(grain.x, grain.y, time, grain.mass, grain.moment, *p)
+            return max(abs(xx), abs(yy)) + abs(xy)
+
+        def power(p: Any, grain: Grain, time: float) -> Any:
+            return power_of(grain.x, grain.y, time, grain.mass, grain.moment, *p)
+
+        return {"energy": energy, "force": force, "stiffness": stiffness, "power": power}
+
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        known = tuple(one.name for one in grains.species)
+        for name, _ in self.factor:
+            if name not in known:
+                raise FieldError(unknown(name, known, "species"), "effects", "field", "factor")
+
+    def drive_frequency(self, scales: Scales) -> float:
+        return 2.0 * math.pi * self.frequency * scales.time
+
+    def law(self, setting: Setting) -> OwnLaw:
+        """The law in natural units."""
+        factor = None
+        if self.factor:
+            numbers = dict(self.factor)
+            each = [numbers.get(one.name, 1.0) for one in setting.grains.species]
+            factor = padded_values(np.array(each)[setting.species])
+        kind = Kind(self.definition.digest)
+        return OwnLaw(kind, self.natural(setting.scales), math.inf, factor)
+
+
+class Field(Effect):
+    """Fields of force from their energies; see the head of this file.
+
+    Attributes
+    ----------
+    fields : tuple of FieldText
+    """
+
+    key = "field"
+    example: ClassVar[Any] = [
+        {"energy": "k*(y - h)**2/2*(1 + sin(w*t)/4)", "k": "1 N/m", "h": "3 D", "w": "60 1/s"},
+        {"energy": "a*mass*sin(x/l)", "a": "0.1 m^2/s^2", "l": "1 D"},
+    ]
+
+    fields: tuple[FieldText, ...] = declare(Many(section=FieldText, least=1))
+
+    @classmethod
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
+        return listed(super().from_plain, plain, diameter)
+
+    def to_plain(self) -> Any:
+        return [one.to_plain() for one in self.fields]
+
+    @property
+    def parts(self) -> tuple[Effect, ...]:
+        return self.fields
+
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        for one in self.fields:
+            one.check(grains, cell, piston, others)
+
+
+def listed(read: Any, plain: Any, diameter: float | None) -> Any:
+    """Read an effect that is a list of tables, or one table."""
+    try:
+        return read({"fields": [plain] if isinstance(plain, Mapping) else plain}, diameter)
+    except FieldError as error:
+        raise FieldError(error.reason, *error.path[1:]) from None

@@ -1,0 +1,154 @@
+"""Whether the functions of an own effect fit each other, in plain Python at a few places."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba.core.errors import NumbaError
+
+from granular.effects.effect import Setting
+from granular.effects.own_definition import Definition, Grain, failed
+from granular.shared.errors import InputError
+from granular.shared.messages import one_line
+
+CLOSE = 1e-5
+"""Relative difference between a derivative and what a function says."""
+_STEP = 1e-4
+_PLACES, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
+_DISTANCES = (0.83, 1.21, 1.94)
+
+
+def check(definition: Definition, p: Any, setting: Setting) -> None:
+    """Raise `InputError` where a function fails, or one is not the derivative of the other."""
+    functions = definition.functions
+    width = setting.cell.width / setting.scales.length
+    ends = len(setting.grains.species)
+    mass, moment = setting.grains.mass_ratios(), setting.grains.moment_ratios()
+    grains = [
+        Grain(x * width, y * width, float(mass[k % ends]), float(moment[k % ends]))
+        for k, (x, y) in enumerate(_PLACES)
+    ]
+    if "force" in functions:
+        for grain, time in itertools.product(grains, _TIMES):
+            _check_force(definition, p, grain, time)
+    if "pair_force" in functions:
+        for r in _DISTANCES:
+            _check_pair(definition, p, r, grains)
+    if "flow" in functions:
+        for grain in grains:
+            _check_flow(definition, p, grain)
+
+
+def check_compiling(definition: Definition, p: Any) -> None:
+    """Raise `InputError` where a function does not compile."""
+    grain = Grain(1.5, 1.5, 1.0, 1.0)
+    pair = (p, 1.5, grain, grain)
+    arguments: dict[str, tuple[Any, ...]] = {
+        "flow": (p, grain, 0.1, 0.1, 0.1), "pair_energy": pair, "pair_force": pair,
+        "pair_stiffness": pair, "reach": (p,), "frequency": (p,),
+    }  # fmt: skip
+    for name, kernel in definition.kernels.items():
+        if name in ("reach", "frequency"):
+            continue  # called by Python alone
+        try:
+            kernel(*arguments.get(name, (p, grain, 0.0)))
+        except NumbaError as error:
+            raise InputError(
+                f"effect {definition.key!r}: {name!r} does not compile: {_reason(error)}; take "
+                "arithmetic, math, and functions that are compiled themselves"
+            ) from None
+
+
+def _reason(error: BaseException) -> str:
+    """The line of the compiler's message that tells the most."""
+    lines = [one.strip() for one in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
+    told = [one for one in lines if one and not one.startswith(("Failed in", "During", "File"))]
+    return one_line(told[0] if told else type(error).__name__)
+
+
+def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -> Any:
+    try:
+        found = definition.functions[name](*arguments)
+        values = (found,) if count == 1 else tuple(found)
+        numbers = [float(value) for value in values]
+    except Exception as error:
+        raise failed(definition.key, f"{name!r} fails", error) from None
+    if len(numbers) != count:
+        raise InputError(
+            f"effect {definition.key!r}: {name!r} gives {len(numbers)} numbers, not {count}"
+        )
+    return numbers[0] if count == 1 else numbers
+
+
+def _slope(function: Callable[[float], float], at: float) -> float:
+    """Derivative, to the fourth order in the step."""
+    h = _STEP * max(1.0, abs(at))
+    near = function(at + h) - function(at - h)
+    far = function(at + 2.0 * h) - function(at - 2.0 * h)
+    return (8.0 * near - far) / (12.0 * h)
+
+
+def _compare(definition: Definition, name: str, found: float, slope: float, size: float) -> None:
+    if not (math.isfinite(found) and math.isfinite(slope)):
+        return  # a place where it cannot be evaluated says nothing
+    if abs(found - slope) > CLOSE * max(abs(slope), abs(found), size):
+        raise InputError(
+            f"effect {definition.key!r}: {name!r} gives {found:.6g} where its energy asks for "
+            f"{slope:.6g} (natural units); mend one of them"
+        )
+
+
+def _check_force(definition: Definition, p: Any, grain: Grain, time: float) -> None:
+    def energy(place: Grain, moment: float) -> float:
+        return float(_value(definition, "energy", p, place, moment))
+
+    fx, fy = _value(definition, "force", p, grain, time, count=2)
+    size = 1e-6 * abs(energy(grain, time))
+    across = _slope(lambda x: energy(grain._replace(x=x), time), grain.x)
+    along = _slope(lambda y: energy(grain._replace(y=y), time), grain.y)
+    _compare(definition, "force", fx, -across, size + 1e-3 * abs(fy))
+    _compare(definition, "force", fy, -along, size + 1e-3 * abs(fx))
+    rate = _slope(lambda moment: energy(grain, moment), time)
+    power = _value(definition, "power", p, grain, time) if "power" in definition.functions else 0.0
+    _compare(definition, "power", power, rate, size)
+    if "stiffness" in definition.functions:
+        _value(definition, "stiffness", p, grain, time)
+
+
+def _check_pair(definition: Definition, p: Any, r: float, grains: list[Grain]) -> None:
+    for first, second in itertools.combinations_with_replacement(grains, 2):
+
+        def energy(distance: float, first: Grain = first, second: Grain = second) -> float:
+            return float(_value(definition, "pair_energy", p, distance, first, second))
+
+        found = _value(definition, "pair_force", p, r, first, second)
+        _compare(definition, "pair_force", found, -_slope(energy, r), 1e-6 * abs(energy(r)))
+        other = _value(definition, "pair_force", p, r, second, first)
+        if not np.isclose(found, other, rtol=1e-9, atol=0.0, equal_nan=True):
+            raise InputError(
+                f"effect {definition.key!r}: 'pair_force' gives {found:.6g} and, with the grains "
+                f"exchanged, {other:.6g}; a pair must pull and push equally"
+            )
+        if "pair_stiffness" in definition.functions:
+            _value(definition, "pair_stiffness", p, r, first, second)
+
+
+def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
+    for vx, vy, span in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
+        wx, wy = _value(definition, "flow", p, grain, vx, vy, span, count=2)
+        if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
+            raise InputError(
+                f"effect {definition.key!r}: 'flow' makes a grain faster; it may only take energy"
+            )
+        twice = _value(definition, "flow", p, grain, wx, wy, span, count=2)
+        whole = _value(definition, "flow", p, grain, vx, vy, 2.0 * span, count=2)
+        if not np.allclose(twice, whole, rtol=1e-9, atol=1e-14):
+            raise InputError(
+                f"effect {definition.key!r}: 'flow' over two spans is not that over both at once; "
+                "solve it exactly, as v*exp(-rate*span)"
+            )

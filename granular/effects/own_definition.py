@@ -1,0 +1,139 @@
+"""What an own effect is made of: functions, and a digest by which its compiled code is known."""
+
+from __future__ import annotations
+
+import hashlib
+import types as python_types
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import NativeValue, models, register_model, typeof_impl, unbox
+
+from granular.shared.errors import InputError
+from granular.shared.messages import one_line
+
+FUNCTIONS = (
+    "energy", "force", "stiffness", "power", "flow", "pair_energy", "pair_force", "pair_stiffness",
+    "reach", "frequency",
+)  # fmt: skip
+"""Names of the functions that an effect may have."""
+
+
+class Grain(NamedTuple):
+    """A grain as the functions of an own effect see it.
+
+    Attributes
+    ----------
+    x, y : float
+        Its place; for a pair, the names that matter are the next ones.
+    mass, moment : float
+        Its mass and its magnetic moment.
+    """
+
+    x: float
+    y: float
+    mass: float
+    moment: float
+
+
+class Definition(NamedTuple):
+    """What an own effect does.
+
+    Attributes
+    ----------
+    key : str
+    digest : str
+        Of its functions, and of all that they use of their file.
+    parameters : type
+        Named tuple of the values in natural units.
+    functions : mapping of str to function
+        As they were written.
+    kernels : mapping of str to function
+        The same, to be called by kernels.
+    """
+
+    key: str
+    digest: str
+    parameters: Any
+    functions: Mapping[str, Callable[..., Any]]
+    kernels: Mapping[str, Callable[..., Any]]
+
+
+DEFINITIONS: dict[str, Definition] = {}
+"""By their digests."""
+
+
+class Kind:
+    """An own effect in the type of its law: the digest is the name of the type."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+class KindType(types.Dummy):  # type: ignore[misc]
+    """Numba's type of a `Kind`."""
+
+
+@typeof_impl.register(Kind)
+def _typeof(kind: Kind, context: Any) -> KindType:
+    return KindType(kind.name)
+
+
+register_model(KindType)(models.OpaqueModel)
+
+
+@unbox(KindType)
+def _unbox(kind: Any, value: Any, context: Any) -> NativeValue:
+    return NativeValue(context.context.get_dummy_value())
+
+
+def functions_digest(functions: dict[str, Any], fields: list[str]) -> str:
+    """Digest of functions, and of all that they use of their file."""
+    digest, seen = hashlib.sha256(repr(fields).encode()), set[int]()
+    for name in sorted(functions):
+        digest.update(f"\0{name}\0".encode())
+        for part in _parts(functions[name], seen):
+            digest.update(f"{part}\0".encode())
+    return digest.hexdigest()[:24]
+
+
+def _parts(function: Any, seen: set[int]) -> Iterator[str]:
+    """What a function is made of: its code, and the values and functions that it names."""
+    function = getattr(function, "py_func", function)
+    if id(function) in seen:
+        return
+    seen.add(id(function))
+    if not isinstance(function, python_types.FunctionType):
+        # Of modules and of their functions the version counts, which is in the kernels' digest.
+        yield f"{getattr(function, '__module__', '')}.{getattr(function, '__name__', '')}"
+        return
+    yield repr(function.__defaults__)
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    for used in cells:
+        yield from _parts(used, seen) if callable(used) else (repr(used),)
+    yield from _code_parts(function.__code__, function.__globals__, seen)
+
+
+def _code_parts(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[str]:
+    yield code.co_code.hex()
+    yield repr((code.co_names, code.co_varnames))
+    for value in code.co_consts:
+        if isinstance(value, python_types.CodeType):
+            yield from _code_parts(value, names, seen)
+        else:
+            yield repr(value)
+    for name in code.co_names:
+        used = names.get(name)
+        if isinstance(used, python_types.ModuleType):
+            yield used.__name__
+        elif callable(used):
+            yield from _parts(used, seen)
+        elif used is not None:
+            yield repr(used.tolist() if isinstance(used, np.ndarray) else used)
+
+
+def failed(key: str, what: str, error: BaseException) -> InputError:
+    """The error of an own effect, in one line."""
+    return InputError(f"effect {key!r}: {what}: {type(error).__name__}: {one_line(error)}; mend it")

@@ -1,0 +1,264 @@
+"""How the loop takes an own effect: loops over grains and pairs that hold its functions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numba
+from numba.extending import overload
+
+from granular.compiled import Array, compiled
+from granular.compiled.dispatch import OPTIONS
+from granular.effects.own_definition import DEFINITIONS, Definition, Grain
+from granular.engine.constants import Constants, moments_of, value_of
+from granular.engine.state import LOSSES, WORK, State
+from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
+
+
+class OwnLaw(NamedTuple):
+    """An own effect as the kernels take it.
+
+    Attributes
+    ----------
+    kind : Kind
+    values : tuple of float
+        Its parameters.
+    reach : float
+        Distance from which on pairs do nothing [D]; infinite where all pairs count.
+    factor : float64 (m,) or None
+        By which each grain's energy and force are multiplied.
+    """
+
+    kind: Any
+    values: tuple[float, ...]
+    reach: float
+    factor: Array | None
+
+    def room(self, size: int, count: int) -> ClosePairs | None:
+        """Room for the pairs within reach."""
+        pairs = "pair_force" in DEFINITIONS[self.kind.name].functions
+        return close_pairs_room(count) if pairs and math.isfinite(self.reach) else None
+
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: OwnLaw, room: ClosePairs | None, place: int, state: State, constants: Constants,
+        time: float,
+    ) -> int:  # fmt: skip
+        _grain_forces(law.kind, law, state, constants, time)
+        return _pair_forces(law.kind, law, room, state, constants)
+
+    @staticmethod
+    @compiled(inline=True)
+    def measure(
+        law: OwnLaw, room: ClosePairs | None, place: int, state: State, constants: Constants,
+        time: float, stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        energies[place] = _grain_energy(law.kind, law, state, constants, time, stiffness)
+        energies[place] += _pair_energy(law.kind, law, room, state, constants, stiffness)
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def flow(
+        law: OwnLaw, room: ClosePairs | None, place: int, span: float, state: State,
+        constants: Constants, opening: bool,
+    ) -> int:  # fmt: skip
+        _flow(law.kind, law, LOSSES + place, span, state, constants)
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def work(
+        law: OwnLaw, room: ClosePairs | None, place: int, span: float, state: State,
+        constants: Constants, time: float,
+    ) -> int:  # fmt: skip
+        _work(law.kind, law, span, state, constants, time)
+        return 0
+
+
+@compiled(inline=True)
+def grain_at(state: State, masses: Array | None, moments: Array | None, i: int) -> Grain:
+    """A grain as the functions see it."""
+    return Grain(state.x[i], state.y[i], value_of(masses, i), value_of(moments, i))
+
+
+Loop = Callable[..., Any]
+
+
+def by_kind(make: Callable[[Definition], Loop]) -> Loop:
+    """A kernel ``(kind, *rest)`` that the kind chooses when it is compiled."""
+
+    def call(kind: Any, *rest: Any) -> Any:
+        return make(DEFINITIONS[kind.name])(kind, *rest)
+
+    def choose(kind: Any, *rest: Any) -> Loop:
+        return make(DEFINITIONS[kind.name])
+
+    if not numba.config.DISABLE_JIT:
+        overload(call, jit_options=OPTIONS, strict=False)(choose)
+    return call
+
+
+def _nothing(*arguments: Any) -> float:
+    return 0.0
+
+
+if not numba.config.DISABLE_JIT:
+    _nothing = numba.njit(**OPTIONS)(_nothing)
+
+
+def _make_grain_forces(definition: Definition) -> Loop:
+    force, values_of = definition.kernels.get("force"), definition.parameters
+    if force is None:
+        return lambda kind, law, state, constants, time: None
+
+    def add(kind: Any, law: OwnLaw, state: State, constants: Constants, time: float) -> None:
+        p = values_of(*law.values)
+        masses, moments = constants.masses, moments_of(constants)
+        for i in range(constants.grains):
+            fx, fy = force(p, grain_at(state, masses, moments, i), time)
+            state.fx[i] += value_of(law.factor, i) * fx
+            state.fy[i] += value_of(law.factor, i) * fy
+
+    return add
+
+
+def _make_grain_energy(definition: Definition) -> Loop:
+    energy, values_of = definition.kernels.get("energy"), definition.parameters
+    stiffness: Loop = definition.kernels.get("stiffness", _nothing)
+    if energy is None:
+        return lambda kind, law, state, constants, time, slopes: 0.0
+
+    def measure(
+        kind: Any, law: OwnLaw, state: State, constants: Constants, time: float, slopes: Array
+    ) -> float:
+        p, total = values_of(*law.values), 0.0
+        masses, moments = constants.masses, moments_of(constants)
+        for i in range(constants.grains):
+            grain, factor = grain_at(state, masses, moments, i), value_of(law.factor, i)
+            total += factor * energy(p, grain, time)
+            slopes[i] += abs(factor * stiffness(p, grain, time)) / grain.mass
+        return total
+
+    return measure
+
+
+def _make_work(definition: Definition) -> Loop:
+    power, values_of = definition.kernels.get("power"), definition.parameters
+    if power is None:
+        return lambda kind, law, span, state, constants, time: None
+
+    def work(
+        kind: Any, law: OwnLaw, span: float, state: State, constants: Constants, time: float
+    ) -> None:
+        p, total = values_of(*law.values), 0.0
+        masses, moments = constants.masses, moments_of(constants)
+        for i in range(constants.grains):
+            total += value_of(law.factor, i) * power(p, grain_at(state, masses, moments, i), time)
+        state.ledger[WORK] += span * total
+
+    return work
+
+
+def _make_flow(definition: Definition) -> Loop:
+    flow, values_of = definition.kernels.get("flow"), definition.parameters
+    if flow is None:
+        return lambda kind, law, entry, span, state, constants: None
+
+    def slow(
+        kind: Any, law: OwnLaw, entry: int, span: float, state: State, constants: Constants
+    ) -> None:
+        p, lost = values_of(*law.values), 0.0
+        masses, moments = constants.masses, moments_of(constants)
+        for i in range(constants.grains):
+            grain, vx, vy = grain_at(state, masses, moments, i), state.vx[i], state.vy[i]
+            wx, wy = flow(p, grain, vx, vy, span)
+            state.vx[i], state.vy[i] = wx, wy
+            lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
+        state.ledger[entry] += lost
+
+    return slow
+
+
+@compiled
+def _partners(law: OwnLaw, room: ClosePairs | None, state: State, count: int) -> int:
+    """How many pairs there are; -1 where there is no room for them."""
+    if room is None:
+        return count * (count - 1) // 2
+    find_close_pairs(room, state.x, state.y, count, law.reach)
+    return room.filled[0]
+
+
+@compiled
+def _pair(room: ClosePairs | None, pair: int, i: int, j: int, count: int) -> tuple[int, int]:
+    """The next pair: that of the list, or behind (i, j) of all."""
+    if room is None:
+        return (i, j + 1) if j + 1 < count else (i + 1, i + 2)
+    return room.first[pair], room.second[pair]
+
+
+def _make_pair_forces(definition: Definition) -> Loop:
+    force, values_of = definition.kernels.get("pair_force"), definition.parameters
+    if force is None:
+        return lambda kind, law, room, state, constants: 0
+
+    def add(
+        kind: Any, law: OwnLaw, room: ClosePairs | None, state: State, constants: Constants
+    ) -> int:
+        p, count = values_of(*law.values), constants.grains
+        masses, moments = constants.masses, moments_of(constants)
+        pairs, i, j = _partners(law, room, state, count), 0, 0
+        for pair in range(pairs):
+            i, j = _pair(room, pair, i, j, count)
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            r = math.sqrt(dx * dx + dy * dy)
+            if r < law.reach:
+                first = grain_at(state, masses, moments, i)
+                ratio = force(p, r, first, grain_at(state, masses, moments, j)) / r
+                state.fx[i] += ratio * dx
+                state.fy[i] += ratio * dy
+                state.fx[j] -= ratio * dx
+                state.fy[j] -= ratio * dy
+        return int(pairs < 0)
+
+    return add
+
+
+def _make_pair_energy(definition: Definition) -> Loop:
+    energy, values_of = definition.kernels.get("pair_energy"), definition.parameters
+    stiffness: Loop = definition.kernels.get("pair_stiffness", _nothing)
+    if energy is None:
+        return lambda kind, law, room, state, constants, slopes: 0.0
+
+    def measure(
+        kind: Any, law: OwnLaw, room: ClosePairs | None, state: State, constants: Constants,
+        slopes: Array,
+    ) -> float:  # fmt: skip
+        p, count, total = values_of(*law.values), constants.grains, 0.0
+        masses, moments = constants.masses, moments_of(constants)
+        i, j = 0, 0
+        for pair in range(_partners(law, room, state, count)):
+            i, j = _pair(room, pair, i, j, count)
+            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+            r = math.sqrt(dx * dx + dy * dy)
+            if r < law.reach:
+                first = grain_at(state, masses, moments, i)
+                second = grain_at(state, masses, moments, j)
+                total += energy(p, r, first, second)
+                slope = 2.0 * abs(stiffness(p, r, first, second))
+                slopes[i] += slope / first.mass
+                slopes[j] += slope / second.mass
+        return total
+
+    return measure
+
+
+_grain_forces = by_kind(_make_grain_forces)
+_grain_energy = by_kind(_make_grain_energy)
+_work = by_kind(_make_work)
+_flow = by_kind(_make_flow)
+_pair_forces = by_kind(_make_pair_forces)
+_pair_energy = by_kind(_make_pair_energy)

@@ -1,0 +1,104 @@
+"""Pair laws: forces between the grains from energies that are written as formulas of the distance.
+
+``effects.pair_law = [{ energy = "a*exp(-r/l)", a = "1 mJ", l = "2 mm", reach = "3 D" }]``. It acts
+beside the dipoles, or instead of them where the scene names none. The variables are the distance
+``r`` of the centres and the grains' moments ``q1`` and ``q2`` over that of the first species; see
+`granular.effects.formula`. Both grains must be treated alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from granular.effects.dimensions import NONE, Dimension
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.field import listed
+from granular.effects.formula import LENGTH, Formula, Functions
+from granular.effects.own_check import check
+from granular.effects.own_definition import Grain, Kind
+from granular.effects.own_law import OwnLaw
+from granular.scene.schema import Many, declare, quantity
+from granular.shared.grammar import names, parse
+
+
+class PairText(Formula, Effect):
+    """One pair law.
+
+    Attributes
+    ----------
+    reach : float or None
+        Distance from which on it does nothing [m]; all pairs count if not given. Energy and force
+        should be nearly zero there.
+    """
+
+    rank = 1
+    energy_record = in_joules("pair_law_energy", "energy of the pair laws")
+    variables: ClassVar[Mapping[str, Dimension]] = {"r": LENGTH, "q1": NONE, "q2": NONE}
+
+    reach: float | None = quantity("m", above=0.0, default=None, optional=True)
+
+    @classmethod
+    def names_given(cls, energy: str) -> tuple[str, ...]:
+        return ("pair_energy", "pair_force", "pair_stiffness")
+
+    @staticmethod
+    def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+        r = symbols["r"]
+        return {"energy": energy, "force": -energy.diff(r), "slope": energy.diff(r, 2)}
+
+    @staticmethod
+    def functions_of(made: Functions) -> Functions:
+        energy_of, force_of, slope_of = (made[name] for name in ("energy", "force", "slope"))
+
+        def energy(p: Any, r: float, first: Grain, second: Grain) -> Any:
+            return energy_of(r, first.moment, second.moment, *p)
+
+        def force(p: Any, r: float, first: Grain, second: Grain) -> Any:
+            return force_of(r, first.moment, second.moment, *p)
+
+        def stiffness(p: Any, r: float, first: Grain, second: Grain) -> Any:
+            slope, push = (
+                slope_of(r, first.moment, second.moment, *p),
+                force_of(r, first.moment, second.moment, *p),
+            )
+            return max(abs(slope), abs(push) / r)
+
+        return {"pair_energy": energy, "pair_force": force, "pair_stiffness": stiffness}
+
+    def law(self, setting: Setting) -> OwnLaw:
+        """The law in natural units."""
+        definition, values = self.definition, self.natural(setting.scales)
+        if any(name.text in ("q1", "q2") for name in names(parse(self.energy))):
+            check(definition, values, setting)  # that both are treated alike
+        reach = math.inf if self.reach is None else self.reach / setting.scales.length
+        return OwnLaw(Kind(definition.digest), values, reach, None)
+
+
+class PairLaw(Effect):
+    """Forces between grains from their energies; see the head of this file.
+
+    Attributes
+    ----------
+    fields : tuple of PairText
+    """
+
+    key = "pair_law"
+    example: ClassVar[Any] = [
+        {"energy": "a*q1*q2*exp(-r/l)", "a": "1 mJ", "l": "2 mm"},
+        {"energy": "k*max(end - r, 0)**4/end**2", "k": "1 N/m", "end": "2 D", "reach": "2 D"},
+    ]
+
+    fields: tuple[PairText, ...] = declare(Many(section=PairText, least=1))
+
+    @classmethod
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
+        return listed(super().from_plain, plain, diameter)
+
+    def to_plain(self) -> Any:
+        return [one.to_plain() for one in self.fields]
+
+    @property
+    def parts(self) -> tuple[Effect, ...]:
+        return self.fields

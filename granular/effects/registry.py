@@ -1,0 +1,63 @@
+"""The effects that a scene can name: those of the files beside this one, and a user's own."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from granular.effects.effect import Effect
+from granular.shared.errors import InputError
+
+GROUP = "granular.effects"
+"""Group of the entry points by which installed packages bring effects."""
+
+_OWN: dict[str, type[Effect]] = {}
+
+
+def effects() -> Mapping[str, type[Effect]]:
+    """Every effect by its name."""
+    return {**_built_in(), **_OWN}
+
+
+def find(name: str) -> type[Effect] | None:
+    """The effect of that name; one that an installed package brings is imported now."""
+    known = effects()
+    if name not in known:
+        for point in entry_points(group=GROUP, name=name):
+            point.load()
+        known = effects()
+    return known.get(name)
+
+
+def names() -> tuple[str, ...]:
+    """Names of all effects, those of installed packages included."""
+    return tuple(sorted({*effects(), *(point.name for point in entry_points(group=GROUP))}))
+
+
+def register(effect: type[Effect]) -> None:
+    """Let scenes name an own effect; one of the same name that was there before is replaced.
+
+    Raises
+    ------
+    InputError
+        If a built-in effect has that name.
+    """
+    if effect.key in _built_in():
+        raise InputError(f"an effect {effect.key!r} is there already; give yours another name")
+    _OWN[effect.key] = effect
+
+
+@functools.cache
+def _built_in() -> dict[str, type[Effect]]:
+    package = __name__.rpartition(".")[0]
+    found: dict[str, type[Effect]] = {}
+    for file in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        module = importlib.import_module(f"{package}.{file.name}")
+        for one in vars(module).values():
+            if isinstance(one, type) and issubclass(one, Effect) and one.key:
+                found.setdefault(one.key, one)
+    return found

@@ -1,0 +1,180 @@
+"""Dry sliding friction of the grains at the side walls.
+
+A grain that a side wall pushes with the force N rubs along it with at most mu N, against its motion
+along the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the wall's own
+magnetic force on the grain. Along a wall the motion is one-dimensional, and under constant force,
+drag and friction it is solved exactly: a grain that slides stops and stays, to the last bit, while
+the force along the wall is at most mu N.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+from granular.compiled import compiled
+from granular.compiled.dispatch import by_law
+from granular.effects import drag
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.engine.constants import Constants, moments_of, value_of
+from granular.engine.state import LOSSES, State
+from granular.scene.parts import Cell, Grains, Piston
+from granular.scene.schema import FieldError, quantity
+
+_SIDES = ("left", "right")
+
+
+class WallFriction(Effect):
+    """Coulomb friction at the left and the right wall.
+
+    Attributes
+    ----------
+    coefficient : float
+        mu, at rest and in motion.
+    """
+
+    key = "wall_friction"
+    example: ClassVar[Any] = {"coefficient": 0.3}
+    dry = True
+    damps = True
+    takes_along = ("drag",)
+    loss_record = in_joules("wall_friction_loss", "energy lost to friction at the side walls")
+
+    coefficient: float = quantity("1", least=0.0)
+
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        walls: Any = others.get("walls")
+        sides = [] if walls is None else [getattr(walls, side) for side in _SIDES]
+        if not any(sides):
+            raise FieldError(
+                "there is no side wall to rub at; give effects.walls", "effects", self.key
+            )
+        if any(side is not None and side.law == "slab" for side in sides):
+            raise FieldError(
+                "a slab has no law of the distance; take 'infinite'", "effects", self.key
+            )
+
+    def law(self, setting: Setting) -> WallFrictionLaw:
+        """The law in natural units; it takes the drag along."""
+        scales, width = setting.scales, setting.cell.width
+        walls, other = setting.effects["walls"], setting.effects.get("drag")
+        left, right = (
+            None if side is None else side.law_of(width, scales)
+            for side in (walls.left, walls.right)
+        )
+        return WallFrictionLaw(
+            self.coefficient,
+            left,
+            right,
+            None if other is None else other.decay_rate(scales),
+            None if other is None else LOSSES + setting.places["drag"],
+        )
+
+
+class WallFrictionLaw(NamedTuple):
+    """Friction at the side walls as the kernels take it.
+
+    Attributes
+    ----------
+    coefficient : float
+    left, right : law of the wall, or None
+    rate : float or None
+        Decay rate of the drag that is solved with it [1/tau].
+    drag : int or None
+        Entry of the ledger for what the drag takes.
+    """
+
+    coefficient: float
+    left: Any
+    right: Any
+    rate: float | None
+    drag: int | None
+
+    @staticmethod
+    @compiled
+    def kick(
+        law: WallFrictionLaw, room: None, place: int, span: float, state: State,
+        constants: Constants, opening: bool,
+    ) -> int:  # fmt: skip
+        """Force, drag and friction, together and exactly."""
+        rate = _rate(law.rate)
+        masses, moments = constants.masses, moments_of(constants)
+        decay, gain, a, b, c = drag.flow(rate, span)
+        rubbed, dragged = 0.0, 0.0
+        for i in range(constants.grains):
+            mass, x = value_of(masses, i), state.x[i]
+            normal = _normal(law.left, x) + _normal(law.right, constants.width - x)
+            hold = law.coefficient * value_of(moments, i) * normal
+            v, push = state.vx[i], state.fx[i] / mass
+            state.vx[i] = decay * v + gain * push
+            dragged += mass * (a * v * v + b * v * push + c * push * push)
+            state.vy[i], way = slide(rate, span, state.vy[i], state.fy[i] / mass, hold / mass)
+            rubbed += hold * way[0]
+            dragged += mass * way[1]
+        state.ledger[LOSSES + place] += rubbed
+        _enter(law.drag, state, dragged)
+        return 0
+
+
+@compiled
+def _none(law: Any, w: float) -> float:
+    return 0.0
+
+
+_force = by_law("force", "w", _none)
+
+
+@compiled
+def _normal(law: Any, w: float) -> float:
+    return 0.0 if law is None else _force(law, w)
+
+
+@compiled
+def _rate(rate: float | None) -> float:
+    return 0.0 if rate is None else rate
+
+
+@compiled(inline=True)
+def _enter(entry: int | None, state: State, energy: float) -> None:
+    if entry is not None:
+        state.ledger[entry] += energy
+
+
+@compiled
+def _coast(rate: float, span: float, v: float, push: float) -> tuple[float, float, float]:
+    """Velocity after a span under acceleration and drag; the way, and what drag took per mass."""
+    decay, gain, a, b, c = drag.flow(rate, span)
+    way = drag.way(rate, span, gain, abs(v), math.copysign(1.0, v) * push)
+    return decay * v + gain * push, way, a * v * v + b * v * push + c * push * push
+
+
+@compiled
+def slide(
+    rate: float, span: float, v: float, push: float, hold: float
+) -> tuple[float, tuple[float, float]]:
+    """Motion along a line under an acceleration, drag, and friction of at most ``hold`` per mass.
+
+    Returns
+    -------
+    tuple
+        Velocity after the span; the way on which friction acted, and what drag took per mass.
+    """
+    way, dragged = 0.0, 0.0
+    if v != 0.0:
+        sign = math.copysign(1.0, v)
+        net = push - sign * hold
+        after, path, lost = _coast(rate, span, v, net)
+        if sign * after > 0.0:
+            return after, (path, lost)
+        brake = -sign * net
+        way = drag.stopping_way(rate, abs(v), brake)
+        dragged = 0.5 * v * v - brake * way
+        span = max(span - drag.stopping_time(rate, abs(v), brake), 0.0)
+        v = 0.0
+    if abs(push) > hold:
+        v, path, lost = _coast(rate, span, 0.0, push - math.copysign(hold, push))
+        return v, (way + abs(path), dragged + lost)
+    return 0.0, (way, dragged)

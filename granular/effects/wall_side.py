@@ -1,0 +1,74 @@
+"""A side of the cell as a wall sees it, and what a law of the distance alone does there.
+
+The law of a wall is a named tuple whose class has, as static methods, ``force(law, w)``,
+``energy(law, w)`` and ``stiffness(law, w)`` of a grain of the first species at the distance w [D],
+and ``turning_stiffness(law, speed)``, the stiffness per mass where a grain of that speed turns;
+``is_behind(law, w)`` where another test than the sign of w is quicker. A law that is more than that
+has ``add_forces``, ``add_tangential_forces`` and ``measure`` instead.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from granular.compiled import Array, compiled
+from granular.compiled.dispatch import by_law
+
+
+class Side(NamedTuple):
+    """A wall's place, and the grains' coordinates as seen from it.
+
+    Attributes
+    ----------
+    place, along : float64 (m,)
+        Coordinates of the grains across and along the wall [D].
+    offset, sign : float
+        The distance from the wall is sign * (place - offset).
+    """
+
+    place: Array
+    along: Array
+    offset: float
+    sign: float
+
+
+@compiled
+def _none(law: Any, w: float) -> float:
+    return 0.0
+
+
+@compiled
+def _behind(law: Any, w: float) -> bool:
+    return not w > 0.0
+
+
+_is_behind = by_law("is_behind", "w", _behind)
+_force, _energy, _stiffness = (
+    by_law(name, "w", _none) for name in ("force", "energy", "stiffness")
+)
+
+
+@compiled(inline=True)
+def distance_forces(
+    law: Any, count: int, moments: Array | None, side: Side, force: Array, normal: Array,
+    tangential: Array | None,
+) -> int:  # fmt: skip
+    """Add the forces away from the wall; how many grains are behind it."""
+    outside = 0
+    for i in range(count):
+        w = side.sign * (side.place[i] - side.offset)
+        normal[i] = _force(law, w)
+        if moments is not None:
+            normal[i] *= moments[i]
+        force[i] += side.sign * normal[i]
+        outside += _is_behind(law, w)
+    return outside
+
+
+@compiled
+def distance_energies(law: Any, count: int, side: Side, stiffness: Array, energies: Array) -> None:
+    """Energies at the wall, for grains of moment 1; adds its stiffness over the grain's mass."""
+    for i in range(count):
+        w = side.sign * (side.place[i] - side.offset)
+        energies[i] = _energy(law, w)
+        stiffness[i] += _stiffness(law, w)

@@ -1,0 +1,134 @@
+"""What stays the same during a run, in natural units, as the compiled loop takes it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from granular.compiled import Array, compiled
+from granular.pairs.far_field import FarField
+from granular.pairs.stripes import CutOff
+from granular.pairs.verlet_list import Listing
+
+
+class Sides(NamedTuple):
+    """Which sides of the cell have a wall; None where one is open, and compiled away."""
+
+    left: bool | None = None
+    right: bool | None = None
+    bottom: bool | None = None
+    top: bool | None = None
+
+
+class Acting(NamedTuple):
+    """The effects that act; what does not is None, or no law, and compiled away.
+
+    Attributes
+    ----------
+    laws : tuple
+        A named tuple for each effect that acts but for the dipole, in the order in which the loop
+        takes them; see `granular.effects.effect`.
+    dipole : bool or None
+    sides : Sides
+    weight : float64 (m,) or None
+        Where friction bears on the grains: weight_j of the sums over weight_j / r_ij^3 that the
+        pass over the pairs takes along.
+    cut : CutOff or None
+        Where pairs end; with None for this and the next, all pairs are summed.
+    listing : Listing or None
+        Of the source's Verlet list.
+    far : FarField or None
+        What is beyond the radius where pairs end smoothly.
+    """
+
+    laws: tuple[Any, ...]
+    dipole: bool | None
+    sides: Sides
+    weight: Array | None
+    cut: CutOff | None
+    listing: Listing | None
+    far: FarField | None
+
+
+class Resistance(NamedTuple):
+    """What holds a free piston back.
+
+    Attributes
+    ----------
+    rate : float
+        Decay rate of its velocity [1/tau].
+    force : float
+        Coulomb friction [F*].
+    """
+
+    rate: float
+    force: float
+
+
+class Constants(NamedTuple):
+    """What stays the same during a run (but that grains may leave).
+
+    Attributes
+    ----------
+    grains : int
+        Number of grains.
+    masses : float64 (m,) or None
+        Mass of each grain over that of the first species; None where all are alike.
+    moments : float64 (m,) or None
+        Magnetic moment of each grain over that of the first species. None where these are the same
+        numbers as the masses, as in species of one material and thickness: a second array in here
+        makes a step of 92 grains 10 % slower. Kernels ask `moments_of`.
+    least_mass, least_moment : float
+        Of the grain that others come closest to: the lightest, where all are of one material.
+    least_ratio : float
+        Least moment over mass; 1 where all are of one material and thickness.
+    width : float
+        Cell width [D].
+    piston_mass, piston_weight : float
+        [m], [F*]; the mass is infinite where none is given.
+    resistance : Resistance or None
+        Of the piston.
+    exit : float
+        Height below which a grain has left through a gap [D]; minus infinity where there is none.
+    acting : Acting
+    threaded : bool or None
+        None for one thread.
+    """
+
+    grains: int
+    masses: Array | None
+    moments: Array | None
+    least_mass: float
+    least_moment: float
+    least_ratio: float
+    width: float
+    piston_mass: float
+    piston_weight: float
+    resistance: Resistance | None
+    exit: float
+    acting: Acting
+    threaded: bool | None
+
+
+@compiled(inline=True)
+def moments_of(constants: Constants) -> Array | None:
+    """Magnetic moment of each grain over that of the first species; None where all are alike."""
+    return _given(constants.moments, constants.masses)
+
+
+@compiled(inline=True)
+def _given(values: Array | None, otherwise: Array | None) -> Array | None:
+    return otherwise if values is None else values
+
+
+@compiled(inline=True)
+def value_of(values: Array | None, i: int) -> float:
+    """Value of one grain; 1 where all grains are alike."""
+    return 1.0 if values is None else values[i]
+
+
+@compiled
+def over_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+    """Make stiffnesses of grains of moment 1 such over the mass; the same if moments are masses."""
+    if moments is not None:
+        for i in range(count):
+            stiffness[i] *= moments[i] / value_of(masses, i)

@@ -1,0 +1,62 @@
+"""Dates and times of day as seconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?", re.ASCII)
+_CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)", re.ASCII)
+_DAY = 86400.0
+
+
+def is_stamp(cell: str) -> bool:
+    """Whether a cell is a date with time, as of ISO 8601, or a time of day."""
+    return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
+
+
+def seconds_of(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
+    """Seconds since the first of some stamps, and what they are; None where some are none.
+
+    A time of day that falls back by more than half a day has passed midnight.
+    """
+    known = [cell for cell in cells if cell not in lost]
+    if not known:
+        return None
+    if all(_DATE.fullmatch(cell) for cell in known):
+        values, kind = _dates(known), "date"
+    elif all(_CLOCK.fullmatch(cell) for cell in known):
+        values, kind = _clocks(known), "clock"
+    else:
+        return None
+    found = np.full(len(cells), np.nan)
+    found[[cell not in lost for cell in cells]] = values
+    return found, kind
+
+
+def _dates(cells: Sequence[str]) -> np.ndarray | float:
+    import pandas
+
+    try:
+        stamps = pandas.to_datetime([cell.replace(",", ".") for cell in cells], utc=True,
+                                    format="ISO8601")  # fmt: skip
+    except ValueError:  # a month 13
+        return float("nan")
+    nanoseconds = stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)
+    return np.asarray((nanoseconds - nanoseconds[0]) * 1e-9)
+
+
+def _clocks(cells: Sequence[str]) -> np.ndarray:
+    values = []
+    for cell in cells:
+        match = _CLOCK.fullmatch(cell)
+        assert match is not None
+        hours, minutes, seconds = match.groups()
+        values.append(
+            3600.0 * float(hours or 0.0) + 60.0 * float(minutes) + float(seconds.replace(",", "."))
+        )
+    times = np.array(values)
+    midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * _DAY)
+    return np.asarray(times + _DAY * midnights - times[0])

@@ -1,0 +1,356 @@
+"""Tables in text: CSV and its kin, with preambles, unit rows, decimal commas and lost samples."""
+
+from __future__ import annotations
+
+import collections
+import csv
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.readers.clock import is_stamp, seconds_of
+from granular.readers.names import is_unit, name_and_unit
+from granular.readers.sheet import Column, Sheet
+from granular.shared.errors import RecordError
+from granular.shared.messages import quoted, visible
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+LOST = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-",
+        "--", "---", "?")  # fmt: skip
+"""How programs write a sample that is not there."""
+_LOST = frozenset(LOST)
+COMMENTS = "#%!"
+"""Signs that begin a line of comment."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
+_LOOKED_AT = 200
+"""Lines at the beginning, in the middle and at the end, from which the form is told."""
+_MOST_COLUMNS = 100_000
+
+
+class Line(NamedTuple):
+    """A line of a file: its number, from 1, and its text."""
+
+    number: int
+    text: str
+
+
+class Form(NamedTuple):
+    """How the lines of a table are written.
+
+    Attributes
+    ----------
+    separator, decimal : str
+    width : int
+        Fields of a line.
+    numeric : tuple of int
+        Fields that hold numbers, or times of day.
+    """
+
+    separator: str
+    decimal: str
+    width: int
+    numeric: tuple[int, ...]
+
+
+def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int = 0) -> Sheet:
+    """The table in a text.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    text : str
+    decimal : str or None
+        Sign of the decimals; guessed without.
+    skip : int
+        Lines at the head that are no part of the table.
+
+    Raises
+    ------
+    RecordError
+        If there is none; the message names the line.
+    """
+    lines = [
+        Line(number, line)
+        for number, line in enumerate(re.split(r"\r\n|\r|\n", text)[skip:], start=skip + 1)
+        if line.strip()
+    ]
+    if not lines:
+        raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
+    plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
+    form = _form(plain, decimal)
+    if form is None:
+        raise RecordError(_no_table(path, plain or lines))
+    start, head = _begin(plain, form)
+    names, units = _header(head, form, lines, plain[start].number)
+    rows, notes = _end(path, plain[start:], form)
+    columns = _columns(path, rows, form, names, units)
+    words = f"text separated by {SEPARATORS[form.separator]}"
+    if form.decimal == ",":
+        words += ", decimal commas"
+    numbers = np.array([line.number for line in rows])
+    return Sheet(columns, numbers, bool(names), words, notes)
+
+
+def _no_table(path: Path, lines: Sequence[Line]) -> str:
+    head = next((line.text for line in lines), "")
+    if any(_fields(head, mark)[1:] for mark in SEPARATORS):
+        return (
+            f"{visible(path)}: 0 samples in columns of numbers; at least two columns, a time and a "
+            f"coordinate, are wanted below a header such as 'time [s], height [mm]'"
+        )
+    return (
+        f"{visible(path)}: no column 'time' and no other: line {lines[0].number}, {quoted(head)}, "
+        "is not separated by commas, semicolons, tabs or spaces; a time and a coordinate are wanted"
+    )
+
+
+# Form ------------------------------------------------------------------------------------------
+
+
+def _form(lines: Sequence[Line], decimal: str | None) -> Form | None:
+    """The form that makes most lines rows of numbers."""
+    middle = len(lines) // 2
+    chosen = {*range(_LOOKED_AT), *range(middle, middle + _LOOKED_AT),
+              *range(len(lines) - _LOOKED_AT, len(lines))}  # fmt: skip
+    sample = [lines[k].text for k in sorted(chosen) if 0 <= k < len(lines)]
+    best: tuple[tuple[int, float, int], Form] | None = None
+    for separator in SEPARATORS:
+        for mark in (".", ",") if decimal is None else (decimal,):
+            found = _tried(sample, separator, mark)
+            if found is not None and (best is None or found[0] > best[0]):
+                best = found
+    return None if best is None else best[1]
+
+
+def _tried(
+    sample: Sequence[str], separator: str, decimal: str
+) -> tuple[tuple[int, float, int], Form] | None:
+    """How many lines a form explains, the share of numbers in them, and how many in a line."""
+    rows = [_fields(line, separator) for line in sample]
+    if decimal == "," and any(_with_point(cell) for row in rows for cell in row):
+        return None
+    numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
+    widths = collections.Counter(
+        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= 2
+    )
+    if not widths:
+        return None
+    raw = max(widths, key=lambda one: (widths[one], one))
+    same = [k for k, row in enumerate(rows) if len(row) == raw and numeric[k]]
+    width = raw  # without what stands behind a separator at the end of all lines: nothing
+    while not any(rows[k][width - 1] for k in same):
+        width -= 1
+    numbers = collections.Counter(field for k in same for field in numeric[k])
+    lost = collections.Counter(
+        field for k in same for field, cell in enumerate(rows[k]) if cell in _LOST
+    )
+    core = tuple(
+        field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same)
+    )
+    if len(core) < 2:
+        return None
+    share = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
+    return (widths[raw], share, len(core)), Form(separator, decimal, width, core)
+
+
+def _with_point(cell: str) -> bool:
+    return "." in cell and is_number(cell, ".") and not is_stamp(cell)
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Whether a cell is a number, or a date or time of day."""
+    if decimal == ",":
+        if "." in cell:
+            return is_stamp(cell)
+        cell = cell.replace(",", ".", 1)
+    return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    """The fields of a line; one that is empty behind the last separator is none."""
+    if separator == " ":
+        found = line.split()
+    elif '"' in line:
+        found = [cell.strip() for cell in next(_reader([line], separator))]
+    else:
+        found = [cell.strip() for cell in line.split(separator)]
+    return found
+
+
+_WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
+
+
+def _words(line: str, separator: str) -> list[str]:
+    """The fields of a header; between spaces, a unit in brackets belongs to its name."""
+    return _WORD.findall(line) if separator == " " else _fields(line, separator)
+
+
+def _reader(lines: Sequence[str], separator: str) -> Any:
+    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
+
+
+# Beginning, header, end ------------------------------------------------------------------------
+
+
+def _is_row(fields: Sequence[str], form: Form) -> bool:
+    """Whether a line is one of the table: as many fields, of which some are numbers."""
+    if not form.width <= len(_trimmed(fields, form.width)) <= form.width:
+        return False
+    return any(is_number(fields[k], form.decimal) for k in form.numeric)
+
+
+def _trimmed(fields: Sequence[str], width: int) -> Sequence[str]:
+    """Without empty fields beyond the width."""
+    end = len(fields)
+    while end > width and not fields[end - 1]:
+        end -= 1
+    return fields[:end]
+
+
+def _begin(lines: Sequence[Line], form: Form) -> tuple[int, Sequence[Line]]:
+    """Where the rows begin, and the lines above them."""
+    full = next(
+        k for k, line in enumerate(lines)
+        if len(fields := _trimmed(_fields(line.text, form.separator), form.width)) == form.width
+        and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
+        and _is_row(fields, form)
+    )  # fmt: skip
+    start = full
+    # A row with a wrong number stands above the first that is right, and below the header.
+    while start and _is_row(_fields(lines[start - 1].text, form.separator), form):
+        start -= 1
+    above = [k for k in range(start) if _is_header(_fields(lines[k].text, form.separator), form)]
+    if not above and start != full:
+        start = full
+    return start, lines[:start]
+
+
+def _is_header(fields: Sequence[str], form: Form) -> bool:
+    """Whether a line may name the columns: as many words, none of which is a number."""
+    words = [cell for cell in fields if cell]
+    return (
+        len(fields) >= form.width
+        and len(words) >= 1
+        and not any(is_number(cell, form.decimal) for cell in words)
+    )
+
+
+def _header(
+    head: Sequence[Line], form: Form, every: Sequence[Line], start: int
+) -> tuple[list[str], list[str]]:
+    """Names and units above the rows; empty lists where there are none."""
+    rows = [_words(line.text, form.separator) for line in head[-3:]]
+    found = [row for row in rows if _is_header(row, form)]
+    if not found:
+        comments = [line.text.lstrip().lstrip(COMMENTS + "/ ") for line in every
+                    if line.number < start and line.text.lstrip()[0] in COMMENTS]  # fmt: skip
+        rows = [_words(text, form.separator) for text in comments[-3:]]
+        found = [row for row in rows if _is_header(row, form) and len(row) == form.width]
+    if not found:
+        return [], []
+    if not all(is_unit(cell) or cell in LOST for cell in found[-1]):
+        return list(found[-1]), []
+    units = list(found.pop())
+    if found:
+        return list(found[-1]), units
+    # A row of units alone, or below one whose names hold numbers, such as that of a channel.
+    above = rows[-2] if len(rows) > 1 and len(rows[-2]) >= form.width else []
+    return list(above), units
+
+
+def _end(path: Path, lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:
+    """The rows, without words at the end and without a last row that is cut off."""
+    rows, notes = list(lines), []
+    odd = [k for k, line in enumerate(rows) if _width(line.text, form) != form.width]
+    while odd and odd[-1] == len(rows) - 1:
+        fields = _fields(rows[-1].text, form.separator)
+        if len(fields) > form.width and any(is_number(cell, form.decimal) for cell in fields):
+            break
+        if len(rows) == 1 or (len(fields) < form.width and len(rows) - len(odd) < 2):
+            break
+        words = "is cut off" if is_number(fields[0], form.decimal) else "is no row of the table"
+        notes.append(f"line {rows[-1].number}, the last, {words} and is left out")
+        rows.pop()
+        odd.pop()
+    if odd:
+        line = rows[odd[0]]
+        raise RecordError(
+            f"{visible(path)}: sample {odd[0]} has {_width(line.text, form)} values for "
+            f"{form.width} columns (line {line.number}); separate all lines like the others"
+        )
+    return rows, notes
+
+
+def _width(line: str, form: Form) -> int:
+    if '"' not in line and form.separator != " ":
+        width = line.count(form.separator) + 1
+        if width <= form.width:
+            return width
+    return len(_trimmed(_fields(line, form.separator), form.width))
+
+
+# Columns ---------------------------------------------------------------------------------------
+
+
+def _columns(
+    path: Path, rows: Sequence[Line], form: Form, names: Sequence[str], units: Sequence[str]
+) -> list[Column]:
+    frame = _frame(path, rows, form)
+    found = []
+    for k in range(form.width):
+        name, unit = name_and_unit(names[k]) if k < len(names) else ("", None)
+        if k < len(units) and units[k] and not unit:
+            unit = units[k].strip("[](){} ")
+        found.append(_column(name, unit or None, frame[k], form.decimal))
+    return found
+
+
+def _frame(path: Path, rows: Sequence[Line], form: Form) -> Any:
+    import pandas
+
+    # Exact to the last bit by default from pandas 3 on.
+    exact = {} if int(pandas.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+    try:
+        return pandas.read_csv(
+            io.StringIO("\n".join(line.text.strip() if form.separator == " " else line.text
+                                  for line in rows)),
+            sep=r"\s+" if form.separator == " " else form.separator,
+            decimal=form.decimal, header=None, names=range(form.width), index_col=False,
+            usecols=range(form.width), skipinitialspace=True, keep_default_na=False,
+            na_values=list(LOST), skip_blank_lines=False, **exact,
+        )  # fmt: skip
+    except (ValueError, OverflowError, pandas.errors.ParserError) as error:
+        words = " ".join(str(error).split())
+        raise RecordError(
+            f"{visible(path)}: cannot be read as CSV: {visible(words)}; write it anew"
+        ) from None
+
+
+def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
+    """A column from what pandas found, whose numbers may be texts where some cell is none."""
+    if cells.dtype.kind in "iuf":
+        return Column(name, unit, cells.to_numpy(dtype=np.float64))
+    texts = [
+        "" if gap else str(cell).strip() for cell, gap in zip(cells, cells.isna(), strict=True)
+    ]
+    values, wrong = np.empty(len(texts)), None
+    for row, text in enumerate(texts):
+        if text in LOST:
+            values[row] = np.nan
+        elif is_number(text, decimal) and not is_stamp(text):
+            values[row] = float(text.replace(",", ".", 1) if decimal == "," else text)
+        else:
+            wrong = (row, text)
+            break
+    if wrong is None:
+        return Column(name, unit, values)
+    found = seconds_of(texts, LOST)
+    if found is not None:
+        return Column(name, "s", found[0], clock=found[1])
+    return Column(name, unit, None, wrong)

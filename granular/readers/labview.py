@@ -1,0 +1,143 @@
+"""Measurements of LabVIEW: text (.lvm), and TDMS."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from granular.readers.delimited import read_delimited
+from granular.readers.names import TIME
+from granular.readers.reading import Reading
+from granular.readers.sheet import Column, Sheet
+from granular.readers.text import read_bytes
+from granular.shared.errors import RecordError
+from granular.shared.messages import quoted, visible
+
+_END = "***End_of_Header***"
+_MOST_BYTES = 256 * 2**20
+
+
+def is_labview(text: str) -> bool:
+    """Whether a text is a LabVIEW measurement."""
+    return text.lstrip().startswith("LabVIEW Measurement")
+
+
+def read_labview(path: Path, text: str, reading: Reading) -> Sheet:
+    """The first segment of a LabVIEW measurement file (.lvm).
+
+    Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``.
+    National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
+
+    Raises
+    ------
+    RecordError
+        If it is no such file.
+    """
+    lines = re.split(r"\r\n|\r|\n", text)
+    ends = [k for k, line in enumerate(lines) if line.strip().startswith(_END)]
+    if not ends:
+        raise RecordError(f"{visible(path)}: has no line {_END}; write the measurement anew")
+    mark = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
+    file_head = _entries(lines[: ends[0]], mark)
+    decimal = reading.decimal or file_head.get("Decimal_Separator", ["."])[0]
+    head = _entries(lines[ends[0] + 1 : ends[1]], mark) if len(ends) > 1 else {}
+    begin = ends[1] + 1 if len(ends) > 1 else ends[0] + 1
+    later = next((k for k in range(begin + 1, len(lines)) if lines[k].startswith("Channels")), None)
+    notes = []
+    if later is not None:
+        notes.append(f"segments from line {later + 1} on are left out")
+    body = "\n".join([*[""] * begin, *lines[begin:later]])
+    sheet = read_delimited(path, _padded(body, file_head), decimal, 0)
+    sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
+    channels = [one for one in sheet.columns if one.name.lower() not in ("x_value", "comment")]
+    for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
+        column.unit = column.unit or unit or None
+    for column in sheet.columns:
+        if column.name.lower() == "x_value":
+            column.name, column.unit = TIME, "s"
+    if file_head.get("X_Columns", [""])[0] == "No":
+        step = _number(path, head, "Delta_X", decimal)
+        first = _number(path, head, "X0", decimal)
+        count = 0 if sheet.lines is None else len(sheet.lines)
+        sheet.columns = [one for one in sheet.columns if one.name != TIME]
+        sheet.columns.insert(0, Column(TIME, "s", first + step * np.arange(count)))
+    return sheet
+
+
+def _padded(body: str, head: dict[str, list[str]]) -> str:
+    """Without times each line begins with the separator: a number for it, to be left out."""
+    if head.get("X_Columns", [""])[0] != "No":
+        return body
+    return re.sub(r"(?m)^(?=[\t,])", "0", body)
+
+
+def _entries(lines: list[str], mark: str) -> dict[str, list[str]]:
+    found = {}
+    for line in lines:
+        name, *values = line.strip().split(mark)
+        found[name] = [value.strip() for value in values] or [""]
+    return found
+
+
+def _number(path: Path, head: dict[str, list[str]], name: str, decimal: str) -> float:
+    text = head.get(name, [""])[0].replace(decimal, ".")
+    try:
+        return float(text)
+    except ValueError:
+        raise RecordError(
+            f"{visible(path)}: {name} is {quoted(text)}, not a number, and there is no column of "
+            "times; export with times"
+        ) from None
+
+
+def read_tdms(path: Path, reading: Reading) -> Sheet:
+    """The first group of a TDMS file that holds channels of one length; ``sheet`` names another.
+
+    Times are a channel of that name, or follow from the channels' ``wf_increment``.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be read as such, there is no such group, or npTDMS is not installed.
+    """
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise RecordError(
+            ".tdms files need npTDMS, which is not installed; pip install "
+            "'granular-damper[labview]', or export as CSV"
+        ) from None
+    import io
+
+    content = read_bytes(path, _MOST_BYTES)
+    try:
+        groups = {
+            group.name: group.channels() for group in TdmsFile.read(io.BytesIO(content)).groups()
+        }
+    except Exception as error:  # npTDMS raises what its parser meets
+        raise RecordError(
+            f"{visible(path)}: cannot be read as TDMS: {visible(error)}; export it anew, or as CSV"
+        ) from None
+    if reading.sheet is not None and reading.sheet not in groups:
+        raise RecordError(
+            f"{visible(path)}: no group {quoted(reading.sheet)}; found: "
+            f"{', '.join(map(quoted, groups))}"
+        )
+    chosen = groups if reading.sheet is None else {reading.sheet: groups[reading.sheet]}
+    name, channels = next(
+        ((name, some) for name, some in chosen.items() if some and len(some[0])), ("", [])
+    )
+    if not channels:
+        raise RecordError(f"{visible(path)}: holds no channel with samples; export it anew")
+    columns = [
+        Column(one.name, one.properties.get("unit_string") or None,
+               np.asarray(one[:], dtype=np.float64))
+        for one in channels
+        if len(one) == len(channels[0]) and np.asarray(one[:]).dtype.kind in "iuf"
+    ]  # fmt: skip
+    step = channels[0].properties.get("wf_increment")
+    if step and not any(column.name.lower() == TIME for column in columns):
+        columns.insert(0, Column(TIME, "s", channels[0].time_track()))
+    return Sheet(columns, None, True, f"group {quoted(name)} of a TDMS file")

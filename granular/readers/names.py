@@ -1,0 +1,102 @@
+"""Names and units of columns, as people and programs write them."""
+
+from __future__ import annotations
+
+import re
+
+TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
+ACCELERATION = "acceleration"
+
+SYNONYMS = {
+    TIME: (
+        "time", "t", "times", "elapsed time", "elapsed", "relative time", "time stamp", "timestamp",
+        "datetime", "date time", "x value", "zeit", "temps", "tiempo", "tempo", "tijd",
+    ),
+    HEIGHT: (
+        "height", "z", "h", "piston height", "piston position", "höhe", "hoehe", "hauteur",
+        "altura", "position", "pos", "displacement", "disp", "deflection", "stroke", "travel",
+        "weg", "auslenkung", "level", "distance", "dist", "y", "x", "angle", "theta", "θ", "phi",
+        "φ", "winkel", "rotation", "encoder", "laser", "lvdt",
+    ),
+    VELOCITY: ("velocity", "v", "vel", "speed", "piston velocity", "geschwindigkeit", "vitesse"),
+    FORCE: ("force", "f", "piston force", "kraft", "load cell", "fuerza"),
+    ACCELERATION: (
+        "acceleration", "accel", "acc", "a", "az", "ay", "ax", "beschleunigung", "accelerometer",
+    ),
+}  # fmt: skip
+"""What a column may be called, in lower case, without signs; the first that is there is taken."""
+
+UNITS = {
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "sekunden": "s",
+    "msec": "ms", "msecs": "ms", "millisecond": "ms", "milliseconds": "ms",
+    "μs": "us", "µs": "us", "usec": "us", "microsecond": "us", "microseconds": "us",
+    "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "hr": "h", "hrs": "h",
+    "meter": "m", "meters": "m", "metre": "m", "metres": "m",
+    "millimeter": "mm", "millimeters": "mm", "millimetre": "mm", "millimetres": "mm",
+    "centimeter": "cm", "centimeters": "cm", "centimetre": "cm", "centimetres": "cm",
+    "μm": "um", "µm": "um", "micron": "um", "microns": "um", "micrometer": "um",
+    "micrometers": "um", "micrometre": "um", "micrometres": "um",
+    "inch": "in", "inches": "in", "feet": "ft", "foot": "ft",
+    "newton": "N", "newtons": "N", "kilonewton": "kN",
+    "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg",
+    "radian": "rad", "radians": "rad",
+    "m/sec": "m/s", "mm/sec": "mm/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2",
+}  # fmt: skip
+"""How people write units that `granular.scene.units` calls otherwise."""
+
+KNOWN = {
+    *UNITS.values(), "s", "ms", "us", "ns", "min", "h", "m", "mm", "cm", "um", "nm", "km", "in",
+    "ft", "N", "mN", "kN", "lbf", "kgf", "deg", "rad", "mrad", "m/s", "mm/s", "cm/s", "in/s",
+    "ft/s", "deg/s", "rad/s", "m/s^2", "mm/s^2", "g", "V", "mV", "A", "K", "°C", "C", "Hz", "Pa",
+    "kPa", "bar", "1", "%",
+}  # fmt: skip
+"""Units that are recognised behind a name, without brackets."""
+
+_BRACKETS = re.compile(r"\s*([^\[\]\(\)\{\}]*?)\s*[\[\(\{]\s*([^\[\]\(\)\{\}]*?)\s*[\]\)\}]\s*")
+_WITHIN = re.compile(r"\s*([^\[\]\(\)]+?)\s*[\[\(]\s*([^\[\]\(\)]+?)\s*[\]\)]\s*([^\[\]\(\)]+?)\s*")
+_RUN = re.compile(r"^(latest|run \d+) | run \d+$")
+"""What programs for schools put before or behind a name."""
+_BEHIND = re.compile(r"\s*(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)\s*")
+
+
+def plain_unit(unit: str) -> str:
+    """A unit as `granular.scene.units` writes it, where it is known; else as it is."""
+    bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
+    return UNITS.get(bare, UNITS.get(bare.lower(), bare))
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell is a unit and nothing else, also in brackets."""
+    return plain_unit(text) in KNOWN
+
+
+def name_and_unit(cell: str) -> tuple[str, str | None]:
+    """Name and unit of a column from its header.
+
+    ``height [mm]``, ``height (mm)``; and, where the name is one of `SYNONYMS` and the unit is
+    known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too. A header that is a
+    unit of time alone, such as ``ms``, is the time in it.
+    """
+    match = _BRACKETS.fullmatch(cell)
+    if match is not None:
+        return match[1], match[2] or None
+    match = _WITHIN.fullmatch(cell)
+    if match is not None and is_unit(match[2]):
+        return f"{match[1]} {match[3]}", match[2]
+    match = _BEHIND.fullmatch(cell)
+    if match is not None and is_unit(match[2]) and role_of(match[1]) is not None:
+        return match[1], match[2]
+    if cell.strip() and plain_unit(cell) in ("s", "ms", "us") and len(cell.strip()) > 1:
+        return TIME, cell.strip()
+    return cell.strip(), None
+
+
+def bare(name: str) -> str:
+    """A name in lower case, without a run's number; one space for signs that are no letters."""
+    return _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
+
+
+def role_of(name: str) -> str | None:
+    """What a column of that name is, by its synonyms."""
+    words = bare(name)
+    return next((role for role, known in SYNONYMS.items() if words in known), None)

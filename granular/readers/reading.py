@@ -1,0 +1,115 @@
+"""What a user says of a file, where the guess is wrong or is to be repeated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from granular.scene.schema import unknown
+from granular.shared.errors import RecordError
+from granular.shared.messages import quoted
+
+OWN = ("time", "height", "velocity", "force")
+"""Columns of a record that have a meaning."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """How a file is read. What is not said is guessed.
+
+    Attributes
+    ----------
+    columns : mapping of str to str
+        Which column is the time, the height (or any other coordinate), the velocity, the force: by
+        its name in the file, or by its number from 1.
+    units : mapping of str to str
+        Units by those names, or by names in the file.
+    decimal : str or None
+        ``"."`` or ``","``.
+    skip : int
+        Lines at the head of the file that are no part of the table.
+    sheet : str or None
+        Of a workbook, or the variable of a MATLAB file.
+    flip : bool
+        Whether the coordinate grows downwards, as the distance from a sensor above does.
+    between : tuple of float or None
+        The samples from this time to that one [s].
+
+    Raises
+    ------
+    RecordError
+        If a key or a value is none of these.
+    """
+
+    columns: Mapping[str, str | int] = dataclasses.field(default_factory=dict)
+    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    decimal: str | None = None
+    skip: int = 0
+    sheet: str | None = None
+    flip: bool = False
+    between: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("columns", "units"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise RecordError(f"{name} = {quoted(getattr(self, name))}; give names and values")
+        for role, column in self.columns.items():
+            if role not in OWN:
+                raise RecordError(f"columns: {unknown(str(role), OWN, 'column of a record')}")
+            if isinstance(column, bool) or not isinstance(column, str | int):
+                raise RecordError(f"columns: {role} = {quoted(column)}; give a name or a number")
+        for role, unit in self.units.items():
+            if not isinstance(unit, str):
+                raise RecordError(f"units: {quoted(role)} = {quoted(unit)}; give a unit in words")
+        if self.decimal not in (None, ".", ","):
+            raise RecordError(f"decimal = {quoted(self.decimal)}; give '.' or ','")
+        if isinstance(self.skip, bool) or not isinstance(self.skip, int) or self.skip < 0:
+            raise RecordError(f"skip = {quoted(self.skip)}; give a number of lines")
+        if not isinstance(self.flip, bool):
+            raise RecordError(f"flip = {quoted(self.flip)}; give true or false")
+        if self.sheet is not None and not isinstance(self.sheet, str):
+            raise RecordError(f"sheet = {quoted(self.sheet)}; give a name")
+        if self.between is not None:
+            object.__setattr__(self, "between", _span(self.between))
+
+    def and_then(self, more: Reading) -> Reading:
+        """The same, and over it what is said in another."""
+        plain, over = self.to_plain(), more.to_plain()
+        both = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
+        return reading_from_plain({**plain, **over, **both})
+
+    def to_plain(self) -> dict[str, Any]:
+        """What was said, as plain data."""
+        plain = {
+            "columns": dict(self.columns), "units": dict(self.units), "decimal": self.decimal,
+            "skip": self.skip, "sheet": self.sheet, "flip": self.flip,
+            "between": None if self.between is None else list(self.between),
+        }  # fmt: skip
+        return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
+
+
+def reading_from_plain(plain: Mapping[str, Any]) -> Reading:
+    """What `Reading.to_plain` made.
+
+    Raises
+    ------
+    RecordError
+        If a key is unknown, or a value does not fit.
+    """
+    known = tuple(field.name for field in dataclasses.fields(Reading))
+    for key in plain:
+        if key not in known:
+            raise RecordError(unknown(str(key), known, "key of a record"))
+    return Reading(**plain)
+
+
+def _span(given: Any) -> tuple[float, float]:
+    try:
+        start, stop = (float(one) for one in given)
+    except (TypeError, ValueError):
+        raise RecordError(f"between = {quoted(given)}; give two times, such as 0.5:6") from None
+    if not start < stop or math.isnan(start):
+        raise RecordError(f"between = {start:g} to {stop:g} s; give the earlier time first")
+    return start, stop

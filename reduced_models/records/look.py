@@ -1,0 +1,178 @@
+"""What was understood of a record's file, in figures and words."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.readers.meaning import Meaning
+from granular.readers.opening import read_meaning
+from granular.readers.reading import Reading
+from granular.run.record import PistonRecord
+from granular.shared.errors import RecordError
+from granular.shared.messages import visible
+from reduced_models.records.first_guesses import noise_level
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+GAP = 2.5
+"""Times the usual step from which on a step is a gap."""
+QUANTISED = 0.5
+"""Share of steps of the coordinate that are 0, or just one level, of a sensor that rounds."""
+_DEAD = 3.0
+"""Noise levels below which a swing counts no more."""
+_WIDTH, _ROWS = 68, 12
+_LEVELS = " .:-=+*#"
+
+
+@dataclasses.dataclass(frozen=True)
+class Look:
+    """A record, and what is to be known of it before a law is fitted.
+
+    Attributes
+    ----------
+    record : PistonRecord
+    meaning : Meaning
+        Which column was taken for what.
+    rate : float
+        Samples a second [1/s].
+    gaps : int
+        Steps in time of more than 2.5 times the usual one.
+    noise : float
+        Standard deviation of the coordinate's white noise, in its unit.
+    level : float or None
+        The least step of a sensor that rounds, in the coordinate's unit.
+    useful : float
+        Time after which the motion is within three noise levels of its rest [s].
+    """
+
+    record: PistonRecord
+    meaning: Meaning
+    rate: float
+    gaps: int
+    noise: float
+    level: float | None
+    useful: float
+
+    def to_plain(self) -> dict[str, Any]:
+        """The figures as plain data."""
+        record = self.record
+        return {
+            "form": self.meaning.form,
+            "columns": dict(self.meaning.source),
+            "units": dict(self.meaning.units),
+            "further_columns": sorted(record.extra),
+            "left_out": list(self.meaning.left_out),
+            "notes": list(self.meaning.notes),
+            "samples": len(record),
+            "from": float(record.time[0]),
+            "until": float(record.time[-1]),
+            "rate": self.rate,
+            "gaps": self.gaps,
+            "least": float(record.height.min()),
+            "greatest": float(record.height.max()),
+            "unit": record.units["height"],
+            "noise": self.noise,
+            "level": self.level,
+            "useful": self.useful,
+        }
+
+    def __str__(self) -> str:
+        record, unit = self.record, self.record.units["height"]
+        low, high = record.height.min(), record.height.max()
+        lines = [f"read as {self.meaning.form}"]
+        for role, name in self.meaning.source.items():
+            lines.append(f"  {role:9} from {visible(name) or 'a column without a name'} "
+                         f"[{self.meaning.units[role]}]")  # fmt: skip
+        if record.extra:
+            lines.append(f"  further   {', '.join(map(visible, sorted(record.extra)))}")
+        if self.meaning.left_out:
+            lines.append(
+                f"  left out  {', '.join(map(visible, self.meaning.left_out))}: no numbers"
+            )
+        start, stop = record.time[0], record.time[-1]
+        lines += [
+            f"{len(record)} samples from {start:.4g} to {stop:.4g} s, {self.rate:.4g} a second"
+            + (f", {self.gaps} gaps" if self.gaps else ""),
+            f"coordinate from {low:.5g} to {high:.5g} {unit}, noise {self.noise:.2g} {unit}"
+            + (f"; the sensor rounds to {self.level:.2g} {unit}" if self.level else ""),
+            f"the motion is above its noise until {self.useful:.4g} s",
+        ]
+        lines += [f"note: {visible(note)}" for note in self.meaning.notes]
+        return "\n".join([*lines, "", *_drawn(record)])
+
+
+def look(path: str | Path, said: Reading | None = None) -> Look:
+    """Read a file and say what was understood of it.
+
+    Parameters
+    ----------
+    path : str or Path
+    said : Reading, optional
+        What is not to be guessed.
+
+    Raises
+    ------
+    RecordError
+        If it holds no record; the message says what to do.
+    """
+    meaning = read_meaning(Path(path), said or Reading())
+    try:
+        record = PistonRecord.of_meaning(meaning)
+    except RecordError as error:
+        raise RecordError(f"{visible(path)}: {error}") from None
+    steps = np.diff(record.time)
+    usual = float(np.median(steps))
+    noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0
+    return Look(
+        record, meaning, 1.0 / usual, int((steps > GAP * usual).sum()), float(noise),
+        _level(record.height), _useful(record, float(noise)),
+    )  # fmt: skip
+
+
+def _level(height: np.ndarray) -> float | None:
+    """The least step of a sensor that rounds; None for one that does not."""
+    steps = np.abs(np.diff(height))
+    size = np.abs(height).max()
+    moved = steps[steps > 1e-9 * size] if size else steps[:0]
+    if not len(moved):
+        return None
+    least = float(moved.min())
+    few = (steps < 1.5 * least).mean() > QUANTISED
+    whole = np.abs(moved / least - np.round(moved / least)).max() < 0.1
+    return least if few and whole else None
+
+
+def _useful(record: PistonRecord, noise: float) -> float:
+    """Time after which the motion is within some noise levels of where it ends."""
+    rest = float(np.median(record.height[-max(3, len(record) // 20) :]))
+    away = np.flatnonzero(np.abs(record.height - rest) > _DEAD * noise)
+    return float(record.time[away[-1]]) if len(away) else float(record.time[0])
+
+
+def _drawn(record: PistonRecord) -> list[str]:
+    """The motion in signs, for a terminal."""
+    span = float(np.ptp(record.height)) or 1.0
+    place = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
+    columns = np.minimum((place * _WIDTH).astype(int), _WIDTH - 1)
+    rows = ((record.height - record.height.min()) / span * (_ROWS - 1)).round().astype(int)
+    counts = np.zeros((_ROWS, _WIDTH), dtype=int)
+    np.add.at(counts, (rows, columns), 1)
+    return ["".join("*" if count else " " for count in row).rstrip() for row in counts[::-1]]
+
+
+def plot_look(found: Look) -> Figure:
+    """The motion over time, with where it is above its noise."""
+    from granular.shared.plotting import COLOURS, GREY, figure
+
+    with figure(width=7.0, height=3.0) as (drawing, axes):
+        record = found.record
+        axes.plot(record.time, record.height, color=COLOURS[0], linewidth=1)
+        axes.axvline(found.useful, color=GREY, linestyle=":")
+        axes.set(xlabel="time [s]", ylabel=f"coordinate [{record.units['height']}]")
+        axes.set_title("dotted: from there on the motion is within its noise", fontsize=9)
+        return drawing

@@ -1,0 +1,40 @@
+"""Programs of random trials, run as their users run them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+
+Tried = Callable[..., list[dict[str, Any]]]
+
+
+@pytest.fixture
+def tried() -> Tried:
+    """What became of the trials of a program; a process of its own, whose end is seen."""
+
+    def tried(program: str, *words: str, compiled: bool = True) -> list[dict[str, Any]]:
+        paths = (str(ROOT), os.environ.get("PYTHONPATH", ""))
+        surroundings = {
+            "NUMBA_DISABLE_JIT": "0" if compiled else "1",
+            "PYTHONPATH": os.pathsep.join(path for path in paths if path),
+        }
+        done = subprocess.run(
+            [sys.executable, str(HERE / program), *words],
+            cwd=ROOT, env=os.environ | surroundings, stdout=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+        cases = [json.loads(line) for line in done.stdout.splitlines()]
+        faults = [case for case in cases if case["outcome"] == "fault"]
+        assert (done.returncode, faults) == (0, []), cases[-1:]
+        return cases
+
+    return tried

@@ -1,0 +1,107 @@
+"""Numbered trials: what becomes of each as a line of JSON, and of all of them as a count.
+
+What a trial is, follows from the seed and its number alone. Each of the programs beside this file
+
+    NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --count 5000
+    python tests/fuzzing/records.py --first 17 --count 1 --show
+    python tests/fuzzing/law_texts.py --seed 7 --count 5000
+    python tests/fuzzing/fits.py --count 60
+
+ends with 1 where a trial had an outcome that nothing may have: a traceback, a figure that is not
+finite, more than a minute, more memory than a laboratory's computer has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import resource
+import signal
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from granular.shared.errors import InputError
+
+SEED = 20260515
+LONGEST = 60.0  # seconds
+MOST_MEMORY = 4 * 2**30  # bytes
+FAULT = "fault"
+
+Random = np.random.Generator
+Outcome = tuple[str, str]
+"""In a word, and what there is to say of it."""
+
+
+class Hang(BaseException):
+    """A trial did not end."""
+
+
+def random_of(seed: int, number: int) -> Random:
+    return np.random.default_rng([seed, number])
+
+
+def wanted(program: str | None) -> argparse.ArgumentParser:
+    """The options that all programs have."""
+    parser = argparse.ArgumentParser(description=(program or "").splitlines()[0])
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--first", type=int, default=0, help="number of the first trial")
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--show", action="store_true", help="print what is tried, too")
+    return parser
+
+
+@contextlib.contextmanager
+def a_minute() -> Iterator[None]:
+    """Where nothing may take longer."""
+
+    def over(*_: object) -> None:
+        raise Hang
+
+    former = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, former)
+
+
+def refused(error: InputError) -> Outcome:
+    """One line, that a person can read."""
+    text = str(error)
+    assert text.isprintable(), repr(text)
+    assert len(text) < 1000, text
+    return "refused", f"{type(error).__name__}: {text}"
+
+
+def watched(trial: Callable[[int], Outcome], number: int) -> Outcome:
+    """The outcome of a trial, whatever it does."""
+    try:
+        return trial(number)
+    except Hang:
+        return FAULT, f"hangs for more than {LONGEST:g} s"
+    except Exception:
+        return FAULT, traceback.format_exc(limit=-6)
+
+
+def tell(trial: Callable[[int], Outcome], numbers: Iterable[int]) -> None:
+    """Print the outcomes line by line; at the end, beside them, how many there were of each."""
+    count: Counter[str] = Counter()
+    for number in numbers:
+        begun = time.monotonic()
+        outcome, what = watched(trial, number)
+        seconds = round(time.monotonic() - begun, 2)
+        line = {"case": number, "outcome": outcome, "what": what, "seconds": seconds}
+        print(json.dumps(line), flush=True)
+        count[outcome] += 1
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    if memory > MOST_MEMORY:
+        count[FAULT] += 1
+    print(f"{dict(count)}, {memory / 2**20:.0f} MB", file=sys.stderr)
+    sys.exit(1 if count[FAULT] else 0)

@@ -1,0 +1,96 @@
+"""The hooks of laws are called in compiled code in their order, with their rooms and places."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+import pytest
+
+from granular.compiled import entry
+from granular.compiled.dispatch import by_law, greatest_over, last_with, sum_over
+
+
+class Quiet(NamedTuple):
+    """It returns a constant, which has a type of its own."""
+
+    size: float
+
+    @staticmethod
+    @numba.njit
+    def act(law: Any, room: Any, place: int, values: Any) -> int:
+        return 0
+
+    @staticmethod
+    @numba.njit
+    def reach(law: Any, room: Any, place: int, at: float) -> float:
+        return law.size * at
+
+
+class Loud(NamedTuple):
+    size: float
+    values: np.ndarray
+
+    @staticmethod
+    @numba.njit
+    def act(law: Any, room: Any, place: int, values: Any) -> int:
+        values[0] = 10.0 * values[0] + place
+        return 1 if values[0] > 0.0 else 0
+
+    @staticmethod
+    @numba.njit
+    def reach(law: Any, room: Any, place: int, at: float) -> float:
+        return law.size * at + room[0]
+
+
+class Idle(NamedTuple):
+    size: float
+
+
+@numba.njit
+def _silent(values: Any) -> int:
+    return -1
+
+
+@numba.njit
+def _without(law: Any, at: float) -> int:
+    return -1
+
+
+LAWS = (Quiet(1.0), Loud(2.0, np.ones(2)), Idle(0.5), Loud(3.0, np.ones(3)))
+ROOMS = (None, np.array([0.5]), None, np.array([7.0]))
+
+forward, backward = sum_over("act", "values"), sum_over("act", "values", backward=True)
+greatest, last = greatest_over("reach", "at"), last_with("act", "values", _silent)
+chosen = by_law("nothing", "at", _without)
+
+
+@entry
+def every(laws: Any, rooms: Any, values: Any) -> Any:
+    return (
+        forward(laws, rooms, values), backward(laws, rooms, values), greatest(laws, rooms, 2.0),
+        last(laws, rooms, values), chosen(laws[0], 1.0),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)
+def test_hooks_are_called_in_order_with_their_rooms_and_places(places: tuple[int, ...]) -> None:
+    laws, rooms = (tuple(one[place] for place in places) for one in (LAWS, ROOMS))
+    values = np.array([0.0])
+    found = every(laws, rooms, values)
+    acting = [place for place, law in enumerate(laws) if isinstance(law, Loud)]
+    digits, counts = 0.0, []
+    for order in (acting, acting[::-1], acting[-1:]):
+        count = 0
+        for place in order:
+            digits = 10.0 * digits + place
+            count += digits > 0.0
+        counts.append(count)
+    reaches = [
+        2.0 * law.size + (0.0 if room is None else room[0])
+        for law, room in zip(laws, rooms, strict=True)
+        if not isinstance(law, Idle)
+    ]
+    assert values[0] == digits
+    assert found == (*counts[:2], max(reaches, default=0.0), counts[2] if acting else -1, -1)

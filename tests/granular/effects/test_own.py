@@ -1,0 +1,260 @@
+"""Effects and laws of a user's own: what is wrong is told in a line, and nothing is stale."""
+
+from __future__ import annotations
+
+import math
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
+from granular.engine.system import natural_system
+from granular.own import import_own
+from granular.run.sources import own_sources
+from granular.shared.errors import GranularError, InputError
+from granular.studies.cases import make_cases
+from granular.studies.measures import measure_named
+
+SCALES = SimpleNamespace(one=1.0)
+ROOT = Path(__file__).parents[3]
+
+FILE = '''
+import math
+
+from granular import effect, quantity
+
+STRONGER = {factor}
+
+
+@effect
+class {name}:
+    """A spring that pulls every grain down."""
+
+    k: float = quantity("N/m", above=0.0)
+
+    @staticmethod
+    def energy(p, grain, time):
+        return 0.5 * STRONGER * p.k * grain.y**2
+
+    @staticmethod
+    def force(p, grain, time):
+        return 0.0, -STRONGER * p.k * grain.y
+'''
+
+PROGRAM = """
+import sys
+from pathlib import Path
+import numpy as np
+from granular import evaluate, load_scene
+from granular.own import import_own
+import_own([sys.argv[1]])
+scene = load_scene("single-particle").replace(effects={"leaf": {"k": "2 N/m"}})
+print(evaluate(scene, np.array([[0.05, 0.05]])).force[0, 1])
+print(sum(1 for _ in Path(sys.argv[2]).rglob("*.kernel")))
+"""
+
+
+def bed(**effects: Any) -> Scene:
+    return load_scene("bed").replace(**{f"effects.{name}": one for name, one in effects.items()})
+
+
+def made(name: str = "Leaf", **functions: Callable[..., Any]) -> Any:
+    """An effect with these functions, and a parameter k."""
+    content = {name: staticmethod(one) for name, one in functions.items()}
+    content |= {"__annotations__": {"k": "float"}, "k": quantity("N/m", default=1.0)}
+    return effect(type(name, (), content))
+
+
+def _energy(p: Any, grain: Any, time: float) -> Any:
+    return 0.5 * p.k * grain.y**2
+
+
+def _double(p: Any, grain: Any, time: float) -> Any:
+    return 0.0, -2.0 * p.k * grain.y
+
+
+def _failing(p: Any, grain: Any, time: float) -> Any:
+    return 0.0, -p.stiff * grain.y
+
+
+def _swinging(p: Any, grain: Any, time: float) -> Any:
+    return 0.5 * p.k * grain.y**2 * (1.0 + math.sin(time))
+
+
+def _swung(p: Any, grain: Any, time: float) -> Any:
+    return 0.0, -p.k * grain.y * (1.0 + math.sin(time))
+
+
+def _push(p: Any, grain: Any, vx: float, vy: float, span: float) -> Any:
+    return vx + span, vy
+
+
+def _halving(p: Any, grain: Any, vx: float, vy: float, span: float) -> Any:
+    return vx / (1.0 + span) ** 2 * 1.0, vy * (1.0 - 0.1 * span)
+
+
+def _pair(p: Any, r: float, first: Any, second: Any) -> Any:
+    return p.k * first.moment / r
+
+
+def _apart(p: Any, r: float, first: Any, second: Any) -> Any:
+    return p.k * first.moment / r**2
+
+
+MIXED = [
+    {"name": name, "diameter": size, "share": 0.5} for name, size in (("a", 6e-3), ("b", 5e-3))
+]
+
+
+@pytest.mark.parametrize(
+    ("functions", "words"),
+    [
+        ({"energy": _energy, "force": _double}, "'force' gives .* where its energy asks for"),
+        ({"energy": _energy, "force": _failing}, "'force' fails: AttributeError"),
+        ({"energy": _swinging, "force": _swung}, "'power' gives 0 where its energy asks for"),
+        ({"flow": _push}, "'flow' makes a grain faster"),
+        ({"flow": _halving}, "'flow' over two spans is not that over both at once"),
+        ({"pair_energy": _pair, "pair_force": _apart}, "a pair must pull and push equally"),
+    ],
+)
+def test_what_does_not_fit_together_is_told_in_a_line(functions: Any, words: str) -> None:
+    made(**functions)
+    scene = bed(leaf=True).replace(**{"grains.species": MIXED})
+    with pytest.raises(InputError, match=words) as told:
+        natural_system(scene)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("functions", "words"),
+    [
+        ({"energy": _energy}, "does nothing"),
+        ({"force": _double}, "has no 'energy'"),
+        ({"energy": _energy, "force": _double, "stifness": _energy}, "did you mean 'stiffness'"),
+    ],
+)
+def test_what_is_missing_is_told_at_once(functions: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        made(**functions)
+
+
+def test_a_built_in_name_is_taken() -> None:
+    with pytest.raises(InputError, match="'drag' is there already"):
+        made("Drag", energy=_energy, force=_swung)
+
+
+def test_scenes_check_an_own_effect_as_any_other() -> None:
+    made(energy=_energy, force=_double)
+    for changes, words in (
+        ({"effects.leaf": {"k": "3 N"}}, "effects.leaf.k: '3 N' has the unit N"),
+        ({"effects.leaf": {"kk": 3.0}}, "effects.leaf: unknown key 'kk'; did you mean 'k'"),
+        ({"effects.leav": True}, "did you mean 'leaf'.*--import FILE"),
+    ):
+        with pytest.raises(GranularError, match=words) as told:
+            load_scene("bed").replace(**changes)
+        assert "\n" not in str(told.value)
+    scene = bed(leaf={"k": "3 N/m"})
+    assert scene.effects.leaf.k == 3.0
+    assert Scene.from_plain(scene.to_plain()) == scene
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ({"energy": "k*y", "k": "1 N/m"}, "energy: it is in m kg s\\^-2, not in J"),
+        ({"energy": "k*y**2 + z", "k": "1 N/m"}, "unknown name 'z'"),
+        ({"energy": "k*sin(x)", "k": "1 J"}, "sin of something in m"),
+        ({"energy": "k*y**2 + l", "k": "1 N/m", "l": "1 m"}, "are added or compared"),
+        ({"energy": "k*(y", "k": "1 N"}, "a bracket is not closed"),
+        ({"energy": "k*y", "k": "1 N", "q": 1.0}, "the energy has no 'q'"),
+        ({"energy": "k*y", "k": "1 N", "factor": {"huge": 2.0}}, "unknown species 'huge'"),
+    ],
+)
+def test_what_is_wrong_with_a_formula_is_told_in_a_line(field: Any, words: str) -> None:
+    with pytest.raises(GranularError, match=words) as told:
+        bed(field=[field])
+    assert "\n" not in str(told.value)
+
+
+def test_a_formula_that_jumps_is_refused() -> None:
+    pytest.importorskip("sympy")
+    jump = {"energy": "k*heaviside(y - h)", "k": "1 J", "h": "5 mm"}
+    definition = bed(field=[jump]).effects.field.fields[0].definition
+    with pytest.raises(InputError, match="jumps"):
+        definition.functions["force"]
+
+
+def test_a_wall_law_that_is_no_gradient_is_told() -> None:
+    @wall_law
+    class Wrong:
+        k: float = quantity("N/m", default=1.0)
+
+        @staticmethod
+        def energy(p: Any, w: float) -> float:
+            return float(p.k / w)
+
+        @staticmethod
+        def force(p: Any, w: float) -> float:
+            return float(p.k / w)
+
+        @staticmethod
+        def stiffness(p: Any, w: float) -> float:
+            return float(p.k / w)
+
+    scene = bed(**{"walls.left": {"law": "wrong"}})
+    with pytest.raises(InputError, match=r"'force' gives .* where its energy asks for"):
+        natural_system(scene)
+
+
+def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
+    found = []
+    for factor in ("1.0", "2.0"):
+        path = tmp_path / f"own{factor}.py"
+        path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
+        import_own([path])
+        scene = bed(leaf={"k": "1 N/m"})
+        measure = measure_named("last-values")
+        (case,) = make_cases(
+            scene, {"grains.count": [9]}, [], {"dt": "auto", "method": "stormer-verlet"}, measure
+        )
+        found.append((own_sources(scene), case.key))
+        again = pickle.loads(pickle.dumps(scene))
+        assert again == scene
+        assert own_sources(again) == own_sources(scene)
+    assert found[0][0] != found[1][0]
+    assert found[0][1] != found[1][1]
+
+
+def test_a_second_process_compiles_nothing_and_an_edit_anew(tmp_path: Path) -> None:
+    path, cache = tmp_path / "own.py", tmp_path / "cache"
+    cache.mkdir()
+    told = []
+    for factor in ("1.0", "1.0", "3.0"):
+        path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, str(path), str(cache)],
+            capture_output=True, text=True, check=True, cwd=ROOT,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        )  # fmt: skip
+        told.append([float(word) for word in done.stdout.split()])
+    assert [force for force, _ in told] == pytest.approx([-0.1, -0.1, -0.3], rel=1e-12)
+    assert told[0][1] == told[1][1] < told[2][1]
+
+
+def test_what_does_not_compile_is_told_in_a_line() -> None:
+    def mixed(p: Any, grain: Any, time: float) -> Any:
+        return 0.0, -p.k * grain.y * SCALES.one
+
+    made(energy=_energy, force=mixed)
+    scene = load_scene("single-particle").replace(effects={"leaf": True})
+    with pytest.raises(InputError, match="'leaf': 'force' does not compile") as told:
+        evaluate(scene, np.array([[0.05, 0.05]]))
+    assert "\n" not in str(told.value)

@@ -1,0 +1,117 @@
+"""Eddy currents, a field gradient, friction at side walls: against exact motions of one grain."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, Trajectory, load_scene, simulate
+from granular.effects.eddy import Eddy
+from granular.effects.wall_infinite import force
+from granular.scene.scales import Scales
+from granular.shared.errors import SceneError
+
+MU0 = 4e-7 * math.pi
+PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
+
+
+def alone(**changes: Any) -> Scene:
+    """One grain halfway between infinite side walls; all effects are there, and do nothing."""
+    scene = load_scene("single-particle").replace(
+        **{
+            "grains.count": 1,
+            "cell.width": "6 D",
+            "piston": "none",
+            "arrangement.positions": [["3 D", "50 D"]],
+            "arrangement.velocities": None,
+            "arrangement.height": None,
+            "effects": {
+                "walls": {"left": "infinite", "right": "infinite", "bottom": "none", "top": "none"},
+                "gravity": {"acceleration": 0.0},
+                "eddy": PLATE | {"conductivity": 0.0},
+                "gradient": True,
+                "wall_friction": {"coefficient": 0.0},
+            },
+            "protocol": [{"kind": "hold", "name": "hold", "duration": 0.2}],
+            "output": {"scalars": 1e-3, "frames": 0.02, "record": "none"},
+        }
+    )
+    return scene.replace(**changes)
+
+
+def run(dt: float = 2e-4, **changes: Any) -> Trajectory:
+    return simulate(alone(**changes), dt=dt, progress=False)
+
+
+def fall(found: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Time of each frame, and the velocity there along y."""
+    return found.dataset["frame_time"].values, found.dataset["velocity"].values[:, 0, 1]
+
+
+def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
+    grains = load_scene("single-particle").grains
+    scales = Scales.of(grains)
+    moment = grains.remanence * math.pi / 4.0 * scales.length**2 * grains.thickness / MU0
+    w = 2.0 / (MU0 * 59.6e6 * 1e-3)
+    v = 1e-3 * w
+    lift = 3.0 * MU0 * moment**2 / (32.0 * math.pi * 0.004**4) * (1.0 - w / math.hypot(v, w))
+    assert Eddy.from_plain(PLATE).coefficient(scales) * v == pytest.approx(w / v * lift, rel=1e-5)
+    both = Eddy.from_plain(PLATE | {"plates": 2}).coefficient(scales)
+    assert both == 2.0 * Eddy.from_plain(PLATE).coefficient(scales)
+
+
+def test_eddy_currents_let_a_pulled_grain_reach_its_terminal_speed() -> None:
+    """Kick and decay come one after the other: the error falls with the square of the step."""
+    scene = alone(**{"effects.eddy": PLATE, "effects.gradient.y": "-0.05 T/m"})
+    scales = Scales.of(scene.grains)
+    gamma = scene.effects.eddy.coefficient(scales)
+    pull = 0.05 * scales.current * scales.length**2
+    errors = []
+    for dt in (1e-3, 5e-4):
+        time, v = fall(simulate(scene, dt=dt, progress=False))
+        exact = -pull / gamma * (1.0 - np.exp(-gamma * time / scales.mass))
+        errors.append(np.abs(v - exact).max() / np.abs(exact).max())
+    assert errors[0] < 1e-4
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_a_gradient_pulls_with_moment_times_gradient() -> None:
+    found = run(**{"effects.gradient.y": "-0.05 T/m"})
+    scales = Scales.of(found.scene.grains)
+    time, v = fall(found)
+    moment = scales.current * scales.length**2
+    np.testing.assert_allclose(v, -0.05 * moment / scales.mass * time, rtol=1e-10, atol=1e-15)
+
+
+def test_a_grain_between_rubbing_walls_slides_or_stays_to_the_last_bit() -> None:
+    scales = Scales.of(alone().grains)
+    normal = 2.0 * force(3.0) * scales.force
+    weight = 9.8 * scales.mass
+    hold = weight / normal  # coefficient that just holds it
+    stays = run(
+        **{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 1.01 * hold}
+    )
+    assert (stays.dataset["position"].values == stays.dataset["position"].values[0]).all()
+    slides = run(
+        **{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 0.4 * hold}
+    )
+    time, v = fall(slides)
+    np.testing.assert_allclose(v, -0.6 * 9.8 * time, rtol=1e-10, atol=1e-15)
+    lost = 0.4 * weight * 0.5 * 0.6 * 9.8 * slides.dataset["time"].values[-1] ** 2
+    assert float(slides.dataset["wall_friction_loss"][-1]) == pytest.approx(lost, rel=1e-9)
+
+
+def test_friction_needs_a_side_wall_with_a_law_of_the_distance() -> None:
+    for walls in ({"left": "none", "right": "none", "bottom": "none", "top": "none"}, "none"):
+        with pytest.raises(SceneError, match="no side wall to rub at"):
+            alone(**{"effects.walls": walls})
+    slab = {"law": "slab", "length": "99 D"}
+    with pytest.raises(SceneError, match="take 'infinite'"):
+        alone(**{"effects.walls.left": slab})
+    with pytest.raises(SceneError, match="cannot act together with 'friction'"):
+        load_scene("bed").replace(
+            **{"effects.friction": True, "effects.wall_friction.coefficient": 0.1}
+        )

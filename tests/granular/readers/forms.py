@@ -1,0 +1,461 @@
+"""One motion as many instruments and programs write it: bytes, as they come from them."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import io
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+COUNT = 80
+TIME = 0.01 * np.arange(COUNT)
+HEIGHT = 0.059 + 0.003 * np.exp(-0.8 * TIME) * np.cos(21.0 * TIME)
+FORCE = 74.0 + 5.0 * np.cos(21.0 * TIME)
+
+Write = Callable[[Path], Any]
+
+
+class Form(NamedTuple):
+    """A file.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    write : callable
+        Writes it to a path.
+    said : dict
+        What the user must say of it.
+    places : float
+        To what the height comes back [m].
+    scale : float
+        What the height comes back as, over [m].
+    after : str
+        The format's description, or what wrote such a file.
+    """
+
+    name: str
+    write: Write
+    said: Mapping[str, Any] = MappingProxyType({})
+    places: float = 5e-9
+    scale: float = 1.0
+    after: str = ""
+
+
+FORMS: dict[str, Form] = {}
+
+
+def form(name: str, **more: Any) -> Callable[[Write], Write]:
+    def note(write: Write) -> Write:
+        FORMS[write.__name__] = Form(name, write, **more)
+        return write
+
+    return note
+
+
+def rows(decimals: int = 6, mark: str = ".", scale: float = 1e3) -> list[tuple[str, str]]:
+    """Times [s], and heights with so many decimals."""
+    return [
+        (f"{t:.4f}".replace(".", mark), f"{scale * z:.{decimals}f}".replace(".", mark))
+        for t, z in zip(TIME, HEIGHT, strict=True)
+    ]
+
+
+def lines(header: str, separator: str, end: str = "\n", **more: Any) -> str:
+    return end.join([header, *(separator.join(row) for row in rows(**more)), ""])
+
+
+# CSV and its kin -------------------------------------------------------------------------------
+
+
+@form("plain.csv", after="RFC 4180")
+def plain(path: Path) -> None:
+    path.write_bytes(lines("time [s],height [mm]", ",", "\r\n").encode())
+
+
+@form("excel_german.csv", after="Excel, saved as CSV in German: semicolons, cp1252, CRLF")
+def excel_german(path: Path) -> None:
+    path.write_bytes(lines("Zeit [s];Höhe [mm]", ";", "\r\n", mark=",").encode("cp1252"))
+
+
+@form("excel_utf8.csv", after="Excel, saved as 'CSV UTF-8': with a byte-order mark")
+def excel_utf8(path: Path) -> None:
+    path.write_bytes(b"\xef\xbb\xbf" + lines("t;Höhe [mm]", ";", "\r\n", mark=",").encode())
+
+
+@form("unicode.txt", after="Excel, saved as 'Unicode text': UTF-16, tabs")
+def excel_unicode(path: Path) -> None:
+    path.write_bytes(lines("Time (s)\tHeight (mm)", "\t", "\r\n").encode("utf-16"))
+
+
+@form("utf16be.txt", after="UTF-16, the other way round, without a mark")
+def utf16_without_mark(path: Path) -> None:
+    path.write_bytes(lines("Time (s)\tHeight (mm)", "\t", "\r\n").encode("utf-16-be"))
+
+
+@form("tabs.tsv", after="IANA text/tab-separated-values")
+def tabs(path: Path) -> None:
+    path.write_bytes(lines("t\theight_mm", "\t").encode())
+
+
+@form("spaces.dat", after="Gnuplot, numpy.savetxt: columns between spaces, a header behind #")
+def savetxt(path: Path) -> None:
+    values = np.stack([TIME, 1e3 * HEIGHT], axis=1)
+    np.savetxt(path, values, header="time/s height/mm", fmt="%12.6f")
+
+
+@form("quoted.csv", after="R, write.csv: names and numbers in quotes")
+def quoted(path: Path) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, quoting=csv.QUOTE_ALL)
+        writer.writerow(("time", "height"))
+        writer.writerows(rows(9, scale=1.0))
+
+
+@form("r_rownames.csv", after="R, write.csv with row names")
+def r_row_names(path: Path) -> None:
+    body = "\n".join(f'"{k}",{t},{z}' for k, (t, z) in enumerate(rows(9, scale=1.0), start=1))
+    path.write_text('"","time","height"\n' + body + "\n")
+
+
+@form("pandas.csv", after="pandas, to_csv with its index")
+def pandas_index(path: Path) -> None:
+    import pandas
+
+    pandas.DataFrame({"t": TIME, "z": HEIGHT}).to_csv(path)
+
+
+@form("oscilloscope.csv", after="Tektronix TDS 2000, waveform CSV", said={"columns": {"height": 5},
+      "units": {"height": "mm"}})  # fmt: skip
+def tektronix(path: Path) -> None:
+    head = ["Record Length,2.500000e+03", "Sample Interval,1.0e-02", "Trigger Point,0.0",
+            "Source,CH1", "Vertical Units,V"]  # fmt: skip
+    body = [f"{head[k] if k < len(head) else ','},,{t},{z}," for k, (t, z) in enumerate(rows())]
+    path.write_bytes(("\r\n".join(body) + "\r\n").encode())
+
+
+@form("keysight.csv", after="Keysight InfiniiVision: a row of names, a row of units")
+def keysight(path: Path) -> None:
+    path.write_bytes(lines("x-axis,1\r\nsecond,mm", ",", "\r\n").encode())
+
+
+@form("preamble.csv", after="a data logger's banner above the table")
+def preamble(path: Path) -> None:
+    head = "DataLogger 3000\nSerial: 4711\nStart: 2024-05-01 12:00:00\n\n"
+    path.write_text(head + lines("Time [s],Displacement [mm],", ","))
+
+
+@form("unit_row.csv", after="HBM catman: names, then units, tabs and decimal commas")
+def unit_row(path: Path) -> None:
+    path.write_bytes(lines("Zeit\tWeg\r\ns\tmm", "\t", "\r\n", mark=",").encode("cp1252"))
+
+
+@form("unit_row_brackets.csv", after="Kistler, units in brackets in a row of their own")
+def unit_row_in_brackets(path: Path) -> None:
+    path.write_text(lines("Time;Position\n[ms];[mm]", ";").replace("\n0.", "\n0.", 1))
+    body = [f"{1e3 * t:.1f};{1e3 * z:.6f}" for t, z in zip(TIME, HEIGHT, strict=True)]
+    path.write_text("\n".join(["Time;Position", "[ms];[mm]", *body, ""]))
+
+
+@form("no_header.csv", said={"units": {"height": "mm"}}, after="a serial port, written down")
+def no_header(path: Path) -> None:
+    path.write_text("\n".join(",".join(row) for row in rows()) + "\n")
+
+
+@form("arduino.txt", after="Arduino's serial plotter: milliseconds and millimetres")
+def arduino(path: Path) -> None:
+    body = [f"{1e3 * t:.0f}\t{1e3 * z:.6f}" for t, z in zip(TIME, HEIGHT, strict=True)]
+    path.write_bytes("\r\n".join(["ms\tdist [millimeters]", *body, ""]).encode())
+
+
+@form("trailing.csv", after="a separator at the end of each line, as of many loggers")
+def trailing(path: Path) -> None:
+    path.write_text("\n".join(["t;z [mm]", *(";".join(row) + ";" for row in rows()), ""]))
+
+
+@form("gaps.csv", after="lost samples: empty cells and NaN")
+def gaps(path: Path) -> None:
+    body = rows()
+    body[7], body[8], body[20] = (body[7][0], ""), (body[8][0], "NaN"), (body[20][0], "n/a")
+    path.write_text("\n".join(["time,height [mm]", *map(",".join, body), ""]))
+
+
+@form("cut.csv", after="a transfer that was cut off in the last line")
+def cut(path: Path) -> None:
+    path.write_text(lines("time,height [mm],temperature", ",20.5,").replace(
+        ",20.5,", ",")[:-1].replace("\n", ",20.5\n").replace("temperature,20.5", "temperature")
+        + ",20.5\n0.80")  # fmt: skip
+
+
+@form("footer.csv", after="words below the table")
+def footer(path: Path) -> None:
+    path.write_text(lines("time;height [mm]", ";") + "End of measurement\n")
+
+
+@form("iso.csv", after="ISO 8601 time stamps")
+def iso_stamps(path: Path) -> None:
+    start = datetime.datetime(2024, 5, 1, 23, 59, 59, 500000, tzinfo=datetime.UTC)
+    body = [
+        f"{(start + datetime.timedelta(seconds=float(t))).isoformat(timespec='milliseconds')},{z}"
+        for t, (_, z) in zip(TIME, rows(), strict=True)
+    ]
+    path.write_text("\n".join(["timestamp,height_mm", *body, ""]))
+
+
+@form("clock.csv", after="times of day, past midnight")
+def clock(path: Path) -> None:
+    start = datetime.datetime(2024, 5, 1, 23, 59, 59, 500000, tzinfo=datetime.UTC)
+    body = [
+        f"{(start + datetime.timedelta(seconds=float(t))).strftime('%H:%M:%S.%f')};{z}"
+        for t, (_, z) in zip(TIME, rows(), strict=True)
+    ]
+    path.write_text("\n".join(["Uhrzeit;Weg [mm]", *body, ""]))
+
+
+@form("ticks.csv", after="times rounded to a clock's tick of 50 ms")
+def ticks(path: Path) -> None:
+    body = [f"{0.05 * (k // 5):.2f},{z}" for k, (_, z) in enumerate(rows())]
+    path.write_text("\n".join(["time,height [mm]", *body, ""]))
+
+
+@form("flipped.csv", said={"flip": True}, scale=-1.0, after="distance from a sensor above")
+def flipped(path: Path) -> None:
+    path.write_text(lines("Time_s,distance_mm", ","))
+
+
+@form("depth.csv", said={"flip": True}, scale=-1.0, after="a column of no known name")
+def depth(path: Path) -> None:
+    path.write_text(lines("time,depth [mm]", ","))
+
+
+@form("micrometres.csv", after="laser triangulation: micrometres, with the Greek letter mu")
+def micrometres(path: Path) -> None:
+    path.write_text(lines("t [s];LASER [\u03bcm]", ";", scale=1e6), encoding="utf-8")
+
+
+@form("micro_sign.csv", after="the same with the micro sign, in cp1252")
+def micro_sign(path: Path) -> None:
+    path.write_bytes(lines("t [s];Laser [\u00b5m]", ";", scale=1e6).encode("cp1252"))
+
+
+@form("inches.csv", places=2e-8, after="LVDT in inches, force in pounds")
+def inches(path: Path) -> None:
+    body = [
+        f"{t:.4f},{z / 0.0254:.7f},{f / 4.4482216152605:.5f}"
+        for t, z, f in zip(TIME, HEIGHT, FORCE, strict=True)
+    ]
+    path.write_text("\n".join(["Time (sec),LVDT (in),Load Cell (lbf)", *body, ""]))
+
+
+@form("degrees.csv", scale=1.0, after="an encoder in degrees")
+def degrees(path: Path) -> None:
+    body = [f"{t:.4f},{np.degrees(z):.8f}" for t, z in zip(TIME, HEIGHT, strict=True)]
+    path.write_text("\n".join(["t,theta [deg]", *body, ""]))
+
+
+@form("radians.csv", after="a pendulum's angle")
+def radians(path: Path) -> None:
+    path.write_text(lines("time;angle (rad)", ";", scale=1.0, decimals=9))
+
+
+@form("tracker.txt", said={"columns": {"height": "y"}, "units": {"height": "mm"}},
+      after="Tracker (Open Source Physics), data exported from a track")  # fmt: skip
+def tracker(path: Path) -> None:
+    body = [f"{t}\t{float(z) / 7:.6E}\t{float(z):.9E}" for t, z in rows()]
+    path.write_text("\n".join(["mass_A\t\t", "t\tx\ty", *body, ""]))
+
+
+@form("tracker_commas.txt", after="the same, in German, with y chosen alone")
+def tracker_with_commas(path: Path) -> None:
+    path.write_text(lines("#multi:\nt\ty\n", "\t", scale=1.0, decimals=9, mark=",").replace(
+        "y\n\n", "y\n"))  # fmt: skip
+
+
+@form("vernier.csv", after="Vernier Logger Pro: names of runs before the columns")
+def vernier(path: Path) -> None:
+    path.write_bytes(
+        lines("Latest: Time (s),Latest: Position (m)", ",", "\r\n", scale=1.0, decimals=9).encode()
+    )
+
+
+@form("pasco.csv", after="PASCO Capstone: semicolons, a run's number in the names")
+def pasco(path: Path) -> None:
+    path.write_bytes(
+        lines("Time (s) Run #1;Position (m) Run #1", ";", "\r\n", scale=1.0, decimals=9).encode()
+    )
+
+
+@form("phyphox.csv", after="phyphox: scientific notation in quotes")
+def phyphox(path: Path) -> None:
+    body = [f"{t:.9E},{z:.9E}" for t, z in zip(TIME, HEIGHT, strict=True)]
+    path.write_text("\n".join(['"Time (s)","Distance (m)"', *body, ""]))
+
+
+@form("comments.csv", after="comments of # above and among the lines")
+def comments(path: Path) -> None:
+    body = [",".join(row) for row in rows()]
+    body.insert(30, "# the door was opened")
+    path.write_text("\n".join(["# piston A", "# run 7", "time,height [mm]", *body, ""]))
+
+
+@form("bars.txt", after="columns between bars")
+def bars(path: Path) -> None:
+    path.write_text(lines("time|z [mm]", "|"))
+
+
+@form("old_mac.csv", after="carriage returns alone")
+def old_mac(path: Path) -> None:
+    path.write_bytes(lines("time,height [mm]", ",", "\r").encode())
+
+
+@form("operator.csv", after="a column of words, and one that is empty at times")
+def operator(path: Path) -> None:
+    body = [f"{t},Ada,{'' if k % 3 else 21.5},{z}" for k, (t, z) in enumerate(rows())]
+    path.write_text("\n".join(["time,operator,temperature,height [mm]", *body, ""]))
+
+
+@form("skip.txt", said={"skip": 3}, after="a table of settings above the table")
+def settings_above(path: Path) -> None:
+    path.write_text("1,2\n3,4\n5,6\n" + lines("time,height [mm]", ","))
+
+
+# Other formats ---------------------------------------------------------------------------------
+
+
+@form("measurement.lvm", after="LabVIEW measurement, specification of NI: with times")
+def labview(path: Path) -> None:
+    head = LABVIEW.format(x_columns="One", mark=".")
+    path.write_bytes(("\r\n".join([*head.split("\n"), "X_Value\tHeight\tComment",
+                                   *map("\t".join, rows(9, scale=1.0)), ""])).encode())  # fmt: skip
+
+
+@form("no_times.lvm", after="the same without times and with decimal commas")
+def labview_without_times(path: Path) -> None:
+    head = LABVIEW.format(x_columns="No", mark=",").replace("0.01", "0,01").replace("0.0", "0,0")
+    body = ["\t" + z for _, z in rows(9, mark=",", scale=1.0)]
+    path.write_bytes(
+        ("\r\n".join([*head.split("\n"), "X_Value\tHeight\tComment", *body, ""])).encode()
+    )
+
+
+LABVIEW = """LabVIEW Measurement\t
+Writer_Version\t2
+Reader_Version\t2
+Separator\tTab
+Decimal_Separator\t{mark}
+Multi_Headings\tNo
+X_Columns\t{x_columns}
+Time_Pref\tRelative
+Operator\tAda
+Date\t2024/05/01
+Time\t12:00:00.0
+***End_of_Header***\t
+\t
+Channels\t1\t
+Samples\t80\t
+Date\t2024/05/01\t
+Time\t12:00:00.0\t
+Y_Unit_Label\tm\t
+X_Dimension\tTime\t
+X0\t0.0E+0\t
+Delta_X\t0.01\t
+***End_of_Header***\t\t"""
+
+
+@form("matlab.mat", after="MATLAB 5 file of vectors")
+def matlab(path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(path, {"t": TIME[:, None], "z": HEIGHT[:, None], "note": "run 7"})
+
+
+@form("structure.mat", after="MATLAB 5 file of a structure")
+def matlab_structure(path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(path, {"run7": {"time": TIME, "height_mm": 1e3 * HEIGHT}})
+
+
+@form("frame.parquet", after="pandas, to_parquet")
+def parquet(path: Path) -> None:
+    import pandas
+
+    pandas.DataFrame({"time [ms]": 1e3 * TIME, "height [mm]": 1e3 * HEIGHT}).to_parquet(path)
+
+
+@form("book.xlsx", after="Excel, by openpyxl; a sheet of notes before the table")
+def excel(path: Path) -> None:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.append(["Measured by", "Ada"])
+    sheet = book.create_sheet("run 7")
+    sheet.append(["piston A"])
+    sheet.append(["time [s]", "height [mm]"])
+    for t, z in zip(TIME, HEIGHT, strict=True):
+        sheet.append([float(t), float(1e3 * z)])
+    book.save(path)
+
+
+@form("book.ods", after="LibreOffice, by odfpy")
+def libre_office(path: Path) -> None:
+    import pandas
+
+    frame = pandas.DataFrame({"time [s]": TIME, "height [mm]": 1e3 * HEIGHT})
+    frame.to_excel(path, index=False, engine="odf")
+
+
+@form("measurement.tdms", after="National Instruments TDMS, by npTDMS")
+def tdms(path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    properties = {"wf_increment": 0.01, "wf_start_offset": 0.0, "unit_string": "mm"}
+    with TdmsWriter(str(path)) as writer:
+        writer.write_segment([ChannelObject("run 7", "Height", 1e3 * HEIGHT, properties)])
+
+
+# What is refused -------------------------------------------------------------------------------
+
+
+def accelerations() -> str:
+    return lines("time [s],acceleration [m/s^2]", ",")
+
+
+REFUSED: dict[str, tuple[str, bytes, str]] = {
+    "an acceleration": ("phone.csv", accelerations().encode(), "only the acceleration"),
+    "words": ("notes.txt", b"Dear Ada,\nthe piston fell.\n", "0 samples|is not separated"),
+    "one column": ("one.txt", b"1.0\n2.0\n3.0\n", "is not separated by commas"),
+    "a picture": ("plot.png", b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "cannot be read as text"),
+    "MATLAB 7.3": ("new.mat", b"MATLAB 7.3 MAT-file" + b" " * 105 + b"\x00\x02IM" + b"\x89HDF",
+                   "cannot be read as a MATLAB file|version 7.3"),
+}  # fmt: skip
+
+
+def as_bytes(write: Write, folder: Path, name: str) -> bytes:
+    write(folder / name)
+    return (folder / name).read_bytes()
+
+
+def in_memory() -> dict[str, Any]:
+    """The motion as objects of other libraries."""
+    import pandas
+    import xarray
+
+    frame = pandas.DataFrame({"time [s]": TIME, "height [mm]": 1e3 * HEIGHT})
+    indexed = pandas.Series(HEIGHT, index=pandas.Index(TIME, name="time"), name="z").to_frame()
+    array = xarray.DataArray(
+        1e3 * HEIGHT, dims="time", coords={"time": TIME}, name="height", attrs={"units": "mm"}
+    )
+    return {
+        "DataFrame": frame,
+        "DataFrame with index": indexed,
+        "DataArray": array,
+        "Dataset": array.to_dataset(),
+        "mapping": {"t": TIME, "z": HEIGHT},
+        "read back": pandas.read_csv(io.StringIO(frame.to_csv(index=False))),
+    }

@@ -1,0 +1,142 @@
+"""Records as instruments write them: the same motion comes out of every form."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from granular import PistonRecord
+from granular.shared.errors import RecordError
+
+from .forms import FORCE, FORMS, HEIGHT, REFUSED, TIME, in_memory
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_the_motion_comes_out(name: str, tmp_path: Path) -> None:
+    form = FORMS[name]
+    form.write(tmp_path / form.name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        record = PistonRecord.from_file(tmp_path / form.name, **form.said)
+    time = record.time - record.time[0]
+    expected = form.scale * np.interp(time, TIME, HEIGHT)
+    assert len(record) >= len(TIME) - 4
+    assert np.abs(time - np.round(time, 2)).max() < 1e-6
+    assert np.abs(record.height - expected).max() <= form.places
+    if record.force is not None:
+        assert np.abs(record.force - np.interp(time, TIME, FORCE)).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_the_others_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    file, content, words = REFUSED[name]
+    (tmp_path / file).write_bytes(content)
+    with pytest.raises(RecordError, match=words) as caught:
+        PistonRecord.from_file(tmp_path / file)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", in_memory())
+def test_tables_in_memory(name: str) -> None:
+    record = PistonRecord.from_table(in_memory()[name])
+    assert np.abs(record.height - HEIGHT).max() < 1e-15
+    assert np.abs(record.time - TIME).max() < 1e-15
+
+
+def test_what_is_guessed_is_said(tmp_path: Path) -> None:
+    said = {
+        "no_header": "time is column 1, in s.*height is column 2",
+        "depth": "height is the column 'depth', the only other one of numbers",
+        "gaps": r"3 of 80 samples have no time or height .* sample 7 \(line 9\) and others",
+        "ticks": "times are rounded to 0.05 s",
+        "footer": "line 82, the last, is no row of the table",
+        "tracker": "",
+    }
+    for name, words in said.items():
+        form = FORMS[name]
+        form.write(tmp_path / form.name)
+        if not words:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                PistonRecord.from_file(tmp_path / form.name, **form.said)
+            continue
+        with pytest.warns(UserWarning, match=words):
+            PistonRecord.from_file(tmp_path / form.name, **form.said)
+
+
+def test_an_angle_is_in_radians_and_returns(tmp_path: Path) -> None:
+    FORMS["degrees"].write(tmp_path / "degrees.csv")
+    record = PistonRecord.from_file(tmp_path / "degrees.csv")
+    assert record.angle
+    assert record.units["height"] == "rad"
+    record.between(0.1, 0.5).to_csv(tmp_path / "back.csv")
+    assert "height [rad]" in (tmp_path / "back.csv").read_text()
+    back = PistonRecord.from_file(tmp_path / "back.csv")
+    assert back.angle
+    assert np.array_equal(back.height, record.between(0.1, 0.5).height)
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"columns": {"heigth": "z"}}, "did you mean 'height'"),
+        ({"columns": {"height": "depht"}}, "unknown column 'depht'; did you mean 'depth'"),
+        ({"columns": {"height": 7}}, "there is no column 7; give a number from 1 to 2"),
+        ({"columns": {"height": True}}, "give a name or a number"),
+        ({"units": {"hight": "mm"}}, "unknown column 'hight'; did you mean 'height'"),
+        ({"units": {"height": "kg"}}, "the unit 'kg' does not fit"),
+        ({"decimal": ";"}, "decimal = ';'; give '.' or ','"),
+        ({"skip": -1}, "give a number of lines"),
+        ({"between": (2.0, 1.0)}, "give the earlier time first"),
+        ({"between": (70.0, 80.0)}, "0 samples"),
+        ({"skip": 1000}, "is empty"),
+    ],
+)
+def test_what_cannot_be_is_said(said: dict[str, Any], words: str, tmp_path: Path) -> None:
+    FORMS["depth"].write(tmp_path / "depth.csv")
+    with pytest.raises(RecordError, match=words) as caught:
+        PistonRecord.from_file(tmp_path / "depth.csv", **said)
+    assert "\n" not in str(caught.value)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    separator=st.sampled_from(";\t|"),
+    decimal=st.sampled_from(".,"),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "cp1252"]),
+    header=st.sampled_from(
+        ["Zeit [s]{}Höhe [mm]", "t{}z/mm", "time_s{}height_mm", "Time (sec){}Pos (mm)"]
+    ),
+    steps=st.lists(st.integers(1, 10**6), min_size=2, max_size=20),
+    data=st.data(),
+)
+def test_any_form_of_text_returns(
+    tmp_path: Path,
+    separator: str,
+    decimal: str,
+    end: str,
+    encoding: str,
+    header: str,
+    steps: list[int],
+    data: st.DataObject,
+) -> None:
+    time = np.cumsum(steps) * 1e-3
+    height = data.draw(st.lists(st.floats(-1e6, 1e6), min_size=len(time), max_size=len(time)))
+    rows = [
+        f"{t!r}{separator}{z!r}".replace(".", decimal)
+        for t, z in zip(time.tolist(), height, strict=True)
+    ]
+    text = end.join([header.format(separator), *rows, ""])
+    (tmp_path / "any.txt").write_bytes(text.encode(encoding))
+    record = PistonRecord.from_file(tmp_path / "any.txt")
+    assert np.array_equal(record.time, time)
+    assert np.array_equal(record.height, np.array(height) * 1e-3)

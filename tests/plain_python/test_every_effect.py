@@ -1,0 +1,250 @@
+"""Every effect that a scene can name, a user's own included, alone beside dipoles and walls."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
+from granular.effects.registry import effects
+from granular.engine.departure import grain_constants, take_out
+from granular.engine.state import new_state
+from granular.engine.system import natural_system
+from granular.methods import METHODS
+
+pytestmark = [
+    pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
+    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
+    pytest.mark.filterwarnings("ignore:two grains came as close"),
+    pytest.mark.filterwarnings("ignore:the energy ledger"),
+]
+
+STEP = 4e-5
+
+
+@effect
+class HeightSpring:
+    """A spring that pulls every grain towards a height, and swings in time."""
+
+    k: float = quantity("N/m", default=1.0, above=0.0)
+    height: float = quantity("m", default=0.02)
+    omega: float = quantity("1/s", default=50.0)
+
+    @staticmethod
+    def energy(p, grain, time):  # type: ignore[no-untyped-def]
+        return 0.5 * p.k * (1.0 + 0.3 * math.sin(p.omega * time)) * (grain.y - p.height) ** 2
+
+    @staticmethod
+    def force(p, grain, time):  # type: ignore[no-untyped-def]
+        return 0.0, -p.k * (1.0 + 0.3 * math.sin(p.omega * time)) * (grain.y - p.height)
+
+    @staticmethod
+    def power(p, grain, time):  # type: ignore[no-untyped-def]
+        return 0.15 * p.k * p.omega * math.cos(p.omega * time) * (grain.y - p.height) ** 2
+
+    @staticmethod
+    def stiffness(p, grain, time):  # type: ignore[no-untyped-def]
+        return 1.3 * p.k
+
+
+@effect
+class Bumpers:
+    """A repulsion of pairs that ends smoothly at a distance."""
+
+    k: float = quantity("N/m", default=2.0)
+    end: float = quantity("m", default=0.012)
+
+    @staticmethod
+    def pair_energy(p, r, first, second):  # type: ignore[no-untyped-def]
+        return first.moment * second.moment * p.k * max(p.end - r, 0.0) ** 4 / p.end**2
+
+    @staticmethod
+    def pair_force(p, r, first, second):  # type: ignore[no-untyped-def]
+        return 4.0 * first.moment * second.moment * p.k * max(p.end - r, 0.0) ** 3 / p.end**2
+
+    @staticmethod
+    def reach(p):  # type: ignore[no-untyped-def]
+        return p.end
+
+
+@effect
+class FarPairs:
+    """A spring between all grains."""
+
+    k: float = quantity("N/m", default=0.05)
+
+    @staticmethod
+    def pair_energy(p, r, first, second):  # type: ignore[no-untyped-def]
+        return 0.5 * p.k * r * r
+
+    @staticmethod
+    def pair_force(p, r, first, second):  # type: ignore[no-untyped-def]
+        return -p.k * r
+
+
+@effect
+class Mud:
+    """A drag that is the same for every grain."""
+
+    gamma: float = quantity("kg/s", default=0.2)
+
+    @staticmethod
+    def flow(p, grain, vx, vy, span):  # type: ignore[no-untyped-def]
+        left = math.exp(-p.gamma / grain.mass * span)
+        return left * vx, left * vy
+
+
+@wall_law
+class Soft:
+    """A wall that pushes like a spring."""
+
+    k: float = quantity("N/m", default=5.0)
+    end: float = quantity("m", default=0.018)
+
+    @staticmethod
+    def energy(p, w):  # type: ignore[no-untyped-def]
+        return p.k * max(p.end - w, 0.0) ** 4 / p.end**2
+
+    @staticmethod
+    def force(p, w):  # type: ignore[no-untyped-def]
+        return 4.0 * p.k * max(p.end - w, 0.0) ** 3 / p.end**2
+
+    @staticmethod
+    def stiffness(p, w):  # type: ignore[no-untyped-def]
+        return 12.0 * p.k * max(p.end - w, 0.0) ** 2 / p.end**2
+
+
+OWN_WALLS = {
+    "left": {"law": "soft", "k": "4 N/m"},
+    "top": {"energy": "a*(l/w)**3", "a": "20 uJ", "l": "6 mm"},
+}
+NAMES = sorted(effects())
+EXAMPLES: dict[str, Any] = {name: one.example for name, one in effects().items()}
+EXAMPLES["own walls"] = OWN_WALLS
+ALONE = {"dipole": True, "walls": True}
+
+
+def small(name: str, **more: Any) -> Scene:
+    """Nine grains of two sizes that move, with one effect more."""
+    scene = load_scene("bed").replace(
+        **{
+            "grains.count": 9,
+            "grains.species": [
+                {"name": "big", "diameter": "6 mm", "share": 0.6},
+                {"name": "small", "diameter": "4 mm", "share": 0.4},
+            ],
+            "cell.width": "6 D",
+            "piston.height": "6 D",
+            "arrangement.height": "5.9 D",
+            "arrangement.speed": "30 D/s",
+            "arrangement.jitter": 0.1,
+            "output": {"scalars": 5 * STEP, "frames": 10 * STEP},
+            "effects": ALONE | {name if name in NAMES else "walls": EXAMPLES[name]},
+        }
+    )
+    return scene.replace(**more)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_force_is_minus_the_gradient(name: str) -> None:
+    scene = small(name)
+    start = scene.initial_motion()[0]
+    if name == "contact":
+        start = start * [0.62, 1.0] + [0.007, 0.0]
+        scene = scene.replace(**{"arrangement.positions": start.tolist()})
+    random = np.random.default_rng(3)
+    direction = random.normal(size=start.shape)
+    direction /= np.abs(direction).max()
+    size = 2e-5 * 0.006
+
+    def energy(steps: float) -> float:
+        return evaluate(scene, start + steps * size * direction).potential_energy
+
+    slope = (8.0 * (energy(1) - energy(-1)) - (energy(2) - energy(-2))) / (12.0 * size)
+    force = evaluate(scene, start).force
+    assert float((force * direction).sum()) == pytest.approx(-slope, rel=1e-7)
+
+
+def test_pairs_alone_keep_the_momentum() -> None:
+    for name in ("dipole", "contact", "bumpers", "far_pairs"):
+        scene = small(name, **{"effects.walls": None, "piston": "none"})
+        force = evaluate(scene, scene.initial_motion()[0] * [0.7, 0.9]).force
+        assert np.abs(force.sum(axis=0)).max() < 1e-14 * np.abs(force).max() * len(force)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
+    runs = [
+        simulate(small(name), dt=dt, t_end=20 * STEP, progress=False) for dt in (STEP, STEP / 2)
+    ]
+    coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
+    assert coarse < 1e-3
+    assert 3.0 < coarse / fine < 5.0
+    for variable in runs[0].dataset:
+        if str(variable).endswith("_loss"):
+            assert (np.diff(runs[0].dataset[variable].values) >= -1e-18).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_that_goes_on_has_the_same_bits(name: str, tmp_path: Path) -> None:
+    scene = small(name)
+    whole = simulate(scene, dt=STEP, t_end=12 * STEP, progress=False).dataset
+    simulate(scene, dt=STEP, t_end=5 * STEP, progress=False, out=tmp_path)
+    parts = simulate(scene, dt=STEP, t_end=12 * STEP, progress=False, out=tmp_path, resume=True)
+    for variable in ("position", "velocity"):
+        np.testing.assert_array_equal(
+            whole[variable].values[-1], parts.dataset[variable].values[-1], strict=True
+        )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_values_of_grains_follow_one_that_leaves(name: str) -> None:
+    gap = {"law": "slab", "gap_start": "2 D", "gap_end": "4 D"}
+    scene = small(name)
+    if name != "wall_friction":  # which would push a grain below the bottom
+        scene = scene.replace(**{"effects.walls.bottom": gap})
+    system = natural_system(scene)
+    positions = scene.initial_motion()[0] / system.scales.length
+    method = METHODS["stormer-verlet"]
+    state = new_state(positions, 0.0 * positions, 6.0, system.constants.acting, method)
+    before = [values.copy() for values in grain_constants(system.constants)]
+    state.y[2] = -9.0
+    left = take_out(state, system.constants._replace(exit=-5.0))
+    assert left.grains == len(positions) - 1
+    present = state.label[: left.grains]
+    assert 2 not in present
+    for values, former in zip(grain_constants(left), before, strict=True):
+        np.testing.assert_array_equal(values[: left.grains], former[present])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_absent_has_no_law(name: str) -> None:
+    acting = natural_system(small(name).replace(**{f"effects.{name}": None})).constants.acting
+    others = set(ALONE) - {name, "dipole"}
+    assert len(acting.laws) == len(others)
+
+
+@pytest.mark.parametrize(
+    "stage",
+    [
+        {"kind": "path", "height": "h0 - a*(1 - cos(w*t))", "a": "0.05 D", "w": "2000 1/s"},
+        {"kind": "force", "force": "f*exp(-t/s) - f*sin(t/s)", "f": "0.5 N", "s": "0.2 ms"},
+    ],
+    ids=lambda stage: str(stage["kind"]),
+)
+def test_the_ledger_of_a_stage_by_formula_closes(stage: dict[str, Any]) -> None:
+    scene = small("walls", **{"piston.mass": "20 g", "output.scalars": 2 * STEP})
+    scene = scene.replace(protocol=[{"name": "own", "duration": 20 * STEP} | stage])
+    assert Scene.from_plain(scene.to_plain()) == scene
+    runs = [simulate(scene, dt=dt, progress=False) for dt in (STEP / 2, STEP / 4)]
+    coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
+    assert 3.0 < coarse / fine < 5.0
+    if stage["kind"] == "path":
+        data = runs[0].dataset
+        wanted = 0.036 - 0.05 * 0.006 * (1.0 - np.cos(2000.0 * data["time"].values))
+        np.testing.assert_allclose(data["piston_height"].values, wanted, rtol=0.0, atol=1e-12)

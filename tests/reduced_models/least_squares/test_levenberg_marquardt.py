@@ -1,0 +1,82 @@
+"""The batched search, on problems whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, search
+
+MATRIX = np.array([[2.0, 0.6], [0.6, 1.0]])
+BEST = np.array([1.5, -0.5])
+NONE = Prior(np.zeros(2), samples=100.0)
+
+
+def linear(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Normal equations of residuals that are linear, and none at `BEST`."""
+    off = theta - BEST
+    gradient = off @ MATRIX
+    return (off * gradient).sum(axis=1), gradient, np.tile(MATRIX, (len(theta), 1, 1))
+
+
+def test_every_start_comes_to_the_answer(random: np.random.Generator) -> None:
+    theta, cost = search(linear, random.uniform(-3.0, 3.0, (6, 2)), NONE)
+    np.testing.assert_allclose(theta, np.tile(BEST, (6, 1)), atol=1e-6)
+    assert cost.max() < 1e-12
+
+
+@pytest.mark.parametrize(("entry", "other"), [(0, 1), (1, 0)])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_an_entry_rests_at_its_bound(entry: int, other: int, side: float) -> None:
+    """The other one is then the best that goes with it."""
+    bound = BEST[entry] - side
+    low, high = np.full(2, -np.inf), np.full(2, np.inf)
+    (high if side > 0.0 else low)[entry] = bound
+    start = np.tile(BEST, (3, 1))
+    start[:, entry] -= side * np.array([1.0, 1.5, 2.0])
+    theta, _ = search(linear, start, NONE, bounds=Bounds(low, high))
+    beside = BEST[other] + MATRIX[0, 1] / MATRIX[other, other] * side
+    np.testing.assert_allclose(theta[:, entry], bound)
+    np.testing.assert_allclose(theta[:, other], beside, atol=1e-4)
+
+
+def test_a_prior_pulls_to_the_start() -> None:
+    """One step, almost undamped: an entry that it holds stays, the other goes with it."""
+    start = np.array([[0.0, 0.0]])
+    held = Prior(np.array([1e9, 0.0]), samples=1.0)
+    theta, _ = search(linear, start, held, trials=1, damping=1e-6)
+    assert theta[0] == pytest.approx([0.0, BEST[1] + 0.6 * BEST[0]], abs=1e-4)
+
+
+def watched(places: list[float], normal: Normal) -> Normal:
+    """Notes the places that a search of one entry and start asks for."""
+
+    def noted(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        places.append(float(theta[0, 0]))
+        return normal(theta)
+
+    return noted
+
+
+def test_damping_is_raised_tenfold_where_a_step_gains_nothing() -> None:
+    """Nowhere is it better than at the start; three trials in vain are enough."""
+    places: list[float] = []
+
+    def start_is_best(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        return 1.0 + np.abs(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
+
+    theta, _ = search(
+        watched(places, start_is_best), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=0.01
+    )
+    assert theta[0, 0] == 0.0
+    assert places == pytest.approx([0.0, -1.0 / 1.01, -1.0 / 1.1, -1.0 / 2.0])
+
+
+def test_damping_is_lowered_to_a_tenth_where_a_step_gains() -> None:
+    places: list[float] = []
+
+    def falls(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        return np.exp(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
+
+    search(watched(places, falls), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=1.0, trials=3)
+    assert np.diff(places) == pytest.approx([-1.0 / 2.0, -1.0 / 1.1, -1.0 / 1.01])
