@@ -9,6 +9,7 @@ from .designs.study import run_study as run_study
 from .discovery.discovering import discover as discover
 from .fitting.fitting import fit as fit
 from .fitting.law_estimator import LawEstimator as LawEstimator
+from .fitting.posterior import posterior as posterior
 from .identification.comparison import Comparison as Comparison
 from .identification.comparison import compare as compare
 from .identification.identification import identify as identify

@@ -9,7 +9,19 @@ if TYPE_CHECKING:
     from granular.shared.errors import MissingError
 
 NEEDED_BY = {
-    **dict.fromkeys(("diffrax", "equinox", "jax", "jaxlib", "mpmath", "sympy"), "fits"),
+    **dict.fromkeys(
+        (
+            "diffrax",
+            "equinox",
+            "jax",
+            "jaxlib",
+            "lineax",
+            "mpmath",
+            "optimistix",
+            "sympy",
+        ),
+        "fits",
+    ),
     **dict.fromkeys(
         ("PIL", "llvmlite", "loky", "numba", "pandas", "tomli_w", "xarray", "zarr"), "simulation"
     ),

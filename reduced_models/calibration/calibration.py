@@ -37,7 +37,7 @@ from reduced_models.calibration.simulations import (
     SimulatedPoint,
     parameter,
 )
-from reduced_models.fitting.fitting import check_options
+from reduced_models.fitting.options import check_options
 from reduced_models.fitting.uncertainty import open_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepared

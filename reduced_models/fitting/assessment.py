@@ -13,6 +13,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from reduced_models.fitting.diagnostics import diagnostics
 from reduced_models.fitting.refinement import JudgedFit
 from reduced_models.fitting.uncertainty import (
     Analysis,
@@ -20,16 +21,24 @@ from reduced_models.fitting.uncertainty import (
     autocorrelation_time,
     bootstrap_intervals,
     interval_analysis,
+    joint_covariance,
     marginal,
+    physical_covariance,
     profile_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_walk
 from reduced_models.models.model import Quality, ReducedModel
 from reduced_models.records.first_guesses import noise_level
 
 FEW = 0.25
 """Share of the starts that must lead to the best fit before it is taken without a note."""
+SMALL = 1e-5
+"""Residuals below this share of the swing are rounding, and the solver's."""
+SHARE = 0.5
+"""Of the residuals' power, that makes them swing with the motion."""
+DRIFT = 4.0
+"""Slow power of the residuals, over that of white noise, that makes a drift."""
 NOISY = 0.3
 """Noise above this share of the swing is noted."""
 VIOLENT = 500.0
@@ -59,6 +68,12 @@ class Training(NamedTuple):
         Whether the profile of the residuals gives the intervals.
     seed : int
         Of the resampled records.
+    fixed : mapping of str to float
+        Parameters that were given.
+    noise : tuple of float or None
+        Of each record, where it was given [m].
+    collocation : str
+        Where the fit without a solution led to; see `reduced_models.fitting.search.Candidate`.
     """
 
     samples: tuple[int, ...]
@@ -70,6 +85,9 @@ class Training(NamedTuple):
     replicates: int = 0
     profile: bool = False
     seed: int = 0
+    fixed: Mapping[str, float] = {}
+    noise: tuple[float | None, ...] = ()
+    collocation: str = "none"
 
 
 def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
@@ -87,22 +105,34 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
         from reduced_models.fitting.bootstrap import replicates
 
         again = replicates(joint, theta, training.replicates, training.seed)
+    given = training.noise or (None,) * len(joint.grids)
+    amplitude = joint.unknowns.amplitude
+    noise = [None if each is None else each / amplitude for each in given]
+    covariance, independent = joint_covariance(joint, theta, noise)
+    free = ~joint.held
+    known = [
+        Information(
+            marginal(normal, here, free), covariance[np.ix_(here, here)], residuals,
+            int(free.sum()), free[here], independent,
+        )
+        for here in joint.vector.places
+    ]  # fmt: skip
     profiled = None
     if training.profile:
-        whole = Information(normal, residuals, joint.vector.size)
         profiled = profile_intervals(
-            joint, theta, whole.variance, whole.freedom, training.confidence
+            joint, theta, covariance, known[0].quantile(training.confidence)
         )
     models = []
     for k, here in enumerate(joint.vector.places):
-        known = Information(marginal(normal, here), residuals, joint.vector.size)
-        analysis = interval_analysis(joint.unknowns, theta[here], known, training.confidence)
+        analysis = interval_analysis(joint.unknowns, theta[here], known[k], training.confidence)
         if again is not None:
             intervals = bootstrap_intervals(joint.unknowns, again[:, here], training.confidence)
             analysis = dataclasses.replace(analysis, intervals=intervals)
         if profiled is not None:
             analysis = dataclasses.replace(analysis, intervals=profiled[k])
-        models.append(_model(found, k, training, analysis))
+        names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
+        model = _model(found, k, training, analysis)
+        models.append(dataclasses.replace(model, covariance_names=names, covariance=matrix))
     return tuple(models)
 
 
@@ -110,7 +140,7 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
     grid = found.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
     theta = found.theta[found.joint.vector.places[k]]
-    values, shift, scale, z0, v0 = unknowns.physical(theta)
+    values, shift, scale, z0, v0, hidden = unknowns.physical(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
     quality = _quality(found, k, training)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
@@ -131,6 +161,12 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
             *_unit_notes(unknowns.amplitude, unknowns.speed),
         ),
         provenance=provenance(record, training),
+        hidden={
+            name: float(each)
+            for name, each in zip(unknowns.law.hidden, hidden, strict=True)
+            if each != 0.0
+        },
+        input_interpolation=grid.interpolation,
     )
 
 
@@ -147,8 +183,9 @@ def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
 def provenance(record: PistonRecord, training: Training) -> dict[str, str]:
     """Where a model comes from, in words: the same for the same data and settings."""
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
-    bounds = ", ".join(f"{low:g} <= {name} <= {high:g}" for name, (low, high) in
-                       training.bounds.items())  # fmt: skip
+    limits = [f"{low:g} <= {name} <= {high:g}" for name, (low, high) in training.bounds.items()]
+    limits += [f"{name} = {value:g} given" for name, value in training.fixed.items()]
+    bounds = ", ".join(limits)
     intervals = "profile" if training.profile else "linear"
     if training.replicates:
         intervals = f"bootstrap, {training.replicates} records, seed {training.seed}"
@@ -187,6 +224,11 @@ def _quality(found: JudgedFit, k: int, training: Training) -> Quality:
     here = joint.vector.places[k]
     residuals = grid.residuals(found.theta[here])
     residual = _rms(residuals) * grid.unknowns.amplitude
+    level = training.noise[k] if training.noise else None
+    period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
+    fitted = record.height + residuals * grid.unknowns.amplitude
+    left = without_walk(residuals * grid.unknowns.amplitude, grid.gain)
+    seen = diagnostics(record.time, left, np.gradient(fitted, record.time), period)
     held_out = len(record) - samples >= 2
     error, resting = None, None
     if held_out:
@@ -201,8 +243,15 @@ def _quality(found: JudgedFit, k: int, training: Training) -> Quality:
         samples=len(record),
         solver_error=found.solver_errors[k],
         holdout_at_rest=resting,
-        noise=noise_level(record.height, record.time),
+        noise=noise_level(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(residuals),
+        collocation=training.collocation,
+        whiteness=seen.whiteness,
+        signs=seen.signs,
+        lag=seen.lag,
+        slow=seen.slow,
+        swinging=seen.swinging,
+        drift=seen.drift,
     )
 
 
@@ -220,6 +269,21 @@ def _holdout_errors(grid: GriddedRecord, trained: np.ndarray, training: int) -> 
     if (np.abs(residuals) >= BLOWN_UP).any():
         return math.inf, resting
     return _rms(residuals) * grid.unknowns.amplitude / swing, resting
+
+
+def _structure(quality: Quality) -> str:
+    """What residuals that are not white say, however small they are."""
+    words = (
+        f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
+        f"follow each other over {quality.correlation:.2g} samples"
+    )
+    if abs(quality.lag) > 0.0 and quality.swinging > SHARE:
+        words += f"; the solution lags by {quality.lag:.2g} s"
+    if quality.drift > DRIFT and quality.slow > quality.swinging:
+        return f"{words}) but drift slowly, so the level of rest is known less; give drift=True"
+    if quality.swinging > SHARE:
+        return f"{words}) and swing with the motion, so the law is not right; try another law"
+    return f"{words}), so the law is not right, or the noise is not white; try another law"
 
 
 def _rms(values: np.ndarray) -> float:
@@ -240,6 +304,8 @@ def _notes(quality: Quality) -> tuple[str, ...]:
             "the record's noise, so the law or "
             "the fit is not right; try another law or more starts"
         )
+    elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
+        notes.append(_structure(quality))
     swing = quality.residual / max(quality.relative, 1e-300)
     if quality.noise > NOISY * swing:
         notes.append(

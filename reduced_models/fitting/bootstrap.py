@@ -1,23 +1,23 @@
-"""Intervals by resampling: the moving-block bootstrap of the residuals.
+"""Intervals by resampling: the sieve bootstrap of the residuals.
 
-Blocks of the residuals, which keep how they follow each other, are drawn with replacement and laid
-on the fitted motion; each such record is fitted again from the fit (Kuensch 1989,
-doi:10.1214/aos/1176347265). Intervals are the percentiles of what comes out.
+What is new in each residual, beside what follows from the ones before it, is drawn with
+replacement; the autoregression makes residuals of the draws, which are laid on the fitted motion,
+and each such record is fitted again from the fit (Buehlmann 1997, doi:10.2307/3318584). Intervals
+are the percentiles of what comes out.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import numpy as np
 
+from reduced_models.fitting.autoregression import autoregression
 from reduced_models.fitting.refinement import JointRecords
-from reduced_models.fitting.uncertainty import autocorrelation_time
+from reduced_models.least_squares.residuals import with_walk, without_walk
 
 REPLICATES = 200
-_BLOCK = 4.0  # in autocorrelation times
 
 
 def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
@@ -31,7 +31,7 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
         grid.record.height + each * amplitude
         for grid, each in zip(joint.grids, residuals, strict=True)
     ]
-    draws = [_resampler(each) for each in residuals]
+    draws = [_resampler(each, grid.gain) for each, grid in zip(residuals, joint.grids, strict=True)]
     found = np.empty((count, len(theta)))
     for k in range(count):
         heights = [
@@ -45,15 +45,24 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
     return found
 
 
-def _resampler(residuals: np.ndarray) -> Callable[[np.random.Generator], np.ndarray]:
-    """Draws of residuals in blocks, about their mean."""
+def _resampler(residuals: np.ndarray, gain: float) -> Callable[[np.random.Generator], np.ndarray]:
+    """Draws of residuals that follow each other as these do, about their mean."""
+    from scipy.signal import lfilter
+
     count = len(residuals)
-    block = min(count, math.ceil(_BLOCK * autocorrelation_time(residuals)))
+    if gain > 0.0:
+        left = without_walk(residuals, gain)
+        left = left - left.mean()
+        return lambda random: with_walk(random.choice(left, count), gain)
     centred = residuals - residuals.mean()
-    inside = np.arange(block)
+    series = autoregression(centred)
+    new = series.new(centred)
+    new = new - new.mean()
+    # What comes first has nothing before it: as much again, and more, is drawn and left out.
+    ahead = count if len(series.weights) else 0
 
     def draw(random: np.random.Generator) -> np.ndarray:
-        starts = random.integers(0, count - block + 1, -(-count // block))
-        return np.asarray(centred[(starts[:, None] + inside).ravel()[:count]])
+        drawn = random.choice(new, count + ahead)
+        return np.asarray(lfilter([1.0], series.filter, drawn)[ahead:])
 
     return draw

@@ -40,8 +40,7 @@ class JointVector(NamedTuple):
 def joint_vector(unknowns: Unknowns, records: int, own: Sequence[str]) -> JointVector:
     """The vector of some records that share all parameters but their ``own`` and the start."""
     names = unknowns.law.parameters
-    free = len(names) + (2 if unknowns.map is None else 0)
-    length = free + 2
+    free, length = unknowns.free, len(unknowns.prior)
     private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
     shared = [k for k in range(length) if k not in private]
     places = []

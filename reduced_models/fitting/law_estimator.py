@@ -13,7 +13,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.fitting.fitting import STARTS, fit
+from reduced_models.fitting.fitting import fit
+from reduced_models.fitting.options import STARTS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 

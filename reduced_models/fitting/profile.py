@@ -56,7 +56,7 @@ def profile_ends(
     theta: np.ndarray,
     entries: Sequence[int],
     covariance: np.ndarray,
-    variance: float,
+    variance: np.ndarray,
     quantile: float,
 ) -> Ends:
     """Ends of profile intervals.
@@ -70,8 +70,8 @@ def profile_ends(
         Of the search vector.
     covariance : float64 (p, p)
         Of the linearisation, to start from.
-    variance : float
-        Of a residual.
+    variance : float64 (p,)
+        Of a residual, as each entry feels it.
     quantile : float
         Profile t at the ends.
     """
@@ -86,7 +86,7 @@ def profile_ends(
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[sides.entry]
     reach = np.minimum(np.minimum(quantile * spread, _FIRST), most)
     guide = theta + sides.sign[:, None] * covariance[sides.entry] / spread[:, None] ** 2
-    found = _crossed(joint, theta, sides, reach, most, guide, variance, quantile)
+    found = _crossed(joint, theta, sides, reach, most, guide, variance[sides.entry], quantile)
     # Where the profile does not get there, a bound is the end, or there is none.
     found = np.where(np.isinf(found) & (room < FAR), np.maximum(room, 0.0), found)
     ends = np.full((2, len(theta)), np.nan)
@@ -103,7 +103,7 @@ def _crossed(
     reach: np.ndarray,
     most: np.ndarray,
     guide: np.ndarray,
-    variance: float,
+    variance: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
     """How far each side goes until its profile t is the quantile; infinite where it does not."""
@@ -115,7 +115,9 @@ def _crossed(
     done[most <= 0.0] = np.inf
     for _ in range(_ROUNDS):
         start = _along(theta, guide, sides, reach)
-        fits, costs, lacking = _held(joint, normal, start, sides.entry, _RESOLVED * variance)
+        fits, costs, lacking = _held(
+            joint, normal, start, sides.entry, _RESOLVED * float(variance.min())
+        )
         least = min(least, float(costs.min()))
         rise = np.sqrt(np.maximum(costs - least, 0.0) / variance)
         done = np.where(

@@ -12,9 +12,9 @@ import numpy as np
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.fitting.joint_vector import JointVector, joint_normal
-from reduced_models.laws.solution import Solution, finer_grid, solution
+from reduced_models.laws.solution import Solution, solution
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, gridded
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.inputs import column
 
@@ -22,6 +22,9 @@ SOLVER_LIMIT, SOLVER_SHARE = 1e-6, 0.05
 """Greatest error of the fitted solution, in amplitudes and in standard deviations of the residual;
 the larger of the two counts."""
 
+FINEST = 2**19
+"""Steps of a grid."""
+_PATIENCE = 2  # trials without a gain, of a search that starts near its end
 _NEAR = 1e-6  # first damping of a search that starts near its end
 
 
@@ -47,6 +50,11 @@ class JointRecords:
         """Law and scales."""
         return self.grids[0].unknowns
 
+    @property
+    def held(self) -> np.ndarray:
+        """Which entries (p,) of the joint search vector are given."""
+        return np.asarray(self.bounds.low == self.bounds.high)
+
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Residuals (n,) of each record, in amplitudes."""
         places = self.vector.places
@@ -64,7 +72,9 @@ class JointRecords:
         normals = [grid.normal(count) for grid, count in zip(self.grids, counts, strict=True)]
         prior = Prior(self.vector.joined(self.unknowns.prior), float(sum(counts)))
         normal = joint_normal(normals, self.vector)
-        found, _ = search(normal, theta[None], prior, tolerance, self.bounds, damping=_NEAR)
+        found, _ = search(
+            normal, theta[None], prior, tolerance, self.bounds, damping=_NEAR, patience=_PATIENCE
+        )
         return np.asarray(found[0])
 
 
@@ -140,25 +150,26 @@ def _refined(joint: JointRecords, judged: Sequence[_Judged]) -> JointRecords:
     """The same records on finer grids, where they are needed."""
     grids = []
     for grid, one in zip(joint.grids, judged, strict=True):
-        steps = grid.steps if one.error <= one.limit else finer_grid(grid.steps)
-        if steps is None or not one.complete:
-            cause = f"is off by {one.error:.2g} amplitudes on a grid of {grid.steps} steps"
+        finer = grid.grid if one.error <= one.limit else grid.grid.finer
+        if finer.steps > FINEST or not one.complete:
+            cause = f"is off by {one.error:.2g} amplitudes on a grid of {grid.grid.steps} steps"
             if not one.complete:
                 cause = "cannot be followed by the adaptive solver"
             raise InputError(
                 f"the fitted solution of {quoted(grid.unknowns.law.name)} {cause}; the limit is "
                 f"{SOLVER_LIMIT:g}: fit a shorter record, or a law that is less stiff"
             )
-        grids.append(gridded(grid.unknowns, grid.record, steps))
+        grids.append(grid if finer == grid.grid else grid.on(finer))
     return dataclasses.replace(joint, grids=tuple(grids))
 
 
 def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
     unknowns, record = grid.unknowns, grid.record
-    values, _, scale, z0, v0 = unknowns.physical(theta)
+    values, _, scale, z0, v0, hidden = unknowns.physical(theta)
     size = unknowns.amplitude / scale
     inputs = [column(record, name) for name in unknowns.law.inputs]
-    return solution(unknowns.law, record.time, z0, v0, values, size, inputs)
+    how = grid.interpolation
+    return solution(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)
 
 
 def _solver_error(
@@ -166,7 +177,7 @@ def _solver_error(
 ) -> float:
     """Greatest difference of two solutions in amplitudes; infinite where one is not finite."""
     unknowns = grid.unknowns
-    _, shift, scale, _, _ = unknowns.physical(theta)
+    _, shift, scale, *_ = unknowns.physical(theta)
     fitted = grid.record.height + residuals * unknowns.amplitude
     error = float(np.abs(shift + scale * judge.z - fitted).max()) / unknowns.amplitude
     return error if math.isfinite(error) else math.inf

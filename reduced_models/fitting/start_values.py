@@ -8,16 +8,21 @@ The result only starts the fit through the equation of motion.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from granular.run.record import PistonRecord
+from reduced_models.fitting.hidden_starts import hidden_starts
+from reduced_models.fitting.smoothing import smoothed
 from reduced_models.laws.law import Law, Starts, compiled_field
+from reduced_models.laws.symmetry import at_home
 from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.inputs import column, drive_at
 
 _NODES = 160
 _DRAWS = 24
-_HALF_WINDOW = 0.12  # of the local cubics, in periods
+_OTHER_DRAWS = 1
 _SPREAD = 0.05  # of the logarithm of repeated start values
 
 
@@ -27,19 +32,41 @@ def start_values(
     record: PistonRecord,
     random: np.random.Generator,
     count: int,
+    held: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
     """Random start values of a law, an array of ``count`` for each parameter.
 
-    ``record`` is the motion of z: the heights where the law holds for the height itself.
+    Those in ``held`` are known. ``record`` is the motion of z: the heights where the law holds for
+    the height itself.
     """
     if law.start is not None:
         return law.start(guess, random, count)
-    draws = _random_draws(law, guess, random, _DRAWS)
-    if not law.hidden:
-        draws = _matched(law, guess, record, draws)
+    if law.hidden:
+        draws = hidden_starts(
+            law, guess, record, lambda size: _random_draws(law, guess, random, size, held)
+        )
+    else:
+        drawn = _random_draws(law, guess, random, _DRAWS, held)
+        draws = _matched(law, guess, record, drawn, held)
     chosen = draws[np.arange(count) % len(draws)]
     chosen = chosen * np.exp(_SPREAD * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
+
+
+def matched_values(
+    law: Law,
+    guess: FirstGuesses,
+    record: PistonRecord,
+    values: np.ndarray,
+    held: Mapping[str, float] | None = None,
+) -> np.ndarray:
+    """Parameters (p,) of a law without hidden states from accelerations in a record alone.
+
+    ``values`` are where it looks for them first; random draws follow.
+    """
+    units = np.where(np.abs(values) > 0.0, values, 1.0)
+    draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, held)
+    return np.asarray(_matched(law, guess, record, np.vstack([units, draws]), held)[0])
 
 
 def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
@@ -55,7 +82,11 @@ def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
 
 
 def _random_draws(
-    law: Law, guess: FirstGuesses, random: np.random.Generator, count: int
+    law: Law,
+    guess: FirstGuesses,
+    random: np.random.Generator,
+    count: int,
+    held: Mapping[str, float] | None = None,
 ) -> np.ndarray:
     """Values (count, p) in powers of the record's own time and lengths."""
     shape = (count, len(law.parameters))
@@ -64,21 +95,37 @@ def _random_draws(
     size = guess.frequency ** random.integers(0, 3, shape) * length ** random.integers(-2, 2, shape)
     draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
     positive = np.array([name in law.positive for name in law.parameters])
-    return np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
+    draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
+    values = at_home(law, dict(zip(law.parameters, draws.T, strict=True)), held or ())
+    values |= {name: np.full(count, value) for name, value in (held or {}).items()}
+    return np.stack([values[name] for name in law.parameters], axis=1)
 
 
-def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray) -> np.ndarray:
+def _matched(
+    law: Law,
+    guess: FirstGuesses,
+    record: PistonRecord,
+    draws: np.ndarray,
+    held: Mapping[str, float] | None = None,
+) -> np.ndarray:
     """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
-    z, v, a, nodes = _smoothed(record, guess.period)
+    z, v, a, nodes = smoothed(record, guess.period, _NODES)
     drive = drive_at(record.time, [column(record, name) for name in law.inputs], nodes)
     field = compiled_field(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
 
+    free = np.array([name not in (held or {}) for name in law.parameters])
+
+    def moved(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        full = np.zeros(len(free))
+        full[free] = x
+        return unit * np.where(logarithmic, np.exp(np.clip(full, -50.0, 50.0)), 1.0 + full)
+
     def residuals(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        values = unit * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
+        values = moved(x, unit)
         with np.errstate(all="ignore"):
             found = (field(z, v, *drive.T, *values)[0] - a) / scale
         return np.broadcast_to(np.nan_to_num(np.clip(found, -1e6, 1e6), nan=1e6), a.shape)
@@ -86,31 +133,9 @@ def _matched(law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndar
     results = []
     for unit in draws:
         found = least_squares(
-            residuals, np.zeros(len(unit)), args=(unit,), x_scale="jac", max_nfev=40, method="trf"
+            residuals, np.zeros(free.sum()), args=(unit,), x_scale="jac", max_nfev=40, method="trf"
         )
-        values = unit * np.where(logarithmic, np.exp(np.clip(found.x, -50, 50)), 1.0 + found.x)
-        results.append((float(found.cost), values))
+        results.append((float(found.cost), moved(found.x, unit)))
     results.sort(key=lambda pair: pair[0])
     good = [values for cost, values in results if cost <= 4.0 * results[0][0] + 1e-12]
     return np.array(good)
-
-
-def _smoothed(
-    record: PistonRecord, period: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """z, velocity and acceleration at some times, by a cubic through the samples about each."""
-    time = record.time
-    half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
-    rows = []
-    for node in np.linspace(time[0] + half, time[-1] - half, _NODES):
-        inside = slice(*np.searchsorted(time, (node - half, node + half)))
-        if inside.stop - inside.start < 6:
-            continue
-        place = (time[inside] - node) / half
-        level, slope, bend, _ = np.polynomial.polynomial.polyfit(place, record.height[inside], 3)
-        rows.append((level, slope / half, 2.0 * bend / half**2, node))
-    if len(rows) < 8:  # too few samples a period: straight from the samples
-        speed = np.gradient(record.height, time)
-        return record.height, speed, np.gradient(speed, time), time
-    z, v, a, nodes = np.array(rows).T
-    return z, v, a, nodes

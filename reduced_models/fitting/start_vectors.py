@@ -15,6 +15,8 @@ from reduced_models.laws.law import Law, SwingForm
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
 
+_NEAR = 0.1  # spread of the logarithm of start values that are given
+
 
 def unknowns_of(
     law: Law, height_map: HeightMap | None, guess: FirstGuesses, record: PistonRecord
@@ -42,14 +44,26 @@ def start_vectors(
     record: PistonRecord,
     count: int,
     random: np.random.Generator,
+    near: Mapping[str, float] | None = None,
+    held: Mapping[str, float] | None = None,
 ) -> np.ndarray:
-    """Start vectors (count, p) of a search, from a record and its first guesses."""
+    """Start vectors (count, p) of a search, from a record and its first guesses.
+
+    Parameters in ``near`` are looked for about the values there, the first time at them; those in
+    ``held`` are known.
+    """
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
         seen = guess.seen_as(shift, scale)
-        draws = start_values(unknowns.law, seen, record.mapped(shift, scale), random, count)
+        mapped = record.mapped(shift, scale)
+        draws = start_values(unknowns.law, seen, mapped, random, count, held)
     else:
         draws = _mapped_draws(unknowns, guess, count, random)
+    for name, value in (near or {}).items():
+        spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
+        positive = name in unknowns.law.positive or value != 0.0
+        unit = unknowns.units[unknowns.law.parameters.index(name)]
+        draws[name] = value * np.exp(spread) if positive else spread * unit
     return started(unknowns, guess, free_entries(unknowns, draws))
 
 
@@ -58,7 +72,7 @@ def started(unknowns: Unknowns, guess: FirstGuesses, free: np.ndarray) -> np.nda
     count = len(free)
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
-    return np.column_stack([free, height, velocity])
+    return np.column_stack([free, height, velocity, np.zeros((count, len(unknowns.law.hidden)))])
 
 
 def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -1,8 +1,11 @@
 """How sure fitted parameters are: intervals, and what the data leave open.
 
-The residuals of a law that is not quite right follow each other; their variance is then enlarged
-by the integrated autocorrelation time (Sokal 1997, doi:10.1007/978-1-4899-0319-8_6), as if there
-were that many fewer samples.
+Residuals that follow each other, because the noise does or because the law is not quite right, say
+less of some parameters and more of others than white ones. The covariance is the sandwich estimate
+with the autoregression of the residuals between two linearisations (Huber 1967; White 1980,
+doi:10.2307/1912934), which holds for the losses that spare outliers too. Where a direction is
+called open, and in profiles, the variance of a residual is enlarged by the integrated
+autocorrelation time (Sokal 1997, doi:10.1007/978-1-4899-0319-8_6) instead.
 """
 
 from __future__ import annotations
@@ -14,7 +17,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from reduced_models.fitting.autoregression import autoregression, spread_of
 from reduced_models.laws.small_swing import small_swing
+from reduced_models.least_squares.residuals import cost_and_weight, sensitivity
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import Direction
 
@@ -27,6 +32,9 @@ OPEN = 0.25
 _SMALL_POWER = 0.05
 _NEAR_ZERO = 0.25  # in units of the entry
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
+_AS_NOISY = 1.5  # times the variance of another record
+_MOST_VARIANCE = 1e99  # of what the data leave open
+_LEAST_FREEDOM = 2.0
 _WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
 
 
@@ -61,20 +69,29 @@ class Information(NamedTuple):
     ----------
     normal : float64 (p, p)
         J'J of a record's search vector, other records' vectors taken out.
+    covariance : float64 (p, p)
+        Of that vector; zero for entries that are held.
     residuals : tuple of float64 (n,)
         Of all records, in amplitudes.
     fitted : int
-        Entries of the joint search vector.
+        Entries of the joint search vector that are free.
+    free : bool (p,)
+        Entries of the record's vector that are not held.
+    independent : float
+        Samples that would say as much of a level if they did not follow each other.
     """
 
     normal: np.ndarray
+    covariance: np.ndarray
     residuals: tuple[np.ndarray, ...]
     fitted: int
+    free: np.ndarray
+    independent: float
 
     @property
-    def freedom(self) -> int:
+    def freedom(self) -> float:
         """Degrees of freedom that the residuals have left."""
-        return max(1, sum(map(len, self.residuals)) - self.fitted)
+        return max(1.0, sum(map(len, self.residuals)) - self.fitted)
 
     @property
     def variance(self) -> float:
@@ -82,10 +99,81 @@ class Information(NamedTuple):
         total = sum(float((each**2).sum()) * autocorrelation_time(each) for each in self.residuals)
         return total / self.freedom
 
+    def quantile(self, confidence: float) -> float:
+        """Student's, for an interval of that confidence."""
+        from scipy.stats import t as student
 
-def marginal(normal: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Information (p, p) on some entries of a search vector, the others left free."""
-    others = np.setdiff1d(np.arange(len(normal)), places)
+        freedom = min(self.freedom, max(_LEAST_FREEDOM, self.independent - 1.0))
+        return float(student.ppf(0.5 + 0.5 * confidence, freedom))
+
+
+def joint_covariance(
+    joint: JointRecords, theta: np.ndarray, noise: Sequence[float | None]
+) -> tuple[np.ndarray, float]:
+    """Covariance (p, p) of a joint search vector, and the number of independent samples.
+
+    ``noise`` is that of each record in amplitudes, where it is known.
+    """
+    size = joint.vector.size
+    free = np.flatnonzero(~joint.held)
+    bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
+    independent = 0.0
+    parts = zip(joint.grids, joint.vector.places, noise, strict=True)
+    count = sum(len(grid.record) for grid in joint.grids)
+    loss = count / max(1, count - len(free))
+    linear = [
+        grid.linearised(theta[here])
+        for grid, here in zip(joint.grids, joint.vector.places, strict=True)
+    ]
+    alike = _alike([left for left, _ in linear])
+    for (grid, here, known), (left, slopes), ratio in zip(parts, linear, alike, strict=True):
+        _, weight = cost_and_weight(left, grid.loss.numbers, np)
+        bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, grid.loss)[:, None] * slopes)
+        pull = weight * left
+        series = autoregression(pull)
+        level = float((pull**2).mean()) * loss
+        if known is not None:
+            level = known**2
+            spread[np.ix_(here, here)] += level * slopes.T @ slopes
+            independent += len(left)
+        else:
+            spread[np.ix_(here, here)] += loss * ratio * spread_of(slopes, series)
+            still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
+            independent += len(left) / max(1.0, still / max(level, 1e-300))
+        variance = max(variance, level)
+    found = np.zeros((size, size))
+    found[np.ix_(free, free)] = _sandwich(
+        bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
+    )
+    return found, independent
+
+
+def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
+    """Common variance over that of each record, where all are as noisy; otherwise ones."""
+    levels = np.array([float((left**2).mean()) for left in residuals])
+    if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
+        return np.ones(len(levels))
+    counts = np.array([len(left) for left in residuals])
+    return np.asarray((levels * counts).sum() / counts.sum() / levels)
+
+
+def _sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
+    # Scaled to a unit diagonal first; what is then below rounding is as good as unknown, and keeps
+    # a huge, finite variance.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(bread), 1e-300))
+    strengths, directions = np.linalg.eigh(bread * np.outer(scale, scale))
+    least = strengths[-1] * 1e-15
+    inverse = 1.0 / np.maximum(strengths, least)
+    inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
+    found = inverse[:, None] * inner * inverse + np.diag(
+        np.where(strengths < least, variance * inverse, 0.0)
+    )
+    return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
+
+
+def marginal(normal: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Information (p, p) on some entries of a search vector, the others that are free left open."""
+    others = np.setdiff1d(np.flatnonzero(free), places)
     if not len(others):
         return normal[np.ix_(places, places)]
     cross = normal[np.ix_(places, others)]
@@ -97,20 +185,18 @@ def interval_analysis(
     unknowns: Unknowns, theta: np.ndarray, known: Information, confidence: float
 ) -> Analysis:
     """Intervals of a fit, linearised at its minimum."""
-    from scipy.stats import t as student
-
-    covariance = _covariance(known.normal, known.variance)
-    quantile = float(student.ppf(0.5 + 0.5 * confidence, known.freedom))
+    quantile = known.quantile(confidence)
     names, values, logs = _named(unknowns, theta)
     intervals = {}
     for k, name in enumerate(names):
-        spread = quantile * math.sqrt(max(covariance[k, k], 0.0))
+        spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
         intervals[name] = _interval(values[k], spread, unknowns, k, logarithmic=logs[k])
-    information = _information(unknowns, theta, known.normal, known.variance)
+    information = _information(unknowns, theta, known)
+    open_names = [name for name, free in zip(names, known.free, strict=False) if free]
     return Analysis(
         intervals=intervals,
-        at_rest=_at_rest(unknowns, theta, covariance, quantile),
-        undetermined=open_directions(names, information),
+        at_rest=_at_rest(unknowns, theta, known.covariance, quantile),
+        undetermined=open_directions(open_names, information),
     )
 
 
@@ -123,18 +209,22 @@ def bootstrap_intervals(
 
 
 def profile_intervals(
-    joint: JointRecords, theta: np.ndarray, variance: float, freedom: int, confidence: float
+    joint: JointRecords, theta: np.ndarray, covariance: np.ndarray, quantile: float
 ) -> list[dict[str, tuple[float, float]]]:
-    """Profile intervals of each record's parameters and map."""
-    from scipy.stats import t as student
+    """Profile intervals of each record's parameters and map.
 
+    The variance by which a parameter's profile is measured is that with which the linearisation
+    has its ``covariance``.
+    """
     from reduced_models.fitting.profile import profile_ends
 
     unknowns, places = joint.unknowns, joint.vector.places
     count = len(_named(unknowns, theta[places[0]])[0])
     entries = sorted({int(entry) for here in places for entry in here[:count]})
-    covariance = _covariance(joint.normal_matrix(theta), variance)
-    quantile = float(student.ppf(0.5 + 0.5 * confidence, freedom))
+    free = np.flatnonzero(~joint.held)
+    normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
+    plain[free] = np.diag(_sandwich(normal, normal, 1.0))
+    variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
     return [intervals_between(unknowns, low[here], high[here]) for here in places]
 
@@ -151,16 +241,6 @@ def intervals_between(
         )
         for k, name in enumerate(names)
     }
-
-
-def _covariance(normal: np.ndarray, variance: float) -> np.ndarray:
-    # Scaled to a unit diagonal first; what is then below rounding is as good as unknown, and keeps
-    # a huge, finite variance.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    strengths, directions = np.linalg.eigh(normal * np.outer(scale, scale))
-    inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
-    found = (directions * (variance * inverse)) @ directions.T
-    return np.asarray(found * np.outer(scale, scale))
 
 
 def _named(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
@@ -194,13 +274,10 @@ def _interval(
     return offset + unit * (value - spread), offset + unit * (value + spread)
 
 
-def _information(
-    unknowns: Unknowns, theta: np.ndarray, normal: np.ndarray, variance: float
-) -> np.ndarray:
-    """Fisher information on the logarithms of parameters and map, the initial state left open."""
+def _information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> np.ndarray:
+    """Fisher information on the logarithms of free parameters and map, the start left open."""
     names, values, logs = _named(unknowns, theta)
-    count = len(names)
-    relative = np.ones(count)
+    relative = np.ones(len(names))
     for k, log in enumerate(logs):
         if not log:
             value = values[k]
@@ -208,18 +285,38 @@ def _information(
                 value += unknowns.rest / unknowns.amplitude
             # A value near zero is no measure of how well it is known; its unit is.
             relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
+    places = np.flatnonzero(known.free)
+    normal, relative = known.normal[np.ix_(places, places)], relative[known.free[: len(names)]]
+    count = len(relative)
     asked, nuisance = normal[:count, :count], normal[count:, count:]
     cross = normal[:count, count:]
     try:
-        known = np.linalg.solve(nuisance, cross.T)
+        inner = np.linalg.solve(nuisance, cross.T)
     except np.linalg.LinAlgError:  # a motion that forgets its start at once tells nothing of it
-        known = np.linalg.pinv(nuisance, hermitian=True) @ cross.T
-    left = asked - cross @ known
-    return np.asarray(left * np.outer(relative, relative)) / max(variance, 1e-300)
+        inner = np.linalg.pinv(nuisance, hermitian=True) @ cross.T
+    left = asked - cross @ inner
+    return np.asarray(left * np.outer(relative, relative)) / max(known.variance, 1e-300)
+
+
+def physical_covariance(
+    unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names and covariance (p, p), in their units, of what was fitted to a record."""
+    names, values, logs = _named(unknowns, theta)
+    units = [
+        _unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
+        for k, (value, log) in enumerate(zip(values, logs, strict=True))
+    ]
+    hidden = unknowns.law.hidden
+    units += [unknowns.amplitude, unknowns.speed, *(1.0 for _ in hidden)]
+    found = np.clip(covariance * np.outer(units, units), -_MOST_VARIANCE, _MOST_VARIANCE)
+    return (*names, "height", "velocity", *hidden), found
 
 
 def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:
     """Directions that an information matrix (p, p) on logarithms leaves open."""
+    if not len(information):
+        return ()
     strengths, directions = np.linalg.eigh(information)
     found = []
     for strength, direction in zip(strengths, directions.T, strict=True):
@@ -270,7 +367,7 @@ def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | None:
 
     Hidden states and inputs are at zero.
     """
-    values, shift, scale, _, _ = unknowns.physical(theta)
+    values, shift, scale, *_ = unknowns.physical(theta)
     found = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
     if found is None:
         return None

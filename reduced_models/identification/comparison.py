@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.html import number
-from reduced_models.fitting.fitting import HOLDOUT, STARTS, check_options, fit, law_of
+from reduced_models.fitting.fitting import fit, law_of
+from reduced_models.fitting.options import HOLDOUT, STARTS, check_options, records_of
 from reduced_models.fitting.start_values import starts_near
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -196,7 +197,7 @@ class Comparison:
 
 def compare(
     record: PistonRecord | Sequence[PistonRecord],
-    laws: Sequence[str | Law | ReducedModel],
+    laws: str | Law | ReducedModel | Sequence[str | Law | ReducedModel],
     holdout: float = HOLDOUT,
     held_out: Sequence[PistonRecord] = (),
     *,
@@ -209,7 +210,7 @@ def compare(
     ----------
     record : PistonRecord, or a sequence of them
         To train on.
-    laws : sequence of str, Law or ReducedModel
+    laws : str, Law or ReducedModel, or a sequence of them
         Names, equations, laws, or models whose structure is fitted again, from their parameters;
         also what `discover` gives, for its model.
     holdout : float
@@ -230,12 +231,11 @@ def compare(
     RecordError
         If a record is too short or does not move.
     """
-    records = [record] if isinstance(record, PistonRecord) else list(record)
+    records = records_of(record)
     check_options(starts, holdout)
+    laws = [laws] if isinstance(laws, str | Law | ReducedModel) else laws
     if not laws:
         raise InputError("laws is empty; name at least one")
-    if not records:
-        raise InputError("there is no record to compare laws on; give at least one")
     if own and held_out:
         raise InputError("own parameters do not carry over to held-out records; leave one of them")
     chosen = [_entry(law, records[0]) for law in laws]

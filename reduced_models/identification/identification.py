@@ -15,7 +15,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from reduced_models.fitting.fitting import STARTS, check_options, fit
+from reduced_models.fitting.fitting import fit
+from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.checks import (
     Failure,
     RunCheck,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 from granular.shared import algebra, grammar
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
     import sympy
@@ -31,6 +33,7 @@ PROGRAMS = 16
 """Programs of JAX that are kept in memory, of each kind; one takes some 20 MB."""
 
 _RATES = {"z'": "z_first", "z''": "z_second"}
+_TIME_WORD = re.compile(rf"(?<![\w']){TIME}(?![\w'])")
 _MOST_HIDDEN = 8  # states: beyond what any record can tell apart
 
 
@@ -61,7 +64,8 @@ class Law:
     source : str
     inputs : tuple of str
         Names in the equation that stand for columns of the record, such as the motion of a base or
-        a force: known functions of time, in the units that the columns have.
+        a force: known functions of time, in the units that the columns have. ``t``, the time since
+        the start, is one wherever it is named.
     resolution : int
         How many times more steps a period a solution needs than one of a smooth law.
     """
@@ -76,6 +80,13 @@ class Law:
     source: str = ""
     inputs: tuple[str, ...] = ()
     resolution: int = 1
+
+    def __post_init__(self) -> None:
+        # A law that names the time has it as an input that every record knows.
+        if TIME not in self.inputs and _TIME_WORD.search(self.equation):
+            trees = _trees(self.equation)
+            if TIME in trees.names and TIME not in trees.hidden:
+                object.__setattr__(self, "inputs", (*self.inputs, TIME))
 
     @property
     def parsed(self) -> Parsed:
@@ -174,7 +185,10 @@ class Parsed:
 
 
 class _Trees(NamedTuple):
-    """The formulas of a law: two sides, and the rate of each hidden state."""
+    """The formulas of a law: two sides, and the rate of each hidden state.
+
+    Whatever the coordinate is called, it is z in them.
+    """
 
     left: grammar.Node
     right: grammar.Node
@@ -203,16 +217,13 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
 
     law = f"the law {quoted(equation)}"
     trees = _trees(equation)
+    if TIME in trees.names and TIME not in (*inputs, *trees.hidden):
+        inputs = (*inputs, TIME)
     for name in inputs:
         if name not in trees.names:
             raise InputError(f"{law} does not name its input {quoted(name)}")
         if name == "z" or name in trees.hidden:
             raise InputError(f"{law} has the input {name!r}, which it reckons itself; rename it")
-    if "t" in trees.names and "t" not in (*inputs, *trees.hidden):
-        raise InputError(
-            f"{law} names t, which is the time; take another name, or give what changes in time as "
-            "a column of the record"
-        )
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
     try:
@@ -230,7 +241,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
             algebra.check_numbers(each)
     except grammar.FormulaError as error:
         raise InputError(f"{law} cannot be reckoned with: {error}") from None
-    known = {"z", *trees.hidden, *inputs}
+    known = {"z", *trees.hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in known)
     return Parsed(
         left, right, acceleration, parameters, z, v, a,
@@ -256,19 +267,53 @@ def _trees(equation: str) -> _Trees:
         hidden = [_hidden(law, text) for text in others]
     except grammar.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
+    coordinate = _coordinate(law, left, right)
+    if coordinate != "z":
+        left, right = (_renamed(tree, coordinate) for tree in (left, right))
+        hidden = [(name, _renamed(tree, coordinate)) for name, tree in hidden]
     found = _Trees(left, right, dict(hidden))
+    if coordinate in (name for name, _ in hidden):
+        raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
     if len(found.hidden) < len(hidden):
         raise InputError(f"{law} has two equations for one hidden state; write one")
     for place, tree in enumerate(found.all):
         for one in grammar.names(tree):
             if one.primes > (2 if place < 2 else 1) or (one.primes and one.name != "z"):
                 raise InputError(
-                    f"{law} has a prime that does not follow z, {one.text}; write the height as z, "
-                    "with z' and z'', and a hidden state's rate in an equation of its own"
+                    f"{law} has a prime that does not follow {coordinate}, {one.text}; write "
+                    f"{coordinate}, {coordinate}' and {coordinate}'', and a hidden state's rate in "
+                    "an equation of its own"
                 )
             if one.name in _RATES.values():
                 raise InputError(f"{law} names {one.name}; write z' or z'', or take another name")
     return found
+
+
+def _coordinate(law: str, *trees: grammar.Node) -> str:
+    """The name that has two primes; z where there is none."""
+    found = tuple(dict.fromkeys(one.name for one in grammar.names(*trees) if one.primes == 2))
+    if not found or found == ("z",):
+        return "z"
+    if len(found) > 1:
+        raise InputError(
+            f"{law} has two coordinates, {' and '.join(found[:2])}; a law has one: write the other "
+            "as a column of the record, or as a hidden state"
+        )
+    if "z" in (one.name for one in grammar.names(*trees)):
+        raise InputError(f"{law} names z beside its coordinate {found[0]}; take another name for z")
+    if found[0] == TIME:
+        raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
+    return found[0]
+
+
+def _renamed(tree: grammar.Node, coordinate: str) -> grammar.Node:
+    """A formula with z for its coordinate."""
+    if isinstance(tree, grammar.Name) and tree.name == coordinate:
+        return grammar.Name("z", tree.primes)
+    if isinstance(tree, grammar.Applied):
+        operands = tuple(_renamed(each, coordinate) for each in tree.operands)
+        return grammar.Applied(tree.head, operands)
+    return tree
 
 
 def _hidden(law: str, text: str) -> tuple[str, grammar.Node]:
@@ -294,27 +339,26 @@ def compiled_field(
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def compiled_slopes(
-    equation: str, inputs: tuple[str, ...] = ()
-) -> Callable[..., tuple[float, float]]:
-    """Derivatives of z'' by z and by z', as a function of the same numbers.
+def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
+    """Derivatives of z'' and the rates of the hidden states, as a function of the same numbers.
 
-    Where z'' jumps, as dry friction does at z' = 0, there are none: both are NaN.
+    An array (1 + hidden, 2 + hidden): by z, z' and the hidden states. All of it is NaN where one
+    jumps, as dry friction does at z' = 0.
     """
     import sympy
 
     parsed = parse(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
-    acceleration = parsed.acceleration.xreplace(real)
-    z, v = real[parsed.symbol_z], real[parsed.symbol_v]
-    return slopes_of(acceleration, z, v, list(real.values()))
+    rates = [rate.xreplace(real) for rate in (parsed.acceleration, *parsed.hidden.values())]
+    states = list(real.values())[: 2 + len(parsed.hidden)]
+    return jacobian_of(rates, states, list(real.values()))
 
 
-def slopes_of(
-    acceleration: sympy.Expr, z: sympy.Symbol, v: sympy.Symbol, arguments: Sequence[sympy.Symbol]
-) -> Callable[..., tuple[float, float]]:
-    """Derivatives by z and by v as a function of real symbols; see `compiled_slopes`."""
+def jacobian_of(
+    rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
+) -> Callable[..., np.ndarray]:
+    """Derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:
@@ -322,43 +366,87 @@ def slopes_of(
 
     # Of what SymPy cannot know to be real, as asin(z), these have derivatives of complex numbers.
     for kind, instead in ((sympy.sign, step), (sympy.Abs, lambda inner: inner * step(inner))):
-        acceleration = acceleration.replace(
-            lambda part, kind=kind: part.func is kind and not part.args[0].is_extended_real,
-            lambda part, instead=instead: instead(part.args[0]),
-        )
+        rates = [
+            rate.replace(
+                lambda part, kind=kind: part.func is kind and not part.args[0].is_extended_real,
+                lambda part, instead=instead: instead(part.args[0]),
+            )
+            for rate in rates
+        ]
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
-    found = algebra.function_of(arguments, [acceleration.diff(by) for by in (z, v)], names)
+    found = algebra.function_of(arguments, [rate.diff(one) for rate in rates for one in by], names)
 
-    def both(*values: float) -> tuple[float, float]:
+    def matrix(*values: float) -> np.ndarray:
         # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
         with np.errstate(all="ignore"):
-            by_height, by_speed = found(*map(np.float64, values))
+            slopes = np.array(found(*map(np.float64, values))).reshape(len(rates), len(by))
         # The derivative of a power of a negative number holds its logarithm.
-        if np.iscomplexobj([by_height, by_speed]) or math.isnan(by_height + by_speed):
-            return math.nan, math.nan
-        return float(by_height), float(by_speed)
+        if np.iscomplexobj(slopes) or np.isnan(slopes).any():
+            return np.full(slopes.shape, math.nan)
+        return slopes.astype(np.float64)
 
-    return both
+    return matrix
 
 
-def law_from_text(equation: str, columns: Collection[str] = ()) -> Law:
+def law_from_text(
+    equation: str, columns: Collection[str] = (), declared: Collection[str] = ()
+) -> Law:
     """A law from its equation alone; names that are columns of the record are its inputs.
+
+    All other names are parameters. One that looks like a column or a constant, and is none, is
+    refused unless it is among the ``declared`` parameters.
 
     Raises
     ------
     InputError
-        If the text is no equation, or has no parameter.
+        If the text is no equation, has no parameter, or a name that looks like something else.
     """
     trees = _trees(equation)
+    law = f"the law {quoted(equation)}"
     for name in grammar.constants(*trees.all):
         if name in columns:
             raise InputError(
-                f"the law {quoted(equation)} names {name}, a number, and the record has a column "
-                "of that name; rename the column"
+                f"{law} names {name}, a number, and the record has a column of that name; rename "
+                "the column"
             )
     inputs = tuple(name for name in trees.names if name in columns and name != "z")
-    law = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
-    if not law.parameters:
-        raise InputError(f"the law {quoted(equation)} has no parameter, so there is nothing to fit")
-    return law
+    found = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
+    for name in found.parameters:
+        if name not in declared:
+            _ask_about(law, name, columns)
+    if not found.parameters:
+        raise InputError(f"{law} has no parameter, so there is nothing to fit")
+    return found
+
+
+_MOTION = {
+    "height": "z", "displacement": "z", "velocity": "z'", "speed": "z'", "acceleration": "z''",
+    "time": "t",
+}  # fmt: skip
+_COLUMNS = ("force", "input", "drive", "load", "excitation", "voltage", "current", "temperature",
+            "pressure", "torque")  # fmt: skip
+_NUMBERS = ("pi", "e", "inf", "nan", "infinity")
+
+
+def _ask_about(law: str, name: str, columns: Collection[str]) -> None:
+    """Refuse a parameter whose name says that it is something else."""
+    lower, near = name.lower(), {each.lower(): each for each in columns}
+    declare = f"or declare the parameter, start={{{name!r}: ...}}"
+    if lower in near:
+        raise InputError(
+            f"{law} names {name}, and the record has a column {near[lower]!r}; write that, "
+            f"{declare}"
+        )
+    if name in _MOTION:
+        raise InputError(f"{law} names {name}; write {_MOTION[name]} for it, {declare}")
+    if lower in _COLUMNS:
+        there = ", ".join(map(repr, columns)) or "none"
+        raise InputError(
+            f"{law} names {name}, which looks like a column, and the record has: {there}; add the "
+            f"column, {declare}"
+        )
+    if lower in _NUMBERS and len(name) > 1:
+        raise InputError(
+            f"{law} names {name}, which looks like a number; write pi or e for those, {declare}"
+        )

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.law import Law, compiled_field, compiled_slopes, slopes_of
+from reduced_models.laws.law import Law, compiled_field, compiled_jacobian, jacobian_of
 
 if TYPE_CHECKING:
     import sympy
 
 _MOST_STEPS = 50
-Field = Callable[[float], float]
-Slopes = Callable[[float], tuple[float, float]]
+_FLAT = 1e-9  # of a matrix's greatest entry: less is none
+Field = Callable[[np.ndarray], np.ndarray]
+"""From a state, z, its velocity and hidden states, to the rates of all but the first."""
 
 
 class SmallSwing(NamedTuple):
-    """A motion so small that the law is linear; hidden states and inputs are at zero.
+    """A motion so small that the law is linear; inputs are at zero.
 
     Attributes
     ----------
@@ -39,12 +40,17 @@ class SmallSwing(NamedTuple):
 def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | None:
     """That of a law with values of its parameters, about the level of rest near z.
 
-    None where there is no stable level of rest.
+    Hidden states move with z as their equations say. They are at zero at rest where the law leaves
+    that open, as hysteresis does. None where there is no stable level of rest, or no swing.
     """
-    force = compiled_field(law.equation, law.inputs, "numpy")
-    slopes = compiled_slopes(law.equation, law.inputs)
-    still = (0.0,) * (1 + len(law.hidden) + len(law.inputs))
-    return _found(lambda z: force(z, *still, *values)[0], lambda z: slopes(z, *still, *values), z)
+    hidden, inputs = len(law.hidden), (0.0,) * len(law.inputs)
+    rates = compiled_field(law.equation, law.inputs, "numpy")
+    slopes = compiled_jacobian(law.equation, law.inputs)
+    return _found(
+        lambda state: np.array(rates(*state, *inputs, *values), dtype=float),
+        lambda state: slopes(*state, *inputs, *values),
+        np.array([z, 0.0, *(0.0,) * hidden]),
+    )
 
 
 def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | None:
@@ -63,21 +69,65 @@ def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | None:
     plain = plain.subs(still)
     rate = -plain.subs(acceleration, 0) / plain.diff(acceleration)
     force = function_of([height, speed], rate)
-    slopes = slopes_of(rate, height, speed, [height, speed])
-    return _found(lambda z: force(z, 0.0), lambda z: slopes(z, 0.0), z)
+    slopes = jacobian_of([rate], [height, speed], [height, speed])
+    return _found(
+        lambda state: np.array([force(*state)], dtype=float),
+        lambda state: slopes(*state),
+        np.array([z, 0.0]),
+    )
 
 
-def _found(force: Field, slopes: Slopes, z: float) -> SmallSwing | None:
-    """By Newton's method."""
+def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | None:
+    """By Newton's method, and the eigenvalues of what is linear there."""
+    state = state.copy()
     with np.errstate(all="ignore"):
         for _ in range(_MOST_STEPS):
-            slope = slopes(z)[0]
-            change = force(z) / slope if slope else math.nan
-            z -= change
-            if not math.isfinite(z) or abs(change) <= 1e-15 * max(1.0, abs(z)):
+            left, matrix = rates(state), slopes(state)
+            free = np.delete(matrix, 1, axis=1)
+            if not (np.isfinite(left).all() and np.isfinite(free).all()):
+                return None
+            # Hidden states that may be anything at rest stay where they are.
+            moving = [0] + [
+                k for k in range(1, len(left)) if abs(free[k, k]) > _FLAT * np.abs(matrix).max()
+            ]
+            try:
+                change = np.linalg.solve(free[np.ix_(moving, moving)], left[moving])
+            except np.linalg.LinAlgError:
+                return None
+            for k, step in zip(moving, change, strict=True):
+                state[k + (k > 0)] -= step
+            if not np.isfinite(state).all() or np.abs(change).max() <= 1e-15 * max(
+                1.0, np.abs(state).max()
+            ):
                 break
-        stiffness, damping = (-slope for slope in slopes(z))
-    if not math.isfinite(z) or not stiffness > 0.0:
+        if not np.isfinite(state).all():
+            return None
+        matrix = slopes(state)
+    if not np.isfinite(matrix).all():
         return None
-    omega = math.sqrt(stiffness)
-    return SmallSwing(float(z), 2.0 * math.pi / omega, damping / (2.0 * omega))
+    if len(matrix) == 1:
+        stiffness, damping = -matrix[0]
+        if not stiffness > 0.0:
+            return None
+        omega = math.sqrt(stiffness)
+        return SmallSwing(float(state[0]), 2.0 * math.pi / omega, damping / (2.0 * omega))
+    return _swing_with_memory(state, matrix)
+
+
+def _swing_with_memory(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | None:
+    """Of a law with hidden states: its slowest pair of complex eigenvalues that moves z."""
+    size = len(state)
+    full = np.zeros((size, size))
+    full[0, 1] = 1.0
+    full[1:] = matrix
+    values, vectors = np.linalg.eig(full)
+    if values.real.max() > _FLAT * np.abs(values).max() and not (values.imag > 0.0).any():
+        return None
+    scale = np.abs(vectors).max(axis=0)
+    swinging = (values.imag > _FLAT * np.abs(values).max()) & (np.abs(vectors[0]) > _FLAT * scale)
+    if not swinging.any():
+        return None
+    chosen = values[swinging][np.abs(values[swinging]).argmin()]
+    omega = abs(chosen)
+    ratio = float(-chosen.real / omega)
+    return SmallSwing(float(state[0]), 2.0 * math.pi / omega, ratio if abs(ratio) > _FLAT else 0.0)

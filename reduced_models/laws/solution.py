@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, TypeVar
 
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
 from reduced_models.laws.law import PROGRAMS, Law, compiled_field
-from reduced_models.records.inputs import STAGE_TIMES, drive_at
+from reduced_models.records.inputs import Interpolation, pieces
 
 jnp = jax.numpy
 
@@ -57,22 +58,8 @@ _STAGES = (
 )
 _WEIGHTS = (13 / 200, 0.0, 11 / 40, 11 / 40, 4 / 25, 4 / 25, 13 / 200)
 
-GRIDS = (
-    128,
-    192,
-    256,
-    384,
-    512,
-    768,
-    1024,
-    1536,
-    2048,
-    3072,
-    4096,
-    6144,
-    *(2**k for k in range(13, 19)),
-)
-"""Numbers of grid steps: few, so that records share compiled code."""
+MOST_STEPS = 2**18
+"""Of a grid, that is counted by a law's period."""
 
 
 def grid_steps(duration: float, period: float, per_period: int) -> int:
@@ -84,18 +71,29 @@ def grid_steps(duration: float, period: float, per_period: int) -> int:
         If these are more than the finest grid has.
     """
     wanted = per_period * duration / period
-    for steps in GRIDS:
-        if steps >= wanted:
-            return steps
-    raise RecordError(
-        f"the record holds about {duration / period:.3g} periods, and a fit can follow at most "
-        f"{GRIDS[-1] // per_period}; fit a part of it, record.between(start, stop)"
-    )
+    if wanted > MOST_STEPS:
+        raise RecordError(
+            f"the record holds about {duration / period:.3g} periods, and a fit can follow at most "
+            f"{MOST_STEPS // per_period}; fit a part of it, record.between(start, stop)"
+        )
+    return whole_chunks(wanted)
 
 
-def finer_grid(steps: int) -> int | None:
-    """The next grid of at least twice as many steps; None behind the finest."""
-    return next((finer for finer in GRIDS if finer >= 2 * steps), None)
+def whole_chunks(steps: float) -> int:
+    """At least so many steps, in whole chunks."""
+    return CHUNK * max(2, math.ceil(steps / CHUNK))
+
+
+def room(steps: int) -> int:
+    """Steps of the grid that code is compiled for: few numbers, so that records share it."""
+    size = 2 * CHUNK
+    while size < steps:
+        size *= 2
+    return size
+
+
+CHUNK = 64
+"""Grid steps that are solved together; every grid has a whole number of such chunks."""
 
 
 def on_grid(
@@ -104,25 +102,41 @@ def on_grid(
     values: Sequence[Value],
     drive: Data,
     step: Value,
+    chunks: Value,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """z, its velocity and its acceleration at the points of a uniform grid (for JAX).
 
     ``start`` holds z, its velocity and the hidden states, each of a shape (...) that the three
     (points, ...) keep; ``drive`` (points, stages, inputs) the inputs at the stages of each step.
+    Only the first ``chunks`` of the grid are solved; behind them all three are zero.
     """
 
-    def advance(state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def rates(place: jax.Array, inputs: jax.Array) -> jax.Array:
+        given = [inputs[k] for k in range(inputs.shape[0])]
+        return _stacked((place[1], *field(*place, *given, *values)), place[0])
+
+    def advance(state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
         slopes: list[jax.Array] = []
         for stage, row in enumerate(_STAGES):
-            place = _moved(state, row, slopes, step)
-            given = [inputs[stage, k] for k in range(inputs.shape[1])]
-            rates = (place[1], *field(*place, *given, *values))
-            slopes.append(_stacked(rates, place[0]))
-        return _moved(state, _WEIGHTS, slopes, step), (state[0], state[1], slopes[0][1])
+            slopes.append(rates(_moved(state, row, slopes, step), inputs[stage]))
+        point = jnp.stack([state[0], state[1], slopes[0][1]])
+        return _moved(state, _WEIGHTS, slopes, step), point
+
+    def chunk(place: Value, carried: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        state, found = carried
+        here = jax.lax.dynamic_slice_in_dim(given, place * CHUNK, CHUNK)
+        state, points = jax.lax.scan(advance, state, here)
+        return state, jax.lax.dynamic_update_slice_in_dim(found, points, place * CHUNK, 0)
 
     # One array for all of the state: each of the compiled operations costs more than its numbers.
-    _, (z, v, a) = jax.lax.scan(advance, _stacked(start, start[0]), jnp.asarray(drive))
-    return z, v, a
+    given = jnp.asarray(drive)
+    first = _stacked(start, start[0])
+    empty = jnp.zeros((len(given), 3, *first.shape[1:]))
+    state, found = jax.lax.fori_loop(0, chunks, chunk, (first, empty))
+    end = jax.lax.dynamic_index_in_dim(given, chunks * CHUNK, keepdims=False)
+    last = jnp.stack([state[0], state[1], rates(state, end[0])[1]])
+    found = jax.lax.dynamic_update_index_in_dim(found, last, chunks * CHUNK, 0)
+    return found[:, 0], found[:, 1], found[:, 2]
 
 
 def _stacked(parts: Sequence[Value], like: jax.Array) -> jax.Array:
@@ -179,7 +193,7 @@ Motion = Solution  # its former name
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
+def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
     rates = compiled_field(equation)
 
     def field(t: object, state: States, parameters: Parameters) -> States:
@@ -193,11 +207,11 @@ def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., tuple[ja
         return jnp.abs(state[0]) > FAR * parameters[1]
 
     def solve(
-        times: jax.Array, z0: jax.Array, v0: jax.Array, parameters: tuple[Value, ...], size: Value
+        times: jax.Array, state: States, parameters: Parameters, size: Value
     ) -> tuple[jax.Array, ...]:
         # A dense solution: asking for times here would check them by a callback into Python, and
         # code with callbacks cannot be kept on disk.
-        start = (z0, v0, *(jnp.zeros_like(z0) for _ in range(hidden)))
+        start = (state[0], state[1], *(size * each for each in state[2:]))
         result = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
             diffrax.Dopri8(),
@@ -205,7 +219,7 @@ def _adaptive(equation: str, hidden: int, budget: int) -> Callable[..., tuple[ja
             times[-1],
             None,
             start,
-            (parameters, size),
+            parameters,
             saveat=diffrax.SaveAt(dense=True, t1=True),
             stepsize_controller=diffrax.PIDController(rtol=TOLERANCE, atol=TOLERANCE * size),
             event=diffrax.Event(far_away),
@@ -230,22 +244,26 @@ def solution(
     parameters: Sequence[float],
     size: float,
     inputs: Sequence[np.ndarray] = (),
+    hidden: Sequence[float] = (),
+    how: Interpolation = "spline",
 ) -> Solution:
     """The motion of a law at increasing times.
 
     ``size`` is the amplitude of z, which the absolute tolerance refers to. ``inputs`` are those of
-    the law, each (n,) at the times. A law without inputs is solved by diffrax; one with inputs,
-    which are smooth between samples only, on grids that are refined until two agree.
+    the law, each (n,) at the times, and ``how`` what they do between them; ``hidden`` the hidden
+    states at the start, zero if not given. diffrax solves a law without inputs by steps that adapt,
+    one with inputs by steps that end at the samples.
     """
     values = tuple(map(float, parameters))
+    start = (float(z0), float(v0), *map(float, hidden or (0.0,) * len(law.hidden)))
     if law.inputs:
-        return _driven_solution(law, times, (z0, v0), values, size, list(inputs))
+        return _driven_solution(law, times, start, values, size, list(inputs), how)
     count = len(times)
     padded = np.full(-(-count // 1024) * 1024, times[-1])
     padded[:count] = times
     for budget in STEP_BUDGETS:
-        solve = _adaptive(law.equation, len(law.hidden), budget)
-        z, v, complete, blown_up = solve(padded, float(z0), float(v0), values, float(size))
+        solve = _adaptive(law.equation, budget)
+        z, v, complete, blown_up = solve(padded, start, (values, float(size)), float(size))
         if complete or blown_up:
             break
     ending: Ending = "complete" if complete else ("blow-up" if blown_up else "steps")
@@ -253,20 +271,45 @@ def solution(
 
 
 _DRIVEN_TOLERANCE = 1e-7
-"""Agreement of two grids, in amplitudes, that a driven solution needs."""
+"""Agreement of two numbers of steps, in amplitudes, that a driven solution needs."""
+_SURE = 16  # parts of a sample's time in which a solution that leaves every bound does blow up
+_MOST_DRIVEN = 2**22
+"""Steps of a driven solution: as many as a gigabyte holds."""
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _gridded(
-    equation: str, inputs: tuple[str, ...], hidden: int
-) -> Callable[..., tuple[jax.Array, ...]]:
-    field = compiled_field(equation, inputs)
+def _stepping(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array]:
+    rates = compiled_field(equation, inputs)
+    solver = diffrax.Dopri8()
+
+    def field(s: Any, state: Any, piece: Any) -> States:
+        cubic, values = piece
+        given = cubic[0] + s * (cubic[1] + s * (cubic[2] + s * cubic[3]))
+        a, *changes = rates(*state, *given, *values)
+        return state[1], a, *changes
+
+    term = diffrax.ODETerm(field)
 
     def solve(
-        start: tuple[jax.Array, ...], values: tuple[Value, ...], drive: jax.Array, step: Value
-    ) -> tuple[jax.Array, ...]:
-        state = (*start, *(jnp.zeros_like(start[0]) for _ in range(hidden)))
-        return on_grid(field, state, values, drive, step)
+        start: States, values: States, length: jax.Array, cubics: jax.Array, split: Value
+    ) -> jax.Array:
+        """State behind each piece of the inputs, that is solved in ``split`` steps."""
+        first = solver.init(term, 0.0, length[0], start, (cubics[0], values))
+
+        def interval(state: jax.Array, piece: tuple[jax.Array, jax.Array]) -> Any:
+            step = piece[0] / split
+
+            def advance(place: Value, state: jax.Array) -> jax.Array:
+                found = solver.step(
+                    term, place * step, (place + 1) * step, tuple(state), (piece[1], values),
+                    first, made_jump=True,
+                )[0]  # fmt: skip
+                return jnp.stack(found)
+
+            state = jax.lax.fori_loop(0, split, advance, state)
+            return state, state[:2]
+
+        return jax.lax.scan(interval, jnp.stack(start), (length, cubics))[1]
 
     return jax.jit(solve)
 
@@ -274,47 +317,32 @@ def _gridded(
 def _driven_solution(
     law: Law,
     times: np.ndarray,
-    start: tuple[float, float],
+    start: tuple[float, ...],
     values: tuple[float, ...],
     size: float,
     inputs: list[np.ndarray],
+    how: Interpolation,
 ) -> Solution:
-    duration = float(times[-1] - times[0])
-    solve = _gridded(law.equation, law.inputs, len(law.hidden))
-    before = np.full((2, len(times)), np.inf)
-    for steps in GRIDS[GRIDS.index(1024) :: 2]:
-        step = duration / steps
-        nodes = times[0] + step * (np.arange(steps + 1)[:, None] + np.array(STAGE_TIMES))
-        drive = drive_at(times, inputs, nodes)
-        z, v, a = map(np.asarray, solve(tuple(map(float, start)), values, drive, step))
-        if not (np.abs(z) < FAR * size).all():
-            reached = int(np.argmin(np.abs(z) < FAR * size)) * step + times[0]
-            found = np.full((2, len(times)), np.nan)
-            if np.isfinite(before).all():
-                found[:, times < reached] = before[:, times < reached]
-            return Solution(found[0], found[1], "blow-up")
-        place = np.minimum(((times - times[0]) / step).astype(np.int64), steps - 1)
-        share = (times - times[0]) / step - place
-        found = np.stack(
-            [between(z, v, a, step, place, share), _slope(z, v, a, step, place, share)]
-        )
-        if np.abs(found[0] - before[0]).max() <= _DRIVEN_TOLERANCE * size:
-            return Solution(found[0], found[1], "complete")
-        before = found
-    return Solution(before[0], before[1], "steps")
-
-
-def _slope(z: A, v: A, a: A, step: Value, place: A, share: A) -> A:
-    """Derivative of `between` by time."""
-    s = share
-    rise = 30.0 * s * s * (1.0 - s) ** 2
-    v0 = 1.0 - s * s * (18.0 - s * (32.0 - 15.0 * s))
-    v1 = -s * s * (12.0 - s * (28.0 - 15.0 * s))
-    a0 = s * (1.0 - s * (4.5 - s * (6.0 - 2.5 * s)))
-    a1 = 0.5 * s * s * (3.0 - s * (8.0 - 5.0 * s))
-    return (
-        rise * (z[place + 1] - z[place]) / step
-        + v0 * v[place]
-        + v1 * v[place + 1]
-        + step * (a0 * a[place] + a1 * a[place + 1])
-    )
+    """By diffrax's Dopri8 in equal parts of the time between samples, until two numbers agree."""
+    found = pieces(times, inputs, how)
+    every = len(found.length) // (len(times) - 1)
+    count = len(found.length)
+    padded = room(count)
+    length, cubics = np.ones(padded), np.zeros((padded, *found.cubics.shape[1:]))
+    length[:count], cubics[:count] = found.length, found.cubics
+    solve = _stepping(law.equation, law.inputs)
+    before = np.full((len(times), 2), np.inf)
+    split = 1
+    while split * count <= _MOST_DRIVEN:
+        states = np.asarray(solve(start, values, length, cubics, split))[:count]
+        here = np.concatenate([[start[:2]], states[every - 1 :: every]])
+        with np.errstate(invalid="ignore"):
+            sound = np.abs(here[:, 0]) < FAR * size
+            change = np.abs(here[:, 0] - before[:, 0]).max()
+        if sound.all() and change <= _DRIVEN_TOLERANCE * size:
+            return Solution(here[:, 0], here[:, 1], "complete")
+        if not sound.all() and split >= _SURE:
+            here[int(np.argmin(sound)) :] = np.nan
+            return Solution(here[:, 0], here[:, 1], "blow-up")
+        before, split = here, 2 * split
+    return Solution(before[:, 0], before[:, 1], "steps")

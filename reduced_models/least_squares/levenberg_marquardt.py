@@ -1,4 +1,10 @@
-"""A batched Levenberg-Marquardt search: many starts side by side, with a prior and bounds."""
+"""Levenberg-Marquardt for many starts side by side, with a prior and bounds.
+
+Steps, and how far they may go, are optimistix's: its damped Newton descent and its trust region,
+on entries that are scaled to a unit diagonal of the normal matrix (Marquardt 1963,
+doi:10.1137/0111030). The loop is stepped from here, so that what is compiled does not depend on
+the law.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,13 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import lineax
 import numpy as np
+import optimistix
+
+from reduced_models.jax_setup import jax
+
+jnp = jax.numpy
 
 Normal = Callable[[np.ndarray], Any]
 """From search vectors (s, p) to costs (s,), gradients (s, p) and matrices (s, p, p)."""
@@ -14,10 +26,17 @@ Normal = Callable[[np.ndarray], Any]
 TIE = 1e-7
 """Residuals below this, in amplitudes, are not told apart."""
 _MOST_TRIALS = 120
-_PATIENCE = 3  # trials without a gain after which a start counts as done
+_PATIENCE = 3
 _AGREE = 0.01  # costs that differ by less than this fraction are those of the same fit
 _ENOUGH = 0.9  # share of the starts that lead to the best fit, behind which a search ends
-_DAMPING = (1e-6, 1e12)  # a weaker one would only have to be raised again in a bent valley
+_IN_THE_RUNNING = 4.0  # times the least cost: starts above it are not waited for
+_LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
+_TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
+    high_cutoff=0.25, low_cutoff=0.0, high_constant=10.0, low_constant=0.1
+)
+_DESCENT: optimistix.DampedNewtonDescent[Any] = optimistix.DampedNewtonDescent(
+    linear_solver=lineax.Cholesky()
+)
 
 
 class Prior(NamedTuple):
@@ -36,7 +55,7 @@ class Prior(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Least and greatest values (p,) of the entries of a search vector."""
+    """Least and greatest values (p,) of the entries of a search vector; equal ones hold it."""
 
     low: np.ndarray
     high: np.ndarray
@@ -60,6 +79,8 @@ def search(
     *,
     trials: int = _MOST_TRIALS,
     damping: float = 1e-2,
+    waiting: np.ndarray | None = None,
+    patience: int = _PATIENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg-Marquardt on a batch.
 
@@ -83,6 +104,10 @@ def search(
         At most.
     damping : float
         Of the first step, in the diagonal of the matrix.
+    waiting : bool (s,), optional
+        The starts that are waited for; all, if not given.
+    patience : int
+        Trials without a gain after which a start counts as done.
 
     Returns
     -------
@@ -90,23 +115,28 @@ def search(
     """
     if bounds is None:
         bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
+    # Each start has its own where one has: profiles hold another entry in each.
+    bounds = Bounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
+    wanted = np.ones(len(start), dtype=bool) if waiting is None else waiting
     best = _batch(normal, np.clip(start, *bounds))
-    dampings = np.full(len(start), damping)
+    sizes = np.full(len(start), 1.0 / damping)
     idle = np.zeros(len(start), dtype=int)
     for _ in range(trials):
         precision = best.cost[:, None] / prior.samples * prior.precision
-        moved = best.theta - _step(best, start, precision, dampings, bounds)
-        trial = _batch(normal, np.clip(moved, *bounds))
+        moved = np.asarray(_moved(best, start, precision, sizes, bounds))
+        moved = np.where(np.isfinite(moved), moved, best.theta)
+        trial = _batch(normal, moved)
         total = best.cost + (precision * (best.theta - start) ** 2).sum(axis=1)
         trial_total = trial.cost + (precision * (trial.theta - start) ** 2).sum(axis=1)
-        better = trial_total < total
+        judged = _judged(best, start, precision, sizes, moved, total, trial_total)
+        better, sizes = map(np.asarray, judged)
+        sizes = np.clip(sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
         best = Batch(*map(functools.partial(_chosen, better), trial, best))
-        dampings = np.clip(np.where(better, 0.1 * dampings, 10.0 * dampings), *_DAMPING)
-        resting = idle >= _PATIENCE
+        resting = idle >= patience
         agreeing = resting & (best.cost <= agreement(best.cost, prior.samples))
-        if resting.all() or agreeing.sum() >= _ENOUGH * len(start):
+        if (resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(start):
             break
     return best.theta, best.cost
 
@@ -116,25 +146,79 @@ def agreement(cost: np.ndarray, samples: float) -> float:
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 
 
+def in_the_running(cost: np.ndarray, samples: float) -> np.ndarray:
+    """The starts (s,) that may still lead to the best fit."""
+    return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
+
+
 def _batch(normal: Normal, theta: np.ndarray) -> Batch:
     return Batch(theta, *map(np.asarray, normal(theta)))
 
 
-def _step(
-    batch: Batch, start: np.ndarray, precision: np.ndarray, damping: np.ndarray, bounds: Bounds
-) -> np.ndarray:
-    """The damped Gauss-Newton steps of a batch, subtracted from its vectors."""
-    identity = np.eye(start.shape[1])
-    full = batch.matrix + precision[:, :, None] * identity
-    diagonal = np.maximum(np.einsum("sii->si", full), 1e-300)
-    damped = full + (damping[:, None] * diagonal)[:, :, None] * identity
-    slope = batch.gradient + precision * (batch.theta - start)
-    resting = ((batch.theta <= bounds.low) & (slope > 0.0)) | (
-        (batch.theta >= bounds.high) & (slope < 0.0)
+class _Scaled(NamedTuple):
+    """A search vector's half cost, its slope and its matrix, in scaled entries."""
+
+    slope: jax.Array
+    matrix: jax.Array
+    scale: jax.Array
+
+
+def _scaled(best: Batch, start: jax.Array, precision: jax.Array) -> _Scaled:
+    full = jnp.asarray(best.matrix) + jnp.diag(precision)
+    scale = 1.0 / jnp.sqrt(jnp.maximum(jnp.diag(full), 1e-300))
+    slope = jnp.asarray(best.gradient) + precision * (best.theta - start)
+    return _Scaled(scale * slope, full * jnp.outer(scale, scale), scale)
+
+
+def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
+    """What optimistix wants to know of a place."""
+    operator = lineax.MatrixLinearOperator(matrix, lineax.positive_semidefinite_tag)
+    return optimistix.FunctionInfo.EvalGradHessian(half_cost, slope, operator)
+
+
+@jax.jit
+@jax.vmap
+def _moved(
+    best: Batch, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
+) -> jax.Array:
+    """The next search vectors, within the bounds."""
+    slope, matrix, scale = _scaled(best, start, precision)
+    resting = (
+        ((best.theta <= bounds.low) & (slope >= 0.0))
+        | ((best.theta >= bounds.high) & (slope <= 0.0))
+        | (bounds.low == bounds.high)
     )
-    damped = np.where(resting[:, :, None] | resting[:, None, :], identity, damped)
-    slope = np.where(resting, 0.0, slope)
-    return np.asarray(np.linalg.solve(damped, slope[:, :, None])[:, :, 0])
+    identity = jnp.eye(len(slope))
+    matrix = jnp.where(resting[:, None] | resting[None, :], identity, matrix)
+    slope = jnp.where(resting, 0.0, slope)
+    place = _quadratic(0.5 * best.cost, slope, matrix)
+    state = _DESCENT.query(slope, place, _DESCENT.init(slope, place))
+    step, _ = _DESCENT.step(size, state)
+    return jnp.clip(best.theta + scale * step, bounds.low, bounds.high)
+
+
+@jax.jit
+@jax.vmap
+def _judged(
+    best: Batch,
+    start: jax.Array,
+    precision: jax.Array,
+    size: jax.Array,
+    moved: jax.Array,
+    total: jax.Array,
+    trial_total: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """Whether steps are taken, and how long the next ones may be."""
+    slope, matrix, scale = _scaled(best, start, precision)
+    here = _quadratic(0.5 * total, slope, matrix)
+    there = optimistix.FunctionInfo.Eval(0.5 * trial_total)
+    state = _TRUST.init(slope, here)
+    state = type(state)(step_size=size)
+    origin = jnp.zeros_like(slope)
+    length, accepted, _, _ = _TRUST.step(
+        jnp.array(False), origin, (moved - best.theta) / scale, here, there, state
+    )
+    return accepted & (trial_total < total), length
 
 
 def _chosen(better: np.ndarray, trial: np.ndarray, former: np.ndarray) -> np.ndarray:

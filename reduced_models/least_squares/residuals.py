@@ -8,24 +8,90 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.jax_setup import jax
-from reduced_models.laws.law import PROGRAMS, compiled_field, parse
+from reduced_models.laws.law import PROGRAMS, compiled_field
 from reduced_models.laws.solution import between, on_grid
 from reduced_models.least_squares.levenberg_marquardt import Normal
 from reduced_models.least_squares.samples import Samples, samples_on_grid
 from reduced_models.least_squares.unknowns import Unknowns, physical
-from reduced_models.records.inputs import drive_on_grid
+from reduced_models.records.inputs import Grid, Interpolation
 
 jnp = jax.numpy
 
+LossName = Literal["linear", "soft_l1", "huber"]
+LOSSES: tuple[LossName, ...] = ("linear", "soft_l1", "huber")
+
 BLOWN_UP = 1e3
 """Residual of a sample that a solution does not reach, in amplitudes."""
+
+
+class Loss(NamedTuple):
+    """What a residual r costs.
+
+    Attributes
+    ----------
+    name : str
+        ``"linear"``: r^2; ``"soft_l1"``: 2 c^2 (sqrt(1 + r^2/c^2) - 1); ``"huber"``: r^2 up to c,
+        then 2 c |r| - c^2 (Huber 1964, doi:10.1214/aoms/1177703732).
+    scale : float
+        c, in amplitudes.
+    """
+
+    name: LossName = "linear"
+    scale: float = math.inf
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """As compiled code takes it."""
+        huber = self.name == "huber"
+        return np.array([self.scale if self.name != "linear" else np.inf, float(huber)])
+
+
+def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
+    """What residuals cost, and the weights with which their squares have the same slope."""
+    size = np_.abs(residuals)
+    root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
+    soft = 2.0 * residuals**2 / (1.0 + root)
+    # Where the scale is infinite, both are the plain square.
+    far = size > loss[0]
+    reach = np_.where(far, loss[0], size)
+    huber = reach * (2.0 * size - reach)
+    weight = np_.where(far, reach / np_.where(far, size, 1.0), 1.0)
+    return np_.where(loss[1] > 0.0, huber, soft), np_.where(loss[1] > 0.0, weight, 1.0 / root)
+
+
+def sensitivity(residuals: np.ndarray, loss: Loss) -> np.ndarray:
+    """Half the second derivative (n,) of what residuals cost."""
+    if loss.name == "linear":
+        return np.ones_like(residuals)
+    if loss.name == "huber":
+        return (np.abs(residuals) <= loss.scale).astype(float)
+    return np.asarray((1.0 + (residuals / loss.scale) ** 2) ** -1.5)
+
+
+def without_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
+    """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
+    from scipy.signal import lfilter
+
+    if gain == 0.0:
+        return residuals
+    return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
+
+
+def with_walk(left: np.ndarray, gain: float) -> np.ndarray:
+    """Residuals (n,) of which `without_walk` leaves these."""
+    from scipy.signal import lfilter
+
+    if gain == 0.0:
+        return left
+    return np.asarray(lfilter([1.0, gain - 1.0], [1.0, -1.0], left))
 
 
 class ResidualFunctions(NamedTuple):
@@ -34,17 +100,22 @@ class ResidualFunctions(NamedTuple):
     Attributes
     ----------
     normal : callable
-        (theta (s, p), samples, scales) -> cost (s,), gradient J'r (s, p), matrix J'J (s, p, p).
+        (theta (s, p), samples, scales, loss) -> cost (s,), gradient J'r (s, p), matrix J'J
+        (s, p, p).
+    linear : callable
+        (theta (p,), samples, scales) -> weighted residuals (n,), in amplitudes, and their
+        derivatives (p, n).
     residual : callable
-        (theta (p,), samples, scales) -> weighted residuals (n,), in amplitudes.
+        (theta (p,), samples, scales) -> the residuals alone.
     """
 
     normal: Callable[..., tuple[jax.Array, ...]]
+    linear: Callable[..., tuple[jax.Array, ...]]
     residual: Callable[..., jax.Array]
 
-    def of(self, samples: Samples, scales: np.ndarray) -> Normal:
+    def of(self, samples: Samples, scales: np.ndarray, loss: Loss) -> Normal:
         """The normal equations of given data."""
-        return lambda theta: self.normal(theta, samples, scales)
+        return lambda theta: self.normal(theta, samples, scales, loss.numbers)
 
 
 def residual_functions(unknowns: Unknowns) -> ResidualFunctions:
@@ -58,22 +129,18 @@ def _compiled(
     equation: str, inputs: tuple[str, ...], logarithmic: tuple[bool, ...], fits_map: bool
 ) -> ResidualFunctions:
     field = compiled_field(equation, inputs)
-    hidden = len(parse(equation, inputs).hidden)
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
-        step, place, share, height, weight, drive = samples
-        values, shift, scale, z0, v0 = physical(vectors, scales, logarithmic, fits_map, jnp)
-        start = (z0, v0, *(jnp.zeros_like(z0) for _ in range(hidden)))
-        grid = on_grid(field, start, values, drive, step)
+        step, place, share, height, weight, drive, chunks = samples
+        values, shift, scale, z0, v0, hidden = physical(vectors, scales, logarithmic, fits_map, jnp)
+        grid = on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
         z = between(*grid, step, place, share[:, None])
         found = (shift + scale * z - height[:, None]) / scales[1]
         return jnp.where(jnp.abs(found) < BLOWN_UP, found, BLOWN_UP) * weight[:, None]
 
-    def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
-        return residuals(theta[:, None], samples, scales)[:, 0]
-
-    def normal(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, ...]:
+    def both(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
         # Starts side by side in the last axis, directions before them: that vectorises best.
         vectors = theta.T
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
@@ -82,14 +149,29 @@ def _compiled(
             return jax.jvp(lambda each: residuals(each, samples, scales), (vectors,), (direction,))
 
         left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
-        jacobian = jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
+        return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
+
+    def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
+        return residuals(theta[:, None], samples, scales)[:, 0]
+
+    def linear(
+        theta: jax.Array, samples: Samples, scales: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        left, jacobian = both(theta[None], samples, scales)
+        return left[:, 0], jacobian[:, :, 0]
+
+    def normal(
+        theta: jax.Array, samples: Samples, scales: jax.Array, loss: jax.Array
+    ) -> tuple[jax.Array, ...]:
+        left, jacobian = both(theta, samples, scales)
+        cost, weight = cost_and_weight(left, loss, jnp)
         return (
-            (left**2).sum(axis=0),
-            jnp.einsum("pns,ns->sp", jacobian, left),
-            jnp.einsum("pns,qns->spq", jacobian, jacobian),
+            cost.sum(axis=0),
+            jnp.einsum("pns,ns->sp", jacobian, weight * left),
+            jnp.einsum("pns,qns->spq", weight * jacobian, jacobian),
         )
 
-    return ResidualFunctions(jax.jit(normal), jax.jit(residual))
+    return ResidualFunctions(jax.jit(normal), jax.jit(linear), jax.jit(residual))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -101,27 +183,71 @@ class GriddedRecord:
     unknowns : Unknowns
     record : PistonRecord
         That starts at time 0.
-    steps : int
+    grid : Grid
     functions : ResidualFunctions
     samples : Samples
+    interpolation : str
+        Of the inputs.
+    weights : float64 (n,)
+        Of the residuals.
+    loss : Loss
+    gain : float
+        Of the filter that takes a drift out of the residuals; 0 for none.
     """
 
     unknowns: Unknowns
     record: PistonRecord
-    steps: int
+    grid: Grid
     functions: ResidualFunctions
     samples: Samples
+    interpolation: Interpolation
+    weights: np.ndarray
+    loss: Loss
+    gain: float = 0.0
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
-        """Residuals (n,) of all samples, in amplitudes."""
-        found = self.functions.residual(theta, self.samples, self.unknowns.scales)
+        """Residuals (n,) of all samples, in amplitudes; not weighted."""
+        found = self.functions.linear(theta, self._seen(None, weighted=False), self.scales)[0]
         return np.asarray(found)[: len(self.record)]
 
+    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
+        return self._linear(theta, self._seen(None), len(self.record))
+
+    def _linear(
+        self, theta: np.ndarray, seen: Samples, count: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        left, slopes = self.functions.linear(theta, seen, self.scales)
+        each = np.asarray(left)[:count], np.asarray(slopes).T[:count]
+        return without_walk(each[0], self.gain), without_walk(each[1], self.gain)
+
+    @property
+    def scales(self) -> np.ndarray:
+        """Of the unknowns."""
+        return self.unknowns.scales
+
     def normal(self, count: int | None = None) -> Normal:
-        """The normal equations of the first ``count`` samples, or of all."""
+        """The normal equations of the first ``count`` samples, or of all.
+
+        Those of several vectors at once leave a drift in.
+        """
+        seen = self._seen(count)
+        last = len(self.record) if count is None else count
+        several = self.functions.of(seen, self.scales, self.loss)
+
+        def one(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+            left, slopes = self._linear(theta[0], seen, last)
+            cost, weight = cost_and_weight(left, self.loss.numbers, np)
+            weighted = weight[:, None] * slopes
+            return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
+
+        return lambda theta: one(theta) if len(theta) == 1 else several(theta)
+
+    def _seen(self, count: int | None, *, weighted: bool = True) -> Samples:
         weight = np.zeros_like(self.samples.weight)
-        weight[: len(self.record) if count is None else count] = 1.0
-        return self.functions.of(self.samples._replace(weight=weight), self.unknowns.scales)
+        last = len(self.record) if count is None else count
+        weight[:last] = self.weights[:last] if weighted else 1.0
+        return self.samples.weighted(weight)
 
     def with_heights(self, height: np.ndarray) -> GriddedRecord:
         """The same with other heights (n,)."""
@@ -131,9 +257,23 @@ class GriddedRecord:
         samples = self.samples._replace(height=padded)
         return dataclasses.replace(self, record=record, samples=samples)
 
+    def on(self, grid: Grid, interpolation: Interpolation | None = None) -> GriddedRecord:
+        """The same on another grid, or with inputs that are something else between samples."""
+        how = interpolation or self.interpolation
+        samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
+        return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)
 
-def gridded(unknowns: Unknowns, record: PistonRecord, steps: int) -> GriddedRecord:
+
+def gridded(
+    unknowns: Unknowns,
+    record: PistonRecord,
+    grid: Grid,
+    how: Interpolation = "spline",
+    weights: np.ndarray | None = None,
+    loss: Loss = Loss(),  # noqa: B008
+) -> GriddedRecord:
     """All of a record that starts at time 0, on a grid."""
-    drive = drive_on_grid(record, unknowns.law.inputs, steps)
-    samples = samples_on_grid(record.time, record.height, steps, drive)
-    return GriddedRecord(unknowns, record, steps, residual_functions(unknowns), samples)
+    samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
+    given = np.ones(len(record)) if weights is None else weights
+    functions = residual_functions(unknowns)
+    return GriddedRecord(unknowns, record, grid, functions, samples, how, given, loss)

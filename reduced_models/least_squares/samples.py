@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.records.inputs import STAGE_TIMES
+from granular.run.record import PistonRecord
+from reduced_models.laws.solution import CHUNK, grid_steps, room, whole_chunks
+from reduced_models.records.derivatives import is_even
+from reduced_models.records.inputs import (
+    STAGE_TIMES,
+    Grid,
+    Interpolation,
+    drive_on_grid,
+    driving,
+)
 
 
 class Samples(NamedTuple):
@@ -20,8 +30,10 @@ class Samples(NamedTuple):
         Grid point before each sample, and how far behind it, in steps.
     height, weight : float (n,)
         [m]; weights multiply the residuals.
-    drive : float (steps + 1, stages, inputs)
+    drive : float (points, stages, inputs)
         Inputs of the law at the stages of the grid's steps.
+    chunks : int
+        Of the grid, that are solved.
     """
 
     step: float
@@ -30,43 +42,97 @@ class Samples(NamedTuple):
     height: np.ndarray
     weight: np.ndarray
     drive: np.ndarray
+    chunks: int
+
+    def weighted(self, weight: np.ndarray) -> Samples:
+        """The same with other weights; the solution ends behind the last that is not zero."""
+        used = self.place[weight > 0.0]
+        last = int(used.max()) + 1 if len(used) else 1
+        return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
 
-def _undriven(steps: int) -> np.ndarray:
-    return np.zeros((steps + 1, len(STAGE_TIMES), 0))
+def grid_over(
+    record: PistonRecord,
+    names: tuple[str, ...],
+    period: float,
+    per_period: int,
+    how: Interpolation = "spline",
+) -> Grid:
+    """A grid over a record that starts at time 0, with at least so many steps a period.
+
+    Where something drives the law, and samples are even, steps end at the samples: what an input
+    does between them is smooth, not at them.
+
+    Raises
+    ------
+    RecordError
+        If it holds more periods than a fit can follow.
+    """
+    duration = float(record.time[-1])
+    wanted = grid_steps(duration, period, per_period)
+    if not (driving(names) and is_even(record.time)):
+        return Grid(duration / wanted, wanted)
+    sample = duration / (len(record) - 1)
+    share = wanted / (len(record) - 1)
+    smooth = how in ("spline", "band-limited")
+    several = 2.0 ** math.floor(math.log2(1.0 / share)) if smooth and share < 1.0 else 1.0
+    step = sample * several / max(1, math.ceil(share))
+    return Grid(step, whole_chunks(duration / step * (1.0 - 1e-12)))
 
 
 def samples_on_grid(
-    time: np.ndarray, height: np.ndarray, steps: int, drive: np.ndarray | None = None
+    record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation
 ) -> Samples:
     """Every sample of a record that starts at time 0, on a grid over all of it."""
-    step = float(time[-1]) / steps
-    place = np.minimum((time / step).astype(np.int64), steps - 1)
-    count = len(time)
+    count = len(record)
+    place, share = _places(record.time, grid)
     size = padded_size(count)
-    whole, share, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
-    drive = _undriven(steps) if drive is None else drive
-    out = Samples(step, whole, share, heights, weight, drive)
-    out.place[:count], out.share[:count] = place, time / step - place
-    out.height[:count], out.weight[:count] = height, 1.0
-    return out
+    whole, shares, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
+    whole[:count], shares[:count] = place, share
+    heights[:count], weight[:count] = record.height, 1.0
+    drive = _padded_drive(record, grid, names, how)
+    return Samples(grid.step, whole, shares, heights, weight, drive, grid.steps // CHUNK)
 
 
 def means_on_grid(
-    time: np.ndarray, height: np.ndarray, steps: int, drive: np.ndarray | None = None
+    record: PistonRecord,
+    grid: Grid,
+    names: tuple[str, ...],
+    how: Interpolation,
+    weights: np.ndarray | None = None,
 ) -> Samples:
-    """Means of the samples around each grid point, weighted by how many there are."""
-    step = float(time[-1]) / steps
-    near = np.rint(time / step).astype(np.int64)
-    count = np.bincount(near, minlength=steps + 1).astype(float)
+    """Weighted means of the samples around each grid point, weighted by how many there are."""
+    time, height = record.time, record.height
+    points = room(grid.steps) + 1
+    near = np.rint(time / grid.step).astype(np.int64)
+    squares = np.ones(len(time)) if weights is None else weights**2
+    total = np.bincount(near, weights=squares, minlength=points)
     # The mean place of the samples is not the grid point: the slope takes that out.
-    level = height - np.gradient(height, time) * (time - near * step)
-    total = np.bincount(near, weights=level, minlength=steps + 1)
-    means = np.divide(total, count, out=np.zeros(steps + 1), where=count > 0)
-    place = np.minimum(np.arange(steps + 1), steps - 1)
-    share = np.arange(steps + 1.0) - place
-    drive = _undriven(steps) if drive is None else drive
-    return Samples(step, place, share, means, np.sqrt(count), drive)
+    level = height - np.gradient(height, time) * (time - near * grid.step)
+    sums = np.bincount(near, weights=level * squares, minlength=points)
+    means = np.divide(sums, total, out=np.zeros(points), where=total > 0)
+    place = np.minimum(np.arange(points), points - 2)
+    share = np.arange(points) - place.astype(float)
+    drive = _padded_drive(record, grid, names, how)
+    return Samples(grid.step, place, share, means, np.sqrt(total), drive, grid.steps // CHUNK)
+
+
+def _places(time: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Grid point before each time, and the share of a step behind it."""
+    steps = time / grid.step
+    # Rounding is not to put a sample that lies on a grid point behind the one before.
+    place = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
+    return place, steps - place
+
+
+def _padded_drive(
+    record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation
+) -> np.ndarray:
+    points = room(grid.steps) + 1
+    drive = np.zeros((points, len(STAGE_TIMES), len(names)))
+    if names:
+        drive[: grid.steps + 1] = drive_on_grid(record, names, grid, how)
+    return drive
 
 
 def padded_size(count: int) -> int:

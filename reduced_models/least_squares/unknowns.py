@@ -21,8 +21,8 @@ class Unknowns:
 
     The search vector holds the parameters (logarithms of the positive ones, multiples of a unit
     of the others), then, where the map is fitted, its shift (from the rest level) and the logarithm
-    of its scale, then height (from the rest level) and velocity at the start. Heights count in
-    amplitudes, velocities in amplitudes times the frequency.
+    of its scale, then height (from the rest level), velocity and hidden states at the start.
+    Heights count in amplitudes, velocities in amplitudes times the frequency.
 
     Attributes
     ----------
@@ -61,20 +61,29 @@ class Unknowns:
 
         It keeps directions that the data leave open from running away; the initial state has none.
         """
-        free = len(self.law.parameters) + (2 if self.map is None else 0)
-        return np.array([_PRIOR_SPREAD**-2] * free + [0.0, 0.0])
+        hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
+        return np.array([_PRIOR_SPREAD**-2] * self.free + [0.0, 0.0] + hidden)
+
+    @property
+    def free(self) -> int:
+        """Number of parameters, and of entries of the map."""
+        return len(self.law.parameters) + (2 if self.map is None else 0)
 
     def physical(self, theta: np.ndarray) -> Any:
-        """Parameters, shift and scale of the map, z and its velocity at the start."""
+        """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
         return physical(theta, self.scales, self.logarithmic, self.map is None, np)
 
 
 def theta_bounds(
-    unknowns: Unknowns, bounds: Mapping[str, tuple[float, float]]
+    unknowns: Unknowns,
+    bounds: Mapping[str, tuple[float, float]],
+    initial: Mapping[str, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest entries (p,) of the search vector."""
-    length = len(unknowns.prior)
-    edges = np.full((2, length), [[-np.inf], [np.inf]])
+    """Least and greatest entries (p,) of the search vector; equal ones hold an entry.
+
+    ``initial`` holds ``height`` [m], ``velocity`` [m/s] and hidden states at the start by name.
+    """
+    edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
             continue
@@ -83,13 +92,22 @@ def theta_bounds(
                 edges[side, k] = math.log(value) if value > 0.0 else -np.inf
             else:
                 edges[side, k] = value / unknowns.units[k]
+    names = ("height", "velocity", *unknowns.law.hidden)
+    for k, name in enumerate(names, unknowns.free):
+        if name in (initial or {}):
+            value = (initial or {})[name]
+            if name == "height":
+                value = (value - unknowns.rest) / unknowns.amplitude
+            elif name == "velocity":
+                value = value / unknowns.speed
+            edges[:, k] = value
     return edges[0], edges[1]
 
 
 def physical(
     theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any
 ) -> Any:
-    """Parameters, shift and scale of the map, and z and its velocity at the start."""
+    """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
     rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
     count = len(logarithmic)
     values = tuple(
@@ -98,6 +116,7 @@ def physical(
     if fits_map:
         shift = rest + amplitude * theta[count]
         scale = amplitude * np_.exp(theta[count + 1])
-    z0 = (rest + amplitude * theta[-2] - shift) / scale
-    v0 = speed * theta[-1] / scale
-    return values, shift, scale, z0, v0
+        count += 2
+    z0 = (rest + amplitude * theta[count] - shift) / scale
+    v0 = speed * theta[count + 1] / scale
+    return values, shift, scale, z0, v0, tuple(theta[count + 2 :])

@@ -16,7 +16,7 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.printing import latex, rounded, rounded_equation
 from reduced_models.laws.small_swing import small_swing, swing_of_equation
-from reduced_models.records.inputs import column
+from reduced_models.records.inputs import TIME, Interpolation, column
 
 if TYPE_CHECKING:
     import sympy
@@ -61,6 +61,10 @@ class FittedLaw:
     domain : mapping of str to (float, float)
         Range of heights [m] and velocities [m/s] seen.
     provenance : mapping of str to str
+    hidden : mapping of str to float
+        Hidden states at the record's start, where they are not zero.
+    input_interpolation : str
+        What an input does between samples.
     """
 
     law: Law
@@ -70,6 +74,8 @@ class FittedLaw:
     at_rest: AtRest | None
     domain: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, str]
+    hidden: Mapping[str, float]
+    input_interpolation: Interpolation
 
     @property
     def equation(self) -> sympy.Eq:
@@ -109,10 +115,10 @@ class FittedLaw:
         z = self.map.to_law(self.at_rest.height)
         values = [rounded(self.parameters[name], digits) for name in self.law.parameters]
         shift, scale = (rounded(each, max(digits, 5)) for each in (self.map.shift, self.map.scale))
-        for swing in (
-            swing_of_equation(rounded_equation(self.fitted_equation, digits), z),
-            small_swing(self.law, values, z),
-        ):
+        swings = [small_swing(self.law, values, z)]
+        if not self.law.hidden:  # whose equations stand beside this one
+            swings.append(swing_of_equation(rounded_equation(self.fitted_equation, digits), z))
+        for swing in swings:
             if swing is None:
                 return False
             printed = (shift + scale * swing.z, swing.period, swing.damping_ratio)
@@ -144,7 +150,7 @@ class FittedLaw:
         z0, v0 : float, optional
             Height [m] and velocity [m/s] at the start; those of the fitted record if not given.
         inputs : mapping of str to float (n,), optional
-            The law's inputs at these times.
+            The law's inputs at these times; a law that names ``t`` counts it from the first.
 
         Returns
         -------
@@ -162,7 +168,7 @@ class FittedLaw:
         times = np.asarray(t, dtype=np.float64)
         if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise InputError("t must hold at least two increasing times")
-        given = inputs or {}
+        given = {TIME: times - times[0]} | dict(inputs or {})
         for name in self.law.inputs:
             if name not in given or np.shape(given[name]) != times.shape:
                 raise InputError(
@@ -184,7 +190,13 @@ class FittedLaw:
         values = [self.parameters[name] for name in self.law.parameters]
         drive = [np.asarray(given[name], dtype=np.float64) for name in self.law.inputs]
         z_start = self.map.to_law(start[0])
-        found = solution(self.law, times, z_start, start[1] / scale, values, size, drive)
+        # Another start forgets the record's history.
+        same = z0 is None and v0 is None
+        hidden = [self.hidden.get(name, 0.0) if same else 0.0 for name in self.law.hidden]
+        found = solution(
+            self.law, times, z_start, start[1] / scale, values, size, drive, hidden,
+            self.input_interpolation,
+        )  # fmt: skip
         if found.ending != "complete":
             raise InputError(_incomplete(self.law.name, times, found))
         return PistonRecord(times, self.map.to_height(found.z), scale * found.velocity)

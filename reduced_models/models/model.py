@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -17,11 +17,22 @@ from granular.shared.messages import visible
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.models import export, response
+from reduced_models.models import export, prediction, response
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.schema import FORMAT, checked, read_model
+from reduced_models.records.inputs import Interpolation
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SURE = 1e-4
+"""Probability below which residuals are not taken for white noise."""
 _MARGIN = 0.05  # of the range of heights seen
+_COLLOCATION = {
+    "same": ", and so does a fit to accelerations",
+    "worse": "; a fit to accelerations ends at more",
+    "better": "; a fit to accelerations led here",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +90,18 @@ class Quality:
         Standard deviation of white noise in the record, from its third differences [m].
     correlation : float
         Integrated autocorrelation time of the residuals, in samples.
+    collocation : str
+        Where a fit to accelerations in the record, that solves nothing, led to: ``"same"`` fit,
+        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
+    whiteness, signs : float
+        Probabilities that white noise is correlated as much as the residuals, and that its sign
+        changes as seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
+    lag : float
+        Time by which the solution comes late [s].
+    slow, swinging : float
+        Share of the residuals' power that is slower than the swing, and that is about as fast.
+    drift : float
+        Their slow power, over what white noise of the same power has there.
     """
 
     residual: float
@@ -92,6 +115,18 @@ class Quality:
     holdout_at_rest: float | None = None
     noise: float = 0.0
     correlation: float = 1.0
+    collocation: str = "none"
+    whiteness: float = 1.0
+    signs: float = 1.0
+    lag: float = 0.0
+    slow: float = 0.0
+    swinging: float = 0.0
+    drift: float = 1.0
+
+    @property
+    def structured(self) -> bool:
+        """Whether the residuals are surely not white noise, so that the law is not right."""
+        return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -121,6 +156,15 @@ class ReducedModel(FittedLaw):
         What is to be doubted, in plain words.
     provenance : mapping of str to str
         Which data and which fit the model comes from.
+    hidden : mapping of str to float
+        Hidden states at the record's start, where they are not zero.
+    input_interpolation : str
+        What an input does between samples.
+    covariance_names : tuple of str
+        What the covariance is of: parameters, ``shift`` and ``scale`` where fitted, ``height``,
+        ``velocity`` and hidden states at the start.
+    covariance : float64 (p, p)
+        Of these, in their units.
     """
 
     law: Law
@@ -135,6 +179,63 @@ class ReducedModel(FittedLaw):
     domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    input_interpolation: Interpolation = "spline"
+    covariance_names: tuple[str, ...] = ()
+    covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlations (p, p) of what the covariance is of."""
+        return prediction.correlation(self.covariance)
+
+    def residuals(self, record: PistonRecord) -> np.ndarray:
+        """Heights (n,) of a record, that the model was fitted to, less those of the model [m]."""
+        return record.height - self.follow(record).height
+
+    def prediction(
+        self,
+        t: np.ndarray,
+        inputs: Mapping[str, np.ndarray] | None = None,
+        confidence: float | None = None,
+    ) -> prediction.Band:
+        """The motion at increasing times [s] with its confidence band; see `simulate`.
+
+        Raises
+        ------
+        InputError
+            As `simulate`, and for a model that was saved without its covariance.
+        """
+        from scipy.stats import norm
+
+        level = self.confidence if confidence is None else confidence
+        if not 0.0 < level < 1.0:
+            raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
+        height, spread = prediction.prediction(
+            self, self.covariance, self.covariance_names, self._moved, t, inputs
+        )
+        width = float(norm.ppf(0.5 + 0.5 * level)) * spread
+        noise = max(self.quality.noise, self.quality.residual)
+        times = np.asarray(t, dtype=np.float64)
+        return prediction.Band(times, height, height - width, height + width, noise, level)
+
+    def _moved(self, name: str, value: float) -> ReducedModel:
+        """The model with another value of one of what was fitted."""
+        if name in self.parameters:
+            return dataclasses.replace(self, parameters={**self.parameters, name: value})
+        if name == "shift":
+            return dataclasses.replace(self, map=dataclasses.replace(self.map, shift=value))
+        if name == "scale":
+            return dataclasses.replace(self, map=dataclasses.replace(self.map, scale=value))
+        if name in ("height", "velocity"):
+            height, velocity = self.initial
+            other = (value, velocity) if name == "height" else (height, value)
+            return dataclasses.replace(self, initial=other)
+        return dataclasses.replace(self, hidden={**self.hidden, name: value})
+
+    def plot(self, record: PistonRecord) -> Figure:
+        """A record that the model was fitted to, the model's motion, and what is left over."""
+        return prediction.plot(self, record)
 
     def score(self, record: PistonRecord) -> float:
         """Coefficient of determination R^2 of a prediction from the record's first period.
@@ -209,6 +310,12 @@ class ReducedModel(FittedLaw):
         if self.quality.holdout_at_rest is not None:
             quality += f" (a piston at rest: {100.0 * self.quality.holdout_at_rest:.3g} %)"
         lines.append(quality)
+        if self.quality.starts:
+            second = _COLLOCATION.get(self.quality.collocation, "")
+            lines.append(
+                f"  search: {self.quality.converged} of {self.quality.starts} starts end here"
+                f"{second}"
+            )
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -236,6 +343,10 @@ class ReducedModel(FittedLaw):
             "inputs": list(self.law.inputs),
             "resolution": self.law.resolution,
             "provenance": dict(self.provenance),
+            "hidden": dict(self.hidden),
+            "input_interpolation": self.input_interpolation,
+            "covariance_names": list(self.covariance_names),
+            "covariance": self.covariance.tolist(),
         }
 
     def save(self, path: str | Path) -> None:
@@ -266,6 +377,10 @@ class ReducedModel(FittedLaw):
             domain=data["domain"],
             notes=tuple(data["notes"]),
             provenance=data.get("provenance", {}),
+            hidden=data.get("hidden", {}),
+            input_interpolation=data.get("input_interpolation", "spline"),
+            covariance_names=tuple(data.get("covariance_names", ())),
+            covariance=np.array(data.get("covariance", np.zeros((0, 0))), dtype=np.float64),
         )
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.solution import grid_steps
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
 from reduced_models.least_squares.residuals import BLOWN_UP, gridded
+from reduced_models.least_squares.samples import grid_over
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.records.first_guesses import first_guesses
+from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -56,24 +56,17 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """
     whole = record.from_zero()
     guess = first_guesses(whole)
-    law, height_map = model.law, HeightMap(model.map.shift, model.map.scale)
-    values = [model.parameters[name] for name in law.parameters]
-    logs = [name in law.positive for name in law.parameters]
-    units = tuple(
-        1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True)
+    law, (unknowns, theta) = model.law, theta_of_model(model, guess)
+    theta[unknowns.free :] = 0.0
+    theta[unknowns.free : unknowns.free + 2] = (
+        (guess.height - guess.rest) / guess.amplitude,
+        guess.velocity / unknowns.speed,
     )
-    speed = guess.amplitude * guess.frequency
-    unknowns = Unknowns(law, height_map, units, guess.rest, guess.amplitude, speed)
-    start = [
-        math.log(value) if log else value / unit
-        for log, value, unit in zip(logs, values, units, strict=True)
-    ]
-    start += [(guess.height - guess.rest) / guess.amplitude, guess.velocity / speed]
-    theta = np.array(start)
-    steps = grid_steps(float(whole.time[-1]), guess.period, _STEPS * law.resolution)
-    grid = gridded(unknowns, whole, steps)
-    edges = np.where(np.arange(len(theta)) < len(values), theta, np.inf)
-    bounds = Bounds(np.where(np.isinf(edges), -np.inf, edges), edges)
+    steps = grid_over(whole, law.inputs, guess.period, _STEPS * law.resolution)
+    grid = gridded(unknowns, whole, steps, model.input_interpolation)
+    held = np.ones(len(theta), dtype=bool)
+    held[unknowns.free : unknowns.free + 2] = False
+    bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
     first = max(4, int(np.searchsorted(whole.time, START_PERIODS * guess.period)))
     prior = Prior(unknowns.prior, float(first))
     theta = search(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
@@ -86,6 +79,32 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     swing = float(whole.height.std())
     motion = _motion(record, height)
     return RollOut(motion, error, error / swing, _rms(whole.height - rest) / swing)
+
+
+def theta_of_model(
+    model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
+) -> tuple[Unknowns, np.ndarray]:
+    """Unknowns scaled by a glance at a record, or others, and the search vector of a model."""
+    law, values = model.law, [model.parameters[name] for name in model.law.parameters]
+    logs = [name in law.positive for name in law.parameters]
+    if unknowns is None:
+        assert guess is not None
+        units = tuple(
+            1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True)
+        )
+        given = HeightMap(model.map.shift, model.map.scale)
+        speed = guess.amplitude * guess.frequency
+        unknowns = Unknowns(law, given, units, guess.rest, guess.amplitude, speed)
+    start = [
+        math.log(value) if log else value / unit
+        for log, value, unit in zip(logs, values, unknowns.units, strict=True)
+    ]
+    start += [
+        (model.initial[0] - unknowns.rest) / unknowns.amplitude,
+        model.initial[1] / unknowns.speed,
+        *(model.hidden.get(name, 0.0) for name in law.hidden),
+    ]
+    return unknowns, np.array(start)
 
 
 def _motion(record: PistonRecord, height: np.ndarray) -> PistonRecord:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.grammar import MOST_SIGNS
 from granular.shared.messages import quoted, visible
+from reduced_models.records.inputs import INTERPOLATIONS
 
 FORMAT = 1
 """Of the files that are written and read."""
@@ -72,6 +73,15 @@ def _text(longest: int = _LONGEST, *, lines: bool = False) -> Check:
         if not (" ".join(value.split()) if lines else value).isprintable():
             raise _wrong(where, value, "a text that can be printed")
         return value
+
+    return check
+
+
+def _one_of(known: Sequence[str]) -> Check:
+    def check(where: str, value: Any) -> str:
+        if value not in known:
+            raise _wrong(where, value, f"one of {', '.join(known)}")
+        return str(value)
 
     return check
 
@@ -178,7 +188,18 @@ _MODEL = _shape(
                 "samples": _whole(0, 10**12),
                 "solver_error": _SIZE,
             },
-            {"holdout_at_rest": _maybe(_SIZE), "noise": _SIZE, "correlation": _SIZE},
+            {
+                "holdout_at_rest": _maybe(_SIZE),
+                "noise": _SIZE,
+                "correlation": _SIZE,
+                "collocation": _one_of(("none", "same", "worse", "better")),
+                "whiteness": _number(0.0, 1.0),
+                "signs": _number(0.0, 1.0),
+                "lag": _number(),
+                "slow": _SIZE,
+                "swinging": _SIZE,
+                "drift": _SIZE,
+            },
         ),
         "undetermined": _list(_shape({"powers": _table(_number()), "spread": _SIZE})),
         "domain": _table(_pair),
@@ -189,6 +210,10 @@ _MODEL = _shape(
         "inputs": _list(_text(200)),
         "resolution": _whole(1, _MOST_RESOLUTION),
         "provenance": _table(_text()),
+        "hidden": _table(_number()),
+        "input_interpolation": _one_of(INTERPOLATIONS),
+        "covariance_names": _list(_text(200)),
+        "covariance": _list(_list(_number())),
     },
 )
 
@@ -212,6 +237,13 @@ def checked(data: object) -> dict[str, Any]:
             raise _wrong(f"model.intervals.{name}", None, "a pair")
     if not found["map"]["scale"]:
         raise _wrong("model.map.scale", 0.0, "another number")
+    size = len(found.get("covariance_names", ()))
+    if any(len(row) != size for row in found.get("covariance", ())) or size != len(
+        found.get("covariance", ())
+    ):
+        raise _wrong(
+            "model.covariance", found.get("covariance"), "a row and a column for each name"
+        )
     if len(found["initial"]) != 2:
         raise _wrong("model.initial", found["initial"], "a pair")
     return found

@@ -17,6 +17,8 @@ LONGEST, SHORTEST = 1e12, 1e-12
 """Of records [s], likewise: thirty thousand years, and the time of a sound through an atom."""
 LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
+_APART = 0.05  # of logarithms of frequencies that are clearly others
+_FARTHEST = 8.0  # times the frequency, or a part of it: a rival further away is none
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 
 
@@ -34,6 +36,9 @@ class FirstGuesses:
         At the start [m], [m/s].
     crossings : int
         Passages through the level of rest that were counted.
+    rivals : tuple of float
+        Other angular frequencies [rad/s], where they are clearly others: that of the first swings,
+        which may be larger than the later ones, and the strongest one in the spectrum.
     """
 
     rest: float
@@ -43,6 +48,7 @@ class FirstGuesses:
     height: float
     velocity: float
     crossings: int
+    rivals: tuple[float, ...] = ()
 
     def seen_as(self, shift: float, scale: float) -> FirstGuesses:
         """The same guesses for z = (height - shift)/scale."""
@@ -72,12 +78,18 @@ class FirstGuesses:
     @property
     def shortest_period(self) -> float:
         """Of all motions that a search may start from [s]."""
-        return self.period * math.exp(-self.frequency_spread)
+        return self.quickest * math.exp(-self.frequency_spread)
+
+    @property
+    def quickest(self) -> float:
+        """Period of the quickest swing, that of the rivals included [s]."""
+        return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 
     def frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting frequencies [rad/s], log-uniform about the estimate."""
+        """Random starting frequencies [rad/s], log-uniform about the estimate and its rivals."""
         spread = self.frequency_spread
-        return np.asarray(self.frequency * np.exp(random.uniform(-spread, spread, count)))
+        about = np.resize([self.frequency, *self.rivals], count)
+        return np.asarray(about * np.exp(random.uniform(-spread, spread, count)))
 
     def levels(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Random starting levels of rest [m], uniform about the estimate."""
@@ -140,7 +152,32 @@ def first_guesses(record: PistonRecord) -> FirstGuesses:
     frequency = math.pi / half
     start, speed = _initial_motion(time, height, half)
     decay = _decay(time, swing, half)
-    return FirstGuesses(rest, amplitude, frequency, decay, start, speed, len(passages))
+    rivals = _rivals(time, swing, passages, frequency)
+    return FirstGuesses(rest, amplitude, frequency, decay, start, speed, len(passages), rivals)
+
+
+def _rivals(
+    time: np.ndarray, swing: np.ndarray, passages: np.ndarray, frequency: float
+) -> tuple[float, ...]:
+    """Frequencies of the first swings and of the spectrum's peak, where they are clearly others."""
+    if len(passages) <= LEAST_CROSSINGS:
+        return ()
+    early = math.pi / float(np.diff(passages[: 2 * LEAST_CROSSINGS]).mean())
+    found: list[float] = []
+    for rival in (early, spectral_peak(time, swing)):
+        apart = [abs(math.log(rival / other)) for other in (frequency, *found)]
+        if min(apart) > _APART and max(apart) < math.log(_FARTHEST):
+            found.append(rival)
+    return tuple(found)
+
+
+def spectral_peak(time: np.ndarray, swing: np.ndarray) -> float:
+    """Angular frequency [rad/s] of the strongest line of a swing, under a Hann window."""
+    count = len(time)
+    even = np.interp(np.linspace(time[0], time[-1], count), time, swing)
+    spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
+    peak = max(4, int(spectrum.argmax()))  # one whole swing at least
+    return 2.0 * math.pi * peak * (count - 1) / (4 * count * float(time[-1] - time[0]))
 
 
 def noise_level(height: np.ndarray, time: np.ndarray) -> float:

@@ -1,19 +1,50 @@
-"""Known functions of time that drive a law: columns of a record, read between its samples.
-
-Between samples an input follows a monotone piecewise cubic (Fritsch & Carlson 1980,
-doi:10.1137/0717021), which does not overshoot where the input jumps.
-"""
+"""Known functions of time that drive a law: columns of a record, read between its samples."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 from granular.shared.messages import quoted
+from reduced_models.records.derivatives import is_even
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
 """Of the stages of a step of the grid's Runge-Kutta method, in steps."""
+
+TIME = "t"
+"""Name of the time since a record's start, which every law may have as an input."""
+
+Interpolation = Literal["spline", "linear", "previous", "band-limited"]
+INTERPOLATIONS: tuple[Interpolation, ...] = ("spline", "linear", "previous", "band-limited")
+"""What an input does between its samples: a cubic spline with two continuous derivatives; straight
+lines; it keeps its last value (a zero-order hold); or it has no part above half the sampling rate.
+"""
+_TAPS = 24  # samples on each side of a band-limited value
+_FINER = 4
+_KAISER = 8.0  # shape of their window: errors of 1e-4 up to nine tenths of half the sampling rate
+
+
+class Grid(NamedTuple):
+    """Uniform steps of a solution.
+
+    Attributes
+    ----------
+    step : float
+        [s]
+    steps : int
+    """
+
+    step: float
+    steps: int
+
+    @property
+    def finer(self) -> Grid:
+        """Twice as many steps of half the length."""
+        return Grid(0.5 * self.step, 2 * self.steps)
 
 
 def column(record: PistonRecord, name: str) -> np.ndarray:
@@ -25,6 +56,8 @@ def column(record: PistonRecord, name: str) -> np.ndarray:
         If the record has no such column.
     """
     found = record.force if name == "force" else record.extra.get(name)
+    if found is None and name == TIME:
+        return record.time - record.time[0]
     if found is None:
         there = ", ".join(map(repr, column_names(record))) or "none"
         raise RecordError(
@@ -39,18 +72,100 @@ def column_names(record: PistonRecord) -> tuple[str, ...]:
     return (*(["force"] if record.force is not None else []), *record.extra)
 
 
-def drive_on_grid(record: PistonRecord, names: tuple[str, ...], steps: int) -> np.ndarray:
-    """Inputs (steps + 1, stages, inputs) of a record that starts at time 0, on a grid over it."""
-    step = float(record.time[-1]) / steps
-    times = step * (np.arange(steps + 1)[:, None] + np.array(STAGE_TIMES))
-    return drive_at(record.time, [column(record, name) for name in names], times)
+def driving(names: Sequence[str]) -> bool:
+    """Whether there are inputs other than the time, which is known between samples too."""
+    return any(name != TIME for name in names)
 
 
-def drive_at(time: np.ndarray, columns: list[np.ndarray], times: np.ndarray) -> np.ndarray:
+def drive_on_grid(
+    record: PistonRecord, names: tuple[str, ...], grid: Grid, how: Interpolation = "spline"
+) -> np.ndarray:
+    """Inputs (steps + 1, stages, inputs) of a record that starts at time 0, on a grid."""
+    nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
+    columns = [column(record, name) for name in names]
+    if how == "previous" and columns:
+        # All of a step lies in the interval of its middle.
+        middle = grid.step * (np.arange(grid.steps + 1) + 0.5)
+        held = drive_at(record.time, columns, middle, how)
+        found = np.repeat(held[:, None], len(STAGE_TIMES), axis=1)
+        for place in (k for k, name in enumerate(names) if name == TIME):
+            found[:, :, place] = nodes
+        return found
+    return drive_at(record.time, columns, nodes, how)
+
+
+def drive_at(
+    time: np.ndarray, columns: list[np.ndarray], times: np.ndarray, how: Interpolation = "spline"
+) -> np.ndarray:
     """Columns that are known at ``time`` (n,), at other ``times`` (...): (..., columns)."""
     if not columns:
         return np.zeros((*times.shape, 0))
-    from scipy.interpolate import PchipInterpolator
+    inside = np.clip(times, time[0], time[-1])
+    return np.stack([_between(time, each, inside, how) for each in columns], axis=-1)
 
-    inside = np.minimum(times, time[-1])
-    return np.stack([PchipInterpolator(time, each)(inside) for each in columns], axis=-1)
+
+class Pieces(NamedTuple):
+    """Columns as cubics between the samples: a + b s + c s^2 + d s^3 behind each of them.
+
+    Attributes
+    ----------
+    length : float64 (n - 1,)
+        Of the intervals [s].
+    cubics : float64 (n - 1, 4, columns)
+    """
+
+    length: np.ndarray
+    cubics: np.ndarray
+
+
+def pieces(time: np.ndarray, columns: list[np.ndarray], how: Interpolation = "spline") -> Pieces:
+    """Columns (n,) between their samples; a band-limited one by a spline of finer samples."""
+    from scipy.interpolate import CubicSpline
+
+    length = np.diff(time)
+    if how == "band-limited":
+        share = np.arange(_FINER) / _FINER
+        fine = np.append((time[:-1, None] + length[:, None] * share).ravel(), time[-1])
+        columns = [_between(time, each, fine, how) for each in columns]
+        time, length = fine, np.diff(fine)
+    cubics = np.zeros((len(length), 4, len(columns)))
+    for k, values in enumerate(columns):
+        cubics[:, 0, k] = values[:-1]
+        if how == "linear":
+            cubics[:, 1, k] = np.diff(values) / length
+        elif how != "previous":
+            cubics[:, :, k] = CubicSpline(time, values).c[::-1].T
+    return Pieces(length, cubics)
+
+
+def _between(
+    time: np.ndarray, values: np.ndarray, times: np.ndarray, how: Interpolation
+) -> np.ndarray:
+    if how == "linear":
+        return np.interp(times, time, values)
+    if how == "previous":
+        place = np.searchsorted(time, times, side="right") - 1
+        return np.asarray(values[np.clip(place, 0, len(time) - 1)])
+    if how == "band-limited" and is_even(time) and len(time) > _TAPS:
+        return _band_limited(time, values, times)
+    from scipy.interpolate import CubicSpline
+
+    # Over two or three samples there is no cubic.
+    return np.asarray(CubicSpline(time, values)(times))
+
+
+def _band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """By sinc functions under a Kaiser window (Kaiser 1974); mirrored at the ends."""
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    before = 2.0 * values[0] - values[_TAPS:0:-1]
+    after = 2.0 * values[-1] - values[-2 : -_TAPS - 2 : -1]
+    padded = np.concatenate([before, values, after])
+    flat = (times.ravel() - time[0]) / step + _TAPS
+    found = np.zeros(len(flat))
+    place = np.floor(flat).astype(np.int64)
+    for tap in range(1 - _TAPS, _TAPS + 1):
+        here = np.clip(place + tap, 0, len(padded) - 1)
+        away = flat - (place + tap)
+        inside = np.maximum(1.0 - (away / _TAPS) ** 2, 0.0)
+        found += padded[here] * np.sinc(away) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
+    return found.reshape(times.shape)

@@ -15,7 +15,7 @@ from trials import Outcome, Random, a_minute, random_of, refused, tell, wanted
 
 from granular.shared.errors import InputError
 from granular.shared.grammar import FUNCTIONS
-from reduced_models.laws.law import compiled_field, compiled_slopes, law_from_text
+from reduced_models.laws.law import compiled_field, compiled_jacobian, law_from_text
 
 NAMES = ("z", "z'", "z''", "k", "c", "omega", "λ", "lambda", "w", "rest", "x0", "numpy", "pi", "e")
 NUMBERS = ("0", "1", "2", "3", "0.5", "1e-3", "7.25", "1e99", "1e-120", "64", "100", "1/3", "00.10")
@@ -88,7 +88,7 @@ def outcome(text: str) -> Outcome:
     state = np.full(2 + len(law.hidden) + len(law.parameters), 0.7)
     with np.errstate(all="ignore"):
         found = compiled_field(text, (), "numpy")(*state)
-        compiled_slopes(text)(*state.tolist())
+        compiled_jacobian(text)(*state.tolist())
     assert len(found) == 1 + len(law.hidden)
     assert all(np.isrealobj(np.asarray(each, dtype=float)) for each in found)
     return "read", ""

@@ -1,0 +1,83 @@
+"""Whether what a fit leaves over is noise: its correlation, its signs, and how slow it is."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+_MOST_LAGS = 40
+_SLOW, _FAST = 0.3, 1.7  # of the swing's frequency: between them residuals swing with the motion
+
+
+class Diagnostics(NamedTuple):
+    """What residuals look like.
+
+    Attributes
+    ----------
+    first : float
+        Correlation of each residual with the next one.
+    whiteness : float
+        Probability that white noise is correlated as much (Ljung, Box 1978,
+        doi:10.1093/biomet/65.2.297).
+    signs : float
+        Probability that white noise changes its sign as seldom, or as often (Wald, Wolfowitz 1940,
+        doi:10.1214/aoms/1177731909).
+    lag : float
+        Time by which the solution comes late [s].
+    slow, swinging : float
+        Share of the residuals' power that is slower than the swing, and that is about as fast.
+    drift : float
+        Their slow power, over what white noise of the same power has there.
+    """
+
+    first: float
+    whiteness: float
+    signs: float
+    lag: float
+    slow: float
+    swinging: float
+    drift: float
+
+
+def diagnostics(
+    time: np.ndarray, residuals: np.ndarray, velocity: np.ndarray, period: float
+) -> Diagnostics:
+    """Those of residuals (n,), solution minus data, of a motion with that velocity and period."""
+    from scipy.stats import chi2, norm
+
+    count = len(residuals)
+    power = float((residuals**2).sum())
+    if power <= 0.0:
+        return Diagnostics(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    size = 1 << (2 * count - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
+    lags = min(_MOST_LAGS, count // 10)
+    correlation = np.fft.irfft(spectrum, size)[1 : lags + 1] / power
+    box = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
+    speed = float((velocity**2).sum())
+    lines = np.fft.rfftfreq(size, float(time[-1] - time[0]) / (count - 1)) * period
+    slow = float(spectrum[lines < _SLOW].sum() / spectrum.sum())
+    return Diagnostics(
+        first=float(correlation[0]),
+        whiteness=float(chi2.sf(box, lags)),
+        signs=float(2.0 * norm.sf(abs(_sign_score(residuals)))),
+        lag=float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
+        slow=slow,
+        swinging=float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum()),
+        drift=slow / float((lines < _SLOW).mean()),
+    )
+
+
+def _sign_score(residuals: np.ndarray) -> float:
+    """How many standard deviations the number of runs of one sign is off that of white noise."""
+    above = residuals > 0.0
+    up, down = int(above.sum()), int((~above).sum())
+    count = up + down
+    if not up or not down:
+        return math.inf
+    expected = 1.0 + 2.0 * up * down / count
+    variance = (expected - 1.0) * (expected - 2.0) / (count - 1.0)
+    runs = 1 + int((above[1:] != above[:-1]).sum())
+    return (runs - expected) / math.sqrt(max(variance, 1e-300))

@@ -1,0 +1,215 @@
+"""The posterior of a model's parameters, by Hamiltonian Monte Carlo on the residuals of the fit.
+
+Chains of the No-U-Turn Sampler (Hoffman, Gelman 2014) of NumPyro start at the fit and move in
+directions that its covariance makes alike. Priors are flat in the search's units, the logarithms of
+positive parameters and multiples of the others, and in the logarithm of the noise; what a
+hierarchical fit says of several records stands in `posterior`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError, MissingError
+from reduced_models.fitting.joint_vector import JointVector, joint_vector
+from reduced_models.fitting.options import check_names, records_of
+from reduced_models.jax_setup import jax
+from reduced_models.least_squares.residuals import GriddedRecord, gridded
+from reduced_models.least_squares.samples import grid_over
+from reduced_models.models.roll_out import theta_of_model
+from reduced_models.records.first_guesses import first_guesses
+
+if TYPE_CHECKING:
+    import arviz
+
+    from reduced_models.models.model import ReducedModel
+
+jnp = jax.numpy
+
+_STEPS = 48  # of a period
+_WIDE = 100.0  # standard deviations of the linearisation that the prior is wide
+_LEAST = 1e-9  # of a residual, in amplitudes: records without noise
+_FLAT = 1e-12  # of the strongest direction: the data say nothing of one that is weaker
+
+
+class _Joint(NamedTuple):
+    """Records on their grids, and the fit."""
+
+    grids: tuple[GriddedRecord, ...]
+    vector: JointVector
+    theta: np.ndarray
+    free: np.ndarray
+
+
+def posterior(
+    model: ReducedModel | Sequence[ReducedModel],
+    record: PistonRecord | Sequence[PistonRecord],
+    *,
+    own: Sequence[str] = (),
+    draws: int = 500,
+    warmup: int = 300,
+    chains: int = 2,
+    seed: int = 0,
+) -> arviz.InferenceData:
+    """Draws from the posterior of a fitted model (needs the extra ``posterior``).
+
+    Parameters
+    ----------
+    model : ReducedModel, or a sequence of them
+        As `fit` gave them for these records; one for each.
+    record : PistonRecord, or a sequence of them
+    own : sequence of str
+        Parameters that each of several records has for itself. They are taken for draws from a
+        normal population, in the search's units, whose mean and spread are found with them
+        (``<name>_mean``, ``<name>_spread``).
+    draws, warmup, chains : int
+        Of each chain, the draws before them that tune it, and how many chains.
+    seed : int
+
+    Returns
+    -------
+    arviz.InferenceData
+        Parameters in their units, ``height`` and ``velocity`` at the start, and ``noise`` [m], over
+        chain, draw and, where they are a record's own, record. ``arviz.summary`` gives convergence
+        figures.
+
+    Raises
+    ------
+    InputError
+        If models and records do not fit together.
+    MissingError
+        If the extra is not installed.
+    """
+    try:
+        import arviz
+        import numpyro.infer
+    except ModuleNotFoundError as error:
+        raise MissingError(
+            f"{error.name} is not installed; pip install 'granular-damper[posterior]'"
+        ) from None
+    joint = _joint(model, record, own)
+    potential, centre, spread = _potential(joint, own)
+    start = np.random.default_rng(seed).normal(0.0, 0.1, (chains, len(centre)))
+    kernel = numpyro.infer.NUTS(potential_fn=potential, forward_mode_differentiation=True)
+    sampler = numpyro.infer.MCMC(
+        kernel, num_warmup=warmup, num_samples=draws, num_chains=chains,
+        chain_method="vectorized" if chains > 1 else "sequential", progress_bar=False,
+    )  # fmt: skip
+    sampler.run(
+        jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0])
+    )
+    found = np.asarray(sampler.get_samples(group_by_chain=True))
+    return arviz.from_dict(_named(joint, own, centre + found @ spread.T))
+
+
+def _joint(model: Any, record: Any, own: Sequence[str]) -> _Joint:
+    records = [one.from_zero() for one in records_of(record)]
+    models = list(model) if isinstance(model, Sequence) else [model]
+    if len(models) != len(records):
+        raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
+    check_names(models[0].law, own)
+    # All in the units of the first model: vectors of different units would not add up.
+    unknowns, _ = theta_of_model(models[0], first_guesses(records[0]))
+    thetas = [theta_of_model(one, None, unknowns)[1] for one in models]
+    vector = joint_vector(unknowns, len(records), own)
+    names = unknowns.law.inputs
+    grids = tuple(
+        gridded(
+            unknowns, each,
+            grid_over(each, names, first_guesses(each).period, _STEPS * unknowns.law.resolution),
+            models[0].input_interpolation,
+        )
+        for each in records
+    )  # fmt: skip
+    free = np.ones(vector.size, dtype=bool)
+    for here in vector.places:
+        free[here[unknowns.free + 2 :]] = False
+    for k, name in enumerate(unknowns.law.parameters):
+        low, high = models[0].intervals[name]
+        if low == high:
+            free[[here[k] for here in vector.places]] = False
+    return _Joint(grids, vector, vector.merged(thetas), free)
+
+
+def _potential(joint: _Joint, own: Sequence[str]) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Minus the logarithm of the density of scaled unknowns, with their centre and their scales.
+
+    The unknowns are those entries of the search vector, then the logarithm of the noise, then mean
+    and logarithm of the spread of each population.
+    """
+    vector, theta = joint.vector, joint.theta
+    size, places = vector.size, np.flatnonzero(joint.free)
+    normal, left = np.zeros((size, size)), []
+    for grid, here in zip(joint.grids, vector.places, strict=True):
+        each, slopes = grid.linearised(theta[here])
+        normal[np.ix_(here, here)] += slopes.T @ slopes
+        left.append(each)
+    count = sum(map(len, left))
+    level = max(float(np.sqrt(np.concatenate(left) @ np.concatenate(left) / count)), _LEAST)
+    strengths, directions = np.linalg.eigh(normal[np.ix_(places, places)])
+    root = directions / np.sqrt(np.maximum(strengths, _FLAT * strengths[-1]))
+    law = joint.grids[0].unknowns.law
+    kept = [np.array([here[law.parameters.index(name)] for here in vector.places]) for name in own]
+    means = [theta[here].mean() for here in kept]
+    spreads = [max(theta[here].std(), 1e-3) for here in kept]
+    extra = 1 + 2 * len(own)
+    total = size + extra
+    centre = np.concatenate([theta, [np.log(level)], means, np.log(spreads)])
+    scale = np.zeros((total, len(places) + extra))
+    scale[np.ix_(places, np.arange(len(places)))] = level * root
+    tails = [1.0 / np.sqrt(2.0 * count), *spreads, *(0.5 for _ in own)]
+    scale[np.arange(size, total), len(places) + np.arange(extra)] = tails
+    samples = [grid.samples for grid in joint.grids]
+    residual = joint.grids[0].functions.residual
+    scales = joint.grids[0].scales
+
+    def potential(scaled: Any) -> Any:
+        full = centre + scale @ scaled
+        noise = full[size]
+        cost = sum(
+            (residual(full[here], each, scales) ** 2).sum()
+            for here, each in zip(vector.places, samples, strict=True)
+        )
+        minus = 0.5 * cost * jnp.exp(-2.0 * noise) + count * noise
+        for k, here in enumerate(kept):
+            mean, wide = full[size + 1 + k], full[size + 1 + len(own) + k]
+            minus += 0.5 * (((full[here] - mean) * jnp.exp(-wide)) ** 2).sum() + len(here) * wide
+            # A population's spread has a half-normal prior of some ten times what was seen.
+            minus += 0.5 * (jnp.exp(wide) / (10.0 * spreads[k])) ** 2 - wide
+        minus += 0.5 * ((scaled / _WIDE) ** 2).sum()
+        return jnp.where(jnp.isfinite(minus), minus, jnp.inf)
+
+    return potential, centre, scale[:, : len(places) + extra]
+
+
+def _named(joint: _Joint, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
+    """Draws (chain, draw, ...) by name, in their units."""
+    unknowns, size = joint.grids[0].unknowns, joint.vector.size
+    several = len(joint.grids) > 1
+    found: dict[str, Any] = {}
+    for place, here in enumerate(joint.vector.places):
+        theta = np.moveaxis(full[..., here], -1, 0)
+        values, shift, scale, z0, v0, _ = unknowns.physical(theta)
+        for name, value in zip(unknowns.law.parameters, values, strict=True):
+            if name in own:
+                found.setdefault(name, []).append(value)
+            elif place == 0:
+                found[name] = np.broadcast_to(value, full.shape[:2])
+        found.setdefault("height", []).append(shift + scale * z0)
+        found.setdefault("velocity", []).append(scale * v0)
+    for name in ("height", "velocity", *own):
+        stacked = np.stack(found[name], axis=-1)
+        found[name] = stacked if several else stacked[..., 0]
+    found["noise"] = unknowns.amplitude * np.exp(full[..., size])
+    units = dict(zip(unknowns.law.parameters, unknowns.units, strict=True))
+    for k, name in enumerate(own):
+        mean, wide = full[..., size + 1 + k], np.exp(full[..., size + 1 + len(own) + k])
+        positive = name in unknowns.law.positive
+        found[f"{name}_mean"] = np.exp(mean) if positive else units[name] * mean
+        # Of a positive parameter, the spread of its logarithm.
+        found[f"{name}_spread"] = wide if positive else units[name] * wide
+    return found

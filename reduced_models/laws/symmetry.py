@@ -1,0 +1,101 @@
+"""Parameters that mean the same at other values, and where they are at home.
+
+An angle means the same a whole turn further on, and k*sin(z - r) the same with -k half a turn on.
+At home an angle lies in (-pi, pi], and what may change its sign is positive.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Collection, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from reduced_models.laws.law import COMPILED, Law, compiled_field
+
+_PLACES = 12
+_CLOSE = 1e-9
+
+
+class Symmetries(NamedTuple):
+    """What a law does not notice.
+
+    Attributes
+    ----------
+    turning : tuple of str
+        Parameters that mean the same a whole turn on.
+    flipping : tuple of (str, str or None)
+        Parameters that mean the same with the other sign; where a second one is named, if that
+        moves by half a turn.
+    """
+
+    turning: tuple[str, ...]
+    flipping: tuple[tuple[str, str | None], ...]
+
+
+def symmetries(law: Law) -> Symmetries:
+    """Those of a law, found by trying."""
+    return _symmetries(law.equation, law.inputs, law.parameters, len(law.hidden))
+
+
+@functools.lru_cache(maxsize=COMPILED)
+def _symmetries(
+    equation: str, inputs: tuple[str, ...], parameters: tuple[str, ...], hidden: int
+) -> Symmetries:
+    field = compiled_field(equation, inputs, "numpy")
+    random = np.random.default_rng(0)
+    state = random.uniform(0.3, 1.2, (2 + hidden + len(inputs), _PLACES))
+    values = random.uniform(0.3, 1.2, (len(parameters), _PLACES))
+
+    def same(change: Callable[[np.ndarray], np.ndarray]) -> bool:
+        with np.errstate(all="ignore"):
+            pairs = zip(field(*state, *values), field(*state, *change(values)), strict=True)
+            return all(
+                np.isfinite(one).all() and np.allclose(one, other, rtol=_CLOSE, atol=_CLOSE)
+                for one, other in pairs
+            )
+
+    def moved(k: int, by: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda given: given + by * (np.arange(len(given)) == k)[:, None]
+
+    def flipped(k: int) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda given: np.where((np.arange(len(given)) == k)[:, None], -given, given)
+
+    def both(k: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda given: moved(other, math.pi)(flipped(k)(given))
+
+    turning = [k for k in range(len(parameters)) if same(moved(k, 2.0 * math.pi))]
+    # What means the same anywhere is no angle.
+    turning = [k for k in turning if not same(moved(k, 1.0))]
+    flipping: list[tuple[str, str | None]] = []
+    for k, name in enumerate(parameters):
+        if same(flipped(k)):
+            flipping.append((name, None))
+            continue
+        for other in turning:
+            if other != k and same(both(k, other)):
+                flipping.append((name, parameters[other]))
+                break
+    return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
+
+
+def at_home(
+    law: Law, values: Mapping[str, np.ndarray], kept: Collection[str] = ()
+) -> dict[str, np.ndarray]:
+    """Values (...) of parameters that mean the same, at home; those that are ``kept`` stay."""
+    found = {name: np.asarray(each, dtype=np.float64) for name, each in values.items()}
+    known = symmetries(law)
+    for name, other in known.flipping:
+        if name in kept or name in law.positive or other in kept:
+            continue
+        negative = found[name] < 0.0
+        found[name] = np.abs(found[name])
+        if other is not None:
+            found[other] = found[other] + math.pi * negative
+    for name in known.turning:
+        if name not in kept and name not in law.positive:
+            turns = np.ceil((found[name] - math.pi) / (2.0 * math.pi))
+            found[name] = found[name] - 2.0 * math.pi * turns
+    return found

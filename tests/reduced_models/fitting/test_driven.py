@@ -1,0 +1,91 @@
+"""Driven records: what an input does between samples, and grids that end at them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from reduced_models import Law, fit, load_model
+from reduced_models.laws.solution import solution
+from reduced_models.least_squares.samples import grid_over
+from reduced_models.records.inputs import INTERPOLATIONS, drive_at, pieces
+
+LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))
+TRUE = {"c": 0.1, "k": 1.0, "b": 0.3, "g": 1.0}
+TIME = 0.2 * np.arange(2000)
+
+
+def force() -> np.ndarray:
+    """Ten sines up to a fifth of the sampling rate."""
+    phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 10)
+    return 0.2 * np.sin(np.outer(TIME, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
+
+
+def motion(how: str) -> np.ndarray:
+    values = [TRUE[name] for name in LAW.parameters]
+    found = solution(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), how)  # type: ignore[arg-type]
+    assert found.ending == "complete"
+    return found.z
+
+
+@pytest.mark.parametrize("how", INTERPOLATIONS)
+def test_pieces_and_values_are_the_same_input(how: str) -> None:
+    columns = [force()]
+    found = pieces(TIME, columns, how)  # type: ignore[arg-type]
+    length, cubic = found.length[0], found.cubics[:, :, 0]
+    middle = 0.5 * length
+    values = cubic @ [1.0, middle, middle**2, middle**3]
+    times = np.concatenate([[0.0], np.cumsum(found.length)[:-1]]) + middle
+    wanted = drive_at(TIME, columns, times, how)[:, 0]  # type: ignore[arg-type]
+    inner = slice(200, -200)
+    np.testing.assert_allclose(values[inner], wanted[inner], atol=2e-4)
+
+
+def test_a_band_limited_input_is_that_between_samples() -> None:
+    times = np.linspace(20.0, 300.0, 777)
+    phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 10)
+    exact = 0.2 * np.sin(np.outer(times, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
+    for how, limit in (("band-limited", 1e-4), ("spline", 0.02), ("linear", 0.1)):
+        found = drive_at(TIME, [force()], times, how)[:, 0]  # type: ignore[arg-type]
+        assert np.abs(found - exact).max() < limit
+
+
+def test_a_spline_beats_monotone_cubics() -> None:
+    from scipy.interpolate import PchipInterpolator
+
+    fine = np.linspace(TIME[0], TIME[-1], 8 * (len(TIME) - 1) + 1)
+    values = [TRUE[name] for name in LAW.parameters]
+    drive = PchipInterpolator(TIME, force())(fine)
+    monotone = solution(LAW, fine, 0.0, 0.0, values, 1.0, [drive], (), "linear").z[::8]
+    exact = motion("band-limited")
+    errors = [np.abs(one - exact)[1000:-20].max() for one in (motion("spline"), monotone)]
+    assert errors[1] > 1.5 * errors[0]
+
+
+def test_steps_end_at_samples() -> None:
+    record = PistonRecord(TIME, force(), force=force())
+    for period, steps_a_sample in ((40.0, 0.125), (3.3, 1.0), (0.5, 7.0)):
+        grid = grid_over(record, ("force",), period, 16)
+        assert 0.2 / grid.step == pytest.approx(steps_a_sample, rel=1e-12)
+        assert grid.steps * grid.step >= TIME[-1] - 1e-9
+    even = grid_over(record, (), 6.0, 16)
+    assert even.steps * even.step == pytest.approx(TIME[-1], rel=1e-12)
+
+
+def test_the_interpolation_is_chosen_by_what_is_held_out(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """A motion under a held input is that of a held input; the model remembers it."""
+    random = np.random.default_rng(1)
+    record = PistonRecord(TIME, motion("previous") + random.normal(0.0, 1e-3, 2000), force=force())
+    model = fit(record, LAW.equation)
+    assert model.input_interpolation == "previous"
+    assert model.quality.residual == pytest.approx(1e-3, rel=0.06)
+    for name, value in TRUE.items():
+        low, high = model.intervals[name]
+        assert abs(model.parameters[name] - value) < high - low
+    given = fit(record, LAW.equation, input_interpolation="linear")
+    assert given.quality.residual > 5e-3
+    model.save(tmp_path / "model.json")
+    back = load_model(tmp_path / "model.json")
+    np.testing.assert_array_equal(back.follow(record).height, model.follow(record).height)
+    np.testing.assert_allclose(model.follow(record).height + model.residuals(record), record.height)

@@ -1,0 +1,153 @@
+"""Searches that do not miss: records whose period changes, and what is said of what is left."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from reduced_models import Law, fit
+from reduced_models.fitting.autoregression import autoregression, spread_of
+from reduced_models.fitting.diagnostics import diagnostics
+from reduced_models.laws.solution import solution
+from reduced_models.least_squares.residuals import with_walk, without_walk
+from reduced_models.records.first_guesses import first_guesses, spectral_peak
+
+TIME = np.linspace(0.0, 40.0, 2000)
+
+
+def test_a_frequency_that_falls_to_a_fifth() -> None:
+    """A hard spring: whoever fits all swings at once ends twenty noise levels away."""
+    from scipy.integrate import solve_ivp
+
+    time = np.linspace(0.0, 300.0, 6000)
+    found = solve_ivp(
+        lambda _, y: [y[1], -0.02 * y[1] - y[0] - 20.0 * y[0] ** 3], (0.0, 300.0), [1.4, 0.0],
+        "DOP853", rtol=1e-10, atol=1e-12, t_eval=time,
+    )  # fmt: skip
+    noise = 0.03 * found.y[0].std()
+    height = found.y[0] + np.random.default_rng(0).normal(0.0, noise, 6000)
+    model = fit(PistonRecord(time, height), "duffing")
+    assert model.quality.residual < 1.05 * noise
+    assert model.parameters["beta"] == pytest.approx(20.0, rel=0.01)
+    assert model.parameters["omega"] == pytest.approx(1.0, rel=0.01)
+
+
+def test_first_guesses_have_rivals_where_the_period_changes() -> None:
+    chirp = PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(8.0 * TIME - 0.08 * TIME**2))
+    guess = first_guesses(chirp)
+    assert max(guess.rivals) == pytest.approx(7.9, rel=0.1)
+    assert guess.quickest <= guess.period
+    steady = first_guesses(PistonRecord(TIME, np.cos(3.0 * TIME)))
+    assert steady.rivals == ()
+    assert spectral_peak(TIME, np.cos(3.0 * TIME)) == pytest.approx(3.0, rel=0.01)
+
+
+def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord]) -> None:
+    """Two per cent of the swing, at low noise: what is left swings with the motion."""
+    record = quadratic(0.002)
+    with pytest.warns(UserWarning, match="are not white noise"):
+        wrong = fit(record, "linear")
+    assert wrong.quality.structured
+    assert wrong.quality.relative < 0.02
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        right = fit(made("linear"), "linear")
+    assert not right.quality.structured
+    assert right.quality.collocation == "same"
+    assert "and so does a fit to accelerations" in str(right)
+
+
+def quadratic(share: float) -> PistonRecord:
+    """A linear swing with a little drag that grows with the speed squared."""
+    law = Law("mixed", "z'' + 2*lam*z' + c*abs(z')*z' + omega**2*z = g0")
+    clean = solution(law, TIME, 1.0, 0.0, (0.05, 0.02, 1.05, -1.0), 1.0).z
+    noise = np.random.default_rng(0).normal(0.0, share * clean.std(), len(TIME))
+    return PistonRecord(TIME, clean + noise)
+
+
+def test_what_residuals_look_like() -> None:
+    random = np.random.default_rng(0)
+    motion, white = np.sin(3.0 * TIME), random.normal(size=2000)
+    speed, period = 3.0 * np.cos(3.0 * TIME), 2.0 * np.pi / 3.0
+    plain = diagnostics(TIME, white, speed, period)
+    assert min(plain.whiteness, plain.signs) > 1e-3
+    late = diagnostics(TIME, white + 5.0 * speed * 0.1, speed, period)
+    assert late.lag == pytest.approx(0.5, rel=0.1)
+    assert late.swinging > 0.5
+    assert late.whiteness < 1e-12
+    slow = diagnostics(TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period)
+    assert slow.drift > 10.0
+    assert slow.slow > slow.swinging
+    assert diagnostics(TIME, 0.0 * motion, speed, period).whiteness == 1.0
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
+def test_the_spread_of_correlated_noise(memory: float) -> None:
+    """What an autoregression says of levels and swings, against the known covariance."""
+    from scipy.signal import lfilter
+
+    random = np.random.default_rng(1)
+    noise = lfilter([1.0], [1.0, -memory], random.normal(size=8000))[4000:]
+    slopes = np.stack([np.ones(4000), np.sin(0.1 * np.arange(4000))], axis=1)
+    found = spread_of(slopes, autoregression(noise))
+    power = [1.0 / abs(1.0 - memory * np.exp(1j * angle)) ** 2 for angle in (0.0, 0.1)]
+    assert found[0, 0] == pytest.approx(4000.0 * power[0], rel=0.5)
+    assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)
+
+
+def test_a_walk_is_taken_out_and_put_back() -> None:
+    noise = np.random.default_rng(2).normal(size=300)
+    np.testing.assert_allclose(with_walk(without_walk(noise, 0.2), 0.2), noise, atol=1e-12)
+
+
+KINDS = {
+    "correlated": {},
+    "drift": {"drift": True},
+    "outliers": {"loss": "soft_l1"},
+}
+
+
+def noisy(kind: str, clean: np.ndarray, seed: int) -> PistonRecord:
+    from scipy.signal import lfilter
+
+    random, level = np.random.default_rng(seed), 0.02 * clean.std()
+    noise = random.normal(0.0, level, len(clean))
+    if kind == "correlated":
+        noise = np.sqrt(0.19) * lfilter([1.0], [1.0, -0.9], noise)
+    elif kind == "drift":
+        noise = noise + np.cumsum(random.normal(0.0, 0.1 * level, len(clean)))
+    else:
+        noise = noise + 20.0 * noise * (random.uniform(size=len(clean)) < 0.03)
+    return PistonRecord(TIME, clean + noise)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.long
+def test_intervals_hold_under_real_noise(made: Callable[..., PistonRecord], kind: str) -> None:
+    clean = made("linear", level=0.0).height
+    true = {"lam": 0.05, "omega": 1.05, "g0": -1.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        models = [
+            fit(noisy(kind, clean, seed), "linear", starts=2, holdout=0.0, **KINDS[kind])  # type: ignore[arg-type]
+            for seed in range(60)
+        ]
+    for name, value in true.items():
+        pairs = [model.intervals[name] for model in models]
+        assert 0.88 <= np.mean([low <= value <= high for low, high in pairs]) <= 1.0
+        scatter = np.std([model.parameters[name] for model in models])
+        assert np.median([high - low for low, high in pairs]) / 2.0 < 2.5 * scatter
+
+
+def test_drift_is_noted_and_modelled(made: Callable[..., PistonRecord]) -> None:
+    record = noisy("drift", made("linear", level=0.0).height, 0)
+    with pytest.warns(UserWarning, match="drift slowly"):
+        fit(record, "linear", starts=2)
+    modelled = fit(record, "linear", starts=2, drift=True)
+    assert not any("drift" in note for note in modelled.notes)
+    low, high = modelled.intervals["g0"]
+    assert low < -1.0 < high

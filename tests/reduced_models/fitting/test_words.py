@@ -1,0 +1,165 @@
+"""Laws in the user's own words, and what is said where words are not understood."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models import Law, compare, fit
+from reduced_models.laws.law import law_from_text
+from reduced_models.laws.solution import solution
+from reduced_models.laws.symmetry import at_home, symmetries
+
+PENDULUM = "theta'' + 2*lam*theta' + k*sin(theta - rest) = 0"
+TIME = np.linspace(0.0, 40.0, 2000)
+
+
+def pendulum(seed: int = 0) -> PistonRecord:
+    law = Law("pendulum", PENDULUM)
+    clean = solution(law, TIME, 0.9, 0.0, (0.03, 9.0, 0.2), 1.0).z
+    return PistonRecord(TIME, clean + np.random.default_rng(seed).normal(0.0, 0.005, len(TIME)))
+
+
+def test_an_angle_comes_home() -> None:
+    """Whatever valley a start lies in, the rest is an angle and the stiffness is positive."""
+    away = {"k": np.array([-9.0, 9.0]), "rest": np.array([0.2 + math.pi, 0.2 + 20.0 * math.pi])}
+    law = law_from_text(PENDULUM)
+    found = at_home(law, away | {"lam": np.zeros(2)})
+    assert found["k"].tolist() == [9.0, 9.0]
+    np.testing.assert_allclose(found["rest"], 0.2, rtol=1e-12)
+    assert symmetries(law).turning == ("rest",)
+    assert symmetries(law_from_text("z'' + w**2*z = g")).flipping == (("w", None),)
+    assert symmetries(law_from_text("z'' + k*z = g")) == ((), ())
+
+
+def test_a_pendulum_as_it_is_written() -> None:
+    record = pendulum()
+    for options in ({}, {"start": {"k": -8.0, "rest": 3.0}}, {"positive": ["k", "lam"]}):
+        model = fit(record, PENDULUM, **options)
+        assert model.parameters["k"] == pytest.approx(9.0, rel=1e-3)
+        assert model.parameters["rest"] == pytest.approx(0.2, abs=2e-3)
+        assert model.quality.residual == pytest.approx(0.005, rel=0.05)
+    held = fit(record, PENDULUM, fix={"lam": 0.03}, bounds={"k": (0.0, None)}, initial="free")
+    assert held.parameters["lam"] == pytest.approx(0.03, rel=1e-12)
+    assert held.intervals["lam"] == pytest.approx((0.03, 0.03), rel=1e-12)
+    free = np.diff(model.intervals["k"])[0]
+    assert np.diff(held.intervals["k"])[0] < 1.01 * free
+    assert "lam = 0.03 given" in held.provenance["fit"]
+
+
+def test_the_time_in_a_law() -> None:
+    """T is the time since the record's start, in fits and in later motions."""
+    law = law_from_text("z'' + c*z' + k*z = a*t")
+    assert law.inputs == ("t",)
+    assert law.parameters == ("c", "k", "a")
+    found = solution(law, TIME, 1.0, 0.0, (0.2, 1.1, 0.05), 1.0, [TIME])
+    model = fit(PistonRecord(TIME + 100.0, found.z), law.equation)
+    for name, value in (("c", 0.2), ("k", 1.1), ("a", 0.05)):
+        assert model.parameters[name] == pytest.approx(value, rel=1e-5)
+    later = model.simulate(np.linspace(0.0, 60.0, 300))
+    assert later.height[-1] == pytest.approx(0.05 * (60.0 - 0.2 / 1.1) / 1.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"bounds": {"omega": (4.0, 4.0)}}, r"both are 4; write fix=\{'omega': 4\}"),
+        ({"bounds": {"omega": 4.0}}, r"is no pair; give \(least, greatest\)"),
+        ({"bounds": {"omega": (2.0, 1.0)}}, "2 is not below 1"),
+        ({"fix": {"omege": 1.0}}, "omega"),
+        ({"fix": {"omega": -1.0}}, "values above 0"),
+        ({"fix": {"omega": [1.0, 2.0]}}, "2 values for 1 records"),
+        ({"fix": {"omega": 1.0, "lam": 0.1, "g0": 0.0}}, "nothing to fit"),
+        ({"start": {"omega": "fast"}}, "'fast' is no number"),
+        ({"positive": ["omege"]}, "omega"),
+        ({"loss": "cauchy"}, "'linear', 'soft_l1' or 'huber'"),
+        ({"weights": np.ones(3)}, r"one a sample \(2000\)"),
+        ({"noise": -1.0}, "positive numbers"),
+        ({"initial": "moving"}, "give 'rest', 'free' or numbers by name"),
+        ({"initial": {"speed": 1.0}}, "state at the start"),
+        ({"input_interpolation": "cubic"}, "'spline', 'linear', 'previous' or 'band-limited'"),
+        ({"drift": True, "intervals": "profile"}, "know no drift"),
+    ],
+)
+def test_options_that_do_not_suit(
+    made: Callable[..., PistonRecord], options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        fit(made("linear"), "linear", **options)
+
+
+def test_what_is_no_record_or_no_law(made: Callable[..., PistonRecord]) -> None:
+    import pandas
+
+    table = pandas.DataFrame({"time": TIME, "height": TIME})
+    for wrong in (table, "lab.csv", None, [TIME]):
+        with pytest.raises(InputError, match="is no record; give a PistonRecord"):
+            fit(wrong, "linear")  # type: ignore[call-overload]
+    with pytest.raises(InputError, match="give a name, an equation or a Law"):
+        fit(made("linear"), 3)  # type: ignore[call-overload]
+    alone = compare(made("linear"), "linear")
+    assert [row.name for row in alone.rows] == ["linear"]
+
+
+def test_known_noise_weights_and_the_start(made: Callable[..., PistonRecord]) -> None:
+    """What a user knows of a record is used, and means what it says."""
+    record, level = made("linear"), 0.01 * float(made("linear").height.std())
+    plain = fit(record, "linear")
+    known = fit(record, "linear", noise=2.0 * level)
+    for name in plain.parameters:
+        wide = np.diff(known.intervals[name])[0] / np.diff(plain.intervals[name])[0]
+        assert wide == pytest.approx(2.0, rel=0.1)
+    # Samples that weigh nothing to speak of do not count, whatever they are.
+    height = record.height.copy()
+    height[500:520] += 1.0
+    weights = np.ones(2000)
+    weights[500:520] = 1e-6
+    spared = fit(PistonRecord(TIME, height), "linear", weights=weights)
+    for name, value in plain.parameters.items():
+        assert spared.parameters[name] == pytest.approx(value, rel=2e-3)
+    still = fit(record, "linear", initial="rest")
+    assert still.initial[1] == 0.0
+    given = fit(record, "linear", initial={"height": 1.0, "velocity": 0.0})
+    assert given.initial == pytest.approx((1.0, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber"])
+def test_outliers_weigh_little(made: Callable[..., PistonRecord], loss: Any) -> None:
+    record, random = made("linear"), np.random.default_rng(3)
+    height = record.height.copy()
+    away = random.choice(2000, 60, replace=False)
+    height[away] += random.normal(0.0, 20.0 * 0.01 * height.std(), 60)
+    model = fit(PistonRecord(TIME, height), "linear", loss=loss)
+    clean = fit(record, "linear")
+    for name in clean.parameters:
+        low, high = clean.intervals[name]
+        assert abs(model.parameters[name] - clean.parameters[name]) < 0.6 * (high - low)
+        assert np.diff(model.intervals[name])[0] < 1.5 * (high - low)
+
+
+def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot(
+    made: Callable[..., PistonRecord],
+) -> None:
+    """A constant a record is given as a list; what is shared is found from all together."""
+    law = "z'' + c*z' + g/(L + d)*z = 0"
+    lengths, records = np.linspace(0.3, 1.5, 8), []
+    for seed, length in enumerate(lengths):
+        omega = math.sqrt(9.81 / (length + 0.02) - 0.01**2)
+        height = 0.1 * np.exp(-0.01 * TIME[:500]) * np.cos(omega * TIME[:500])
+        noise = np.random.default_rng(seed).normal(0.0, 0.001, 500)
+        records.append(PistonRecord(TIME[:500], height + noise))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        models = fit(records, law, fix={"L": lengths.tolist()}, start={"g": 9.0, "d": 0.01})
+    for name, value in (("g", 9.81), ("d", 0.02), ("c", 0.02)):
+        low, high = models[0].intervals[name]
+        assert value == pytest.approx(models[0].parameters[name], abs=1.5 * (high - low))
+    assert [model.parameters["L"] for model in models] == pytest.approx(lengths, rel=1e-12)
+    assert models[0].undetermined == ()

@@ -1,0 +1,45 @@
+"""The recovery suite: its systems are what they say, and one fit goes all the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular.shared.errors import InputError
+from validation.recovery import programme
+from validation.recovery.silverbox import silverbox
+from validation.recovery.systems import SYSTEMS, clean_motion, made_record
+
+
+def test_thirteen_systems() -> None:
+    assert len(SYSTEMS) == len({system.name for system in SYSTEMS}) == 13
+    for name in ("hardening Duffing", "softening Duffing"):
+        motion = clean_motion([system.name for system in SYSTEMS].index(name))
+        swing = motion.height - motion.height[-1000:].mean()
+        halves = np.diff(motion.time[np.flatnonzero(np.diff(np.sign(swing)))])
+        assert len(halves) > 280
+        assert abs(np.log(halves[:5].mean() / halves[-5:].mean())) > np.log(1.25)
+    one, other = made_record(0, 0.01, 0), made_record(0, 0.01, 1)
+    assert np.array_equal(one.height, made_record(0, 0.01, 0).height)
+    assert not np.array_equal(one.height, other.height)
+
+
+def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[:1])
+    found = programme.recovery(tmp_path, progress=False)
+    assert found["fits"] == found["reached"] == 1
+    assert found["wrongly agreed"] == 0
+    assert "1 of 1 fits" in programme.recovery_text(found)
+    assert (tmp_path / "recovery.json").exists()
+
+
+def test_a_file_that_is_not_the_benchmark_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "other.csv"
+    file.write_text("V1,V2\n0.1,0.2\n0.2,0.3\n")
+    with pytest.raises(InputError, match="2 samples; the benchmark's record has"):
+        silverbox(file)
+    file.write_text("time,height\n0.1,0.2\n0.2,0.3\n")
+    with pytest.raises(InputError, match="no column 'v1'"):
+        silverbox(file)

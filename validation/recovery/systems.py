@@ -1,0 +1,155 @@
+"""Thirteen oscillators with known parameters, and records made of them.
+
+The motions are solved by SciPy, so that nothing of what is tested makes them.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from reduced_models.laws.law import Law, compiled_field
+
+NOISES = (0.001, 0.01, 0.03, 0.1)
+"""Standard deviations of the noise, over that of the motion."""
+SEEDS = 5
+
+
+class System(NamedTuple):
+    """An oscillator.
+
+    Attributes
+    ----------
+    name : str
+    law : str
+        A law of the package by its name, or an equation.
+    true : mapping of str to float
+        Its parameters.
+    start : tuple of float
+        Height, velocity and hidden states at the start.
+    duration, samples : float, int
+        Of a record [s].
+    driven : bool
+        Whether the record has a force.
+    """
+
+    name: str
+    law: str
+    true: Mapping[str, float]
+    start: tuple[float, ...]
+    duration: float
+    samples: int
+    driven: bool = False
+
+
+_DUFFING = "z'' + 2*lam*z' + omega**2*z + beta*z**3 = 0"
+
+SYSTEMS = (
+    System("linear", "linear", {"lam": 0.05, "omega": 1.05, "g0": -1.0}, (1.0, 0.0), 60.0, 1000),
+    System(
+        "van der Pol", "van-der-pol",
+        {"mu": 0.5, "rest": 0.3, "width": 1.0, "omega": 1.05}, (0.5, 0.0), 60.0, 1000,
+    ),
+    # The frequency falls by 30 % in 150 periods.
+    System(
+        "hardening Duffing", "duffing",
+        {"lam": 0.0025, "omega": 1.0, "rest": 0.4, "beta": 1.0}, (1.4, 0.0), 880.0, 4000,
+    ),
+    # It rises by 30 %.
+    System(
+        "softening Duffing", "duffing",
+        {"lam": 0.0025, "omega": 1.0, "rest": -0.2, "beta": -0.6}, (0.75, 0.0), 960.0, 4000,
+    ),
+    System(
+        "pendulum", "z'' + 2*lam*z' + k*sin(z - rest) = 0",
+        {"lam": 0.003, "k": 9.0, "rest": 0.2}, (2.3, 0.0), 210.0, 4000,
+    ),
+    System(
+        "Bouc-Wen", "bouc-wen",
+        {"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0},
+        (3.0, 0.0, 0.0), 60.0, 1000,
+    ),
+    System(
+        "Coulomb", "coulomb", {"friction": 0.03, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000
+    ),
+    System(
+        "quadratic drag", "quadratic-drag",
+        {"c": 0.1, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000,
+    ),
+    System(
+        "quintic", "z'' + c*z' + k*(z - rest) + q*(z - rest)**5 = 0",
+        {"c": 0.02, "k": 1.0, "rest": 0.3, "q": 0.5}, (1.6, 0.0), 200.0, 2000,
+    ),
+    System(
+        "parametric", "z'' + c*z' + k*(1 + h*cos(w*t))*z = 0",
+        {"c": 0.05, "k": 1.1, "h": 0.3, "w": 1.3}, (1.0, 0.0), 80.0, 1500,
+    ),
+    System(
+        "two wells", "z'' + c*z' - a*z + b*z**3 = 0",
+        {"c": 0.04, "a": 1.0, "b": 1.0}, (1.8, 0.0), 80.0, 1500,
+    ),
+    System(
+        "driven Duffing", "z'' + c*z' + k*z + b*z**3 = g*force",
+        {"c": 0.2, "k": 1.0, "b": 0.5, "g": 1.0}, (0.0, 0.0), 200.0, 2500, driven=True,
+    ),
+    System(
+        "stick-slip", "z'' + c*z' + k*z = f*tanh(10*(belt - z'))*(1 + d*exp(-3*abs(belt - z')))",
+        {"c": 0.05, "k": 1.0, "f": 0.4, "belt": 0.5, "d": 0.6}, (1.2, 0.0), 60.0, 1500,
+    ),
+)  # fmt: skip
+
+
+def law_of_system(system: System) -> Law:
+    """Its law."""
+    from reduced_models.fitting.fitting import law_of
+
+    return law_of(system.law, _with_force(system, np.linspace(0.0, 1.0, 2), np.zeros(2)))
+
+
+@functools.cache
+def clean_motion(system: int) -> PistonRecord:
+    """The motion of the system with that place in `SYSTEMS`, by SciPy at a tolerance of 1e-10."""
+    from scipy.integrate import solve_ivp
+
+    one = SYSTEMS[system]
+    time = np.linspace(0.0, one.duration, one.samples)
+    law = law_of_system(one)
+    field = compiled_field(law.equation, law.inputs, "numpy")
+    values = [one.true[name] for name in law.parameters]
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        inputs = [t if name == "t" else float(multisine(t)) for name in law.inputs]
+        return [state[1], *field(*state, *inputs, *values)]
+
+    found = solve_ivp(
+        rates, (0.0, one.duration), one.start, "LSODA", rtol=1e-10, atol=1e-11, t_eval=time
+    )
+    return _with_force(one, time, found.y[0])
+
+
+def made_record(system: int, noise: float, seed: int) -> PistonRecord:
+    """A record of the system with that place, with white noise."""
+    clean = clean_motion(system)
+    random = np.random.default_rng([system, seed, round(1e6 * noise)])
+    return PistonRecord(
+        clean.time,
+        clean.height + random.normal(0.0, noise * clean.height.std(), len(clean)),
+        force=clean.force,
+    )
+
+
+def multisine(t: np.ndarray | float) -> np.ndarray:
+    """A force of ten sines up to twice the small swing's frequency."""
+    random = np.random.default_rng(0)
+    phases = random.uniform(0.0, 2.0 * math.pi, 10)
+    pitches = np.linspace(0.15, 2.1, 10)
+    return np.asarray(0.4 * np.sin(np.multiply.outer(t, pitches) + phases).sum(axis=-1))
+
+
+def _with_force(system: System, time: np.ndarray, height: np.ndarray) -> PistonRecord:
+    return PistonRecord(time, height, force=multisine(time) if system.driven else None)
