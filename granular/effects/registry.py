@@ -6,11 +6,12 @@ import functools
 import importlib
 import pkgutil
 from collections.abc import Mapping
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from granular.effects.effect import Effect
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 GROUP = "granular.effects"
 """Group of the entry points by which installed packages bring effects."""
@@ -24,13 +25,29 @@ def effects() -> Mapping[str, type[Effect]]:
 
 
 def find(name: str) -> type[Effect] | None:
-    """The effect of that name; one that an installed package brings is imported now."""
+    """The effect of that name; one that an installed package brings is imported now.
+
+    Raises
+    ------
+    InputError
+        If a package says that it brings one, and it cannot be loaded.
+    """
     known = effects()
     if name not in known:
         for point in entry_points(group=GROUP, name=name):
-            point.load()
+            _load(point)
         known = effects()
     return known.get(name)
+
+
+def _load(point: EntryPoint) -> None:
+    try:
+        point.load()
+    except (ImportError, AttributeError, InputError) as error:
+        raise InputError(
+            f"effect {quoted(point.name)} cannot be loaded: {error}; mend the distribution that "
+            f"offers it as {quoted(point.value)}"
+        ) from None
 
 
 def names() -> tuple[str, ...]:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
+from granular.effects.registry import names
 from granular.engine.system import natural_system
 from granular.own import import_own
 from granular.run.sources import own_sources
@@ -258,3 +259,22 @@ def test_what_does_not_compile_is_told_in_a_line() -> None:
     with pytest.raises(InputError, match="'leaf': 'force' does not compile") as told:
         evaluate(scene, np.array([[0.05, 0.05]]))
     assert "\n" not in str(told.value)
+
+
+def test_an_installed_package_brings_effects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "laboratory_effects.py").write_text(FILE.format(factor=2.0, name="BenchSpring"))
+    about = tmp_path / "laboratory-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[granular.effects]\nbench_spring = laboratory_effects:BenchSpring\n"
+        "gone_spring = laboratory_effects:GoneSpring\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert {"bench_spring", "gone_spring"} <= set(names())
+    scene = load_scene("bed").replace(**{"effects.bench_spring.k": "3 N/m"})
+    assert scene.to_plain()["effects"]["bench_spring"]["k"] == pytest.approx(3.0)
+    with pytest.raises(InputError, match="'gone_spring' cannot be loaded"):
+        load_scene("bed").replace(**{"effects.gone_spring.k": "3 N/m"})
