@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from granular.engine.state import KEPT, State, kept_lists, put_lists
+from granular.engine.state import KEPT, LOSSES, PISTON, WORK, State, kept_lists, put_lists
 
 
 @dataclasses.dataclass
@@ -58,6 +59,20 @@ def _kept(state: State) -> dict[str, np.ndarray]:
     if state.far_forces is not None and state.far_forces.held is not None:
         kept["far_held"] = state.far_forces.held
     return kept
+
+
+FORMER_LEDGER = ("work", "drag", "friction", "contact", "piston")
+"""What stood where in the ledger of the first checkpoints, whatever acted."""
+
+
+def entries_of_former(ledger: np.ndarray, effects: Sequence[str]) -> np.ndarray:
+    """The ledger of a first checkpoint as it is now: an entry for each effect that acts."""
+    former = dict(zip(FORMER_LEDGER, ledger.tolist(), strict=True))
+    entries = np.zeros(LOSSES + len(effects))
+    entries[WORK], entries[PISTON] = former["work"], former["piston"]
+    for place, name in enumerate(effects):
+        entries[LOSSES + place] = former.get(name, 0.0)
+    return entries
 
 
 def kept_arrays(state: State) -> dict[str, Any]:

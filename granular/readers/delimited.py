@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.readers.clock import is_stamp, seconds_of
-from granular.readers.names import is_unit, name_and_unit
+from granular.readers.names import is_unit, name_and_unit, role_of
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
 from granular.shared.messages import quoted, visible
@@ -83,10 +83,13 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
     if not lines:
         raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
+    if not plain:
+        raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
     form = _form(plain, decimal)
     if form is None:
         raise RecordError(_no_table(path, plain or lines))
     start, head = _begin(plain, form)
+    _check_above(path, head, form)
     names, units = _header(head, form, lines, plain[start].number)
     rows, notes = _end(path, plain[start:], form)
     columns = _columns(path, rows, form, names, units)
@@ -249,6 +252,24 @@ def _is_header(fields: Sequence[str], form: Form) -> bool:
         and len(words) >= 1
         and not any(is_number(cell, form.decimal) for cell in words)
     )
+
+
+def _check_above(path: Path, head: Sequence[Line], form: Form) -> None:
+    """Refuse rows that have other numbers of fields than a header above them, or than it names."""
+    for place in range(len(head) - 1, -1, -1):
+        fields = _fields(head[place].text, form.separator)
+        names = len(fields) > 1 and any(role_of(name_and_unit(one)[0]) for one in fields)
+        if not names or any(is_number(one, form.decimal) for one in fields):
+            continue
+        below = [] if place + 1 == len(head) else _fields(head[place + 1].text, form.separator)
+        odd = [one for one in below if is_number(one, form.decimal)]
+        if odd or (not below and len(fields) < form.width):
+            raise RecordError(
+                f"{visible(path)}: sample 0 has {len(below) or form.width} values for "
+                f"{len(fields)} columns (below line {head[place].number}); separate all lines "
+                "alike, and by another sign than the decimals"
+            )
+        return
 
 
 def _header(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
+from granular.engine.checkpoint import Progress, entries_of_former, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import countless, misplaced, restless, unbalanced
 from granular.engine.far import find_far_field, hold_far_field
@@ -126,13 +126,17 @@ class Run:
         Raises
         ------
         StoreError
-            If the run has gone farther than its end is now to be, or a former version made it.
+            If the run has gone farther than its end is now to be, or the checkpoint lacks an array.
         """
         state = self.state
-        if not set(kept_arrays(state)) <= set(kept):
+        if "entries" not in kept and "ledger" in kept:
+            names = [effect.key for effect in self.system.effects]
+            kept = {**kept, "entries": entries_of_former(kept["ledger"], names)}
+        missing = set(kept_arrays(state)) - set(kept)
+        if missing:
             raise StoreError(
-                "the run was made with a former version, whose checkpoints hold other arrays; give "
-                "a new directory"
+                f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a "
+                "new directory"
             )
         put_arrays(state, kept)
         self.band[:], self.seen[:] = kept["band"], kept["seen"]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from granular import Scene, Trajectory, evaluate, load_scene, simulate
 from granular.compiled import entry
-from granular.effects import wall_experimental, wall_infinite, wall_slab, walls
+from granular.effects import wall_experimental, wall_infinite, wall_slab
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0
@@ -96,9 +96,8 @@ def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
     distances = np.geomspace(0.2, 20.0, 20000)
     energies = [wall_slab.energy(one, 0.0, far) for one in distances]
     turn = distances[np.argmin(np.abs(np.array(energies) - 0.5 * speed**2))]
-    slab = walls.Slab(np.array([0.0]), np.array([LENGTH]), True)
-    laws = walls.OPEN._replace(bottom=walls.WallLaw(slab=slab))
-    found = entry(walls.turning_stiffness)(laws, speed)
+    slab = wall_slab.SlabWall(np.array([0.0]), np.array([LENGTH]), True)
+    found = entry(wall_slab.SlabWall.turning_stiffness)(slab, speed)
     assert found == pytest.approx(wall_infinite.stiffness(turn), rel=0.01)
 
 

@@ -43,7 +43,7 @@ BAD = [
     (("x" * 300 + ".csv",), "check the path"),
     (("nothing.csv",), "there is no file"),
     (("run",), "run"),
-    (("header.csv",), "no column 'time'; found: 't', 'z'"),
+    (("header.csv",), "the record has 2 samples to fit"),
     (("unit.csv",), "is beyond 9"),
     (("short.csv",), "at least 20 are needed"),
     (("lab.csv", "--method", "eulr"), "unknown method"),

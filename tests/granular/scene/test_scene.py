@@ -119,7 +119,7 @@ BAD = [
     ({"grains.cuont": 3}, "grains: unknown key 'cuont'; did you mean 'count'?"),
     ({"grians.count": 3}, "unknown key 'grians'; did you mean 'grains'?"),
     ({"effects.drga.coefficient": 1}, "did you mean 'drag'?"),
-    ({"effects.superconductivity": {}}, "known are contact"),
+    ({"effects.superconductivity": {}}, "contact, dipole, drag"),
     ({"protocol.dorp.duration": 3}, "unknown item 'dorp'; did you mean 'drop'?"),
     ({"protocol.0.kind": "fre"}, "unknown kind 'fre'; did you mean 'free'?"),
     ({"output.record": "relaese"}, "unknown stage 'relaese'; did you mean 'release'?"),

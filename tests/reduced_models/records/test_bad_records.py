@@ -37,26 +37,25 @@ REFUSED = {
     "too short": (table(SWING[:15], TIME[:15]), "at least 20 are needed"),
     "short after the hold-out": (table(SWING[:25], TIME[:25]), "at least 20 are needed"),
     "constant": (table(np.full(N, 0.059)), "a motion is needed"),
-    "NaN": (table(changed(7, np.nan)), "height of sample 7 is nan"),
-    "infinite": (table(changed(7, np.inf)), "height of sample 7 is inf"),
-    "a word": (table(SWING).replace("\n0.0,", "\nzero,"), "time of sample 0 is 'zero'"),
+    "infinite": (table(changed(7, np.inf)), "height of sample 7 (line 9) is inf"),
+    "a word": (table(SWING).replace("\n0.0,", "\nzero,"), "time of sample 0 (line 2) is 'zero'"),
     "unsorted": (table(SWING, TIME[::-1]), "comes after"),
     "two samples swapped": (table(SWING, np.r_[TIME[1], TIME[0], TIME[2:]]), "comes after"),
     "a time twice": (table(SWING, np.r_[TIME[0], TIME[0], TIME[2:]]), "is there twice"),
     "wrong dimension": (table(SWING, header="time,height [kg]"), "does not fit; one of m"),
     "time in metres": (table(SWING, header="time [m],height"), "does not fit; one of s"),
     "unknown unit": (table(SWING, header="time,height [furlong]"), "unknown unit 'furlong'"),
-    "no height": (table(SWING, header="time,depth"), "no column 'height'; found: 'time', 'depth'"),
-    "no header": (table(SWING).split("\n", 1)[1], "no column 'time'"),
+    "no height": (table(SWING, header="time,force"), "no column 'height'; found: 'time', 'force'"),
+    "an acceleration": (table(SWING, header="time,acc [m/s^2]"), "only the acceleration 'acc'"),
     "a column twice": ("time,height,height\n0,1,2\n1,2,3\n", "'height' is there twice"),
-    "ragged": (table(SWING) + "3.1\n", "1 values for 2 columns"),
-    "decimal commas": (table(SWING).replace(".", ","), "values for 2 columns"),
+    "ragged": (table(SWING).replace("\n0.0,", "\n3,3,"), "3 values for 2 columns"),
+    "decimal commas": (table(SWING).replace(".", ","), "sample 0 has 4 values for 2 columns"),
     "too many periods": (
         table(np.cos(np.arange(40000) * 2.1), 0.01 * np.arange(40000)), "record.between"
     ),
     "too large": (table(1e200 * SWING), "heights up to"),
     "times too large": (table(SWING, 1e200 * TIME), "s can be reckoned with: check the units"),
-    "no text": ("\x00\x01\x02\n", "no column 'time'"),
+    "no text": ("\x00\x01\x02\n", "cannot be read as text"),
 }  # fmt: skip
 
 DOUBTED = {
