@@ -6,12 +6,11 @@ import functools
 import importlib
 import pkgutil
 from collections.abc import Mapping
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from granular.effects.effect import Effect
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.offered import names_offered, offered
 
 GROUP = "granular.effects"
 """Group of the entry points by which installed packages bring effects."""
@@ -34,25 +33,14 @@ def find(name: str) -> type[Effect] | None:
     """
     known = effects()
     if name not in known:
-        for point in entry_points(group=GROUP, name=name):
-            _load(point)
+        offered(GROUP, name, "effect")
         known = effects()
     return known.get(name)
 
 
-def _load(point: EntryPoint) -> None:
-    try:
-        point.load()
-    except (ImportError, AttributeError, InputError) as error:
-        raise InputError(
-            f"effect {quoted(point.name)} cannot be loaded: {error}; mend the distribution that "
-            f"offers it as {quoted(point.value)}"
-        ) from None
-
-
 def names() -> tuple[str, ...]:
     """Names of all effects, those of installed packages included."""
-    return tuple(sorted({*effects(), *(point.name for point in entry_points(group=GROUP))}))
+    return tuple(sorted({*effects(), *names_offered(GROUP)}))
 
 
 def register(effect: type[Effect]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -12,6 +11,7 @@ from granular.methods.tables import METHODS
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from granular.shared.offered import offered
 
 GROUP = "granular.methods"
 """Entry points by which an installed distribution offers methods."""
@@ -105,23 +105,7 @@ def _is_built_in(method: Method) -> bool:
 
 
 def _offered(name: str) -> Method | None:
-    for offered in importlib.metadata.entry_points(group=GROUP):
-        if offered.name == name:
-            return _loaded(offered)
-    return None
-
-
-def _loaded(offered: importlib.metadata.EntryPoint) -> Method:
-    try:
-        found = offered.load()
-    except (ImportError, AttributeError, InputError) as error:
-        raise InputError(
-            f"method {quoted(offered.name)} cannot be loaded: {error}; mend the distribution that "
-            f"offers it as {quoted(offered.value)}"
-        ) from None
-    if not isinstance(found, Method) or found.name != offered.name:
-        raise InputError(
-            f"method {quoted(offered.name)} is no granular.Method of that name: "
-            f"{quoted(offered.value)}"
-        )
+    found = offered(GROUP, name, "method")
+    if found is not None and (not isinstance(found, Method) or found.name != name):
+        raise InputError(f"method {quoted(name)} is no granular.Method of that name")
     return found

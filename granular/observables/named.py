@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,6 +15,7 @@ from granular.observables.temperature import kinetic_temperature
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from granular.shared.offered import offered
 
 GROUP = "granular.observables"
 """Entry points by which an installed distribution offers observables."""
@@ -70,25 +70,12 @@ def observable_named(name: str, own: Mapping[str, Observable] | None = None) -> 
     every = {**OBSERVABLES, **(own or {})}
     if name in every:
         return every[name]
-    for offered in importlib.metadata.entry_points(group=GROUP):
-        if offered.name == name:
-            return _loaded(offered)
+    found = offered(GROUP, name, "observable")
+    if isinstance(found, Observable):
+        return found
+    if found is not None:
+        raise InputError(f"observable {quoted(name)} is no granular Observable")
     raise InputError(
         f"{unknown(name, tuple(every), 'observable')}; one of your own comes by --import FILE, or "
         f"by an installed entry point of the group {GROUP!r}"
     )
-
-
-def _loaded(offered: importlib.metadata.EntryPoint) -> Observable:
-    try:
-        found = offered.load()
-    except (ImportError, AttributeError, InputError) as error:
-        raise InputError(
-            f"observable {quoted(offered.name)} cannot be loaded: {error}; mend the distribution "
-            f"that offers it as {quoted(offered.value)}"
-        ) from None
-    if not isinstance(found, Observable):
-        raise InputError(
-            f"observable {quoted(offered.name)} is no granular Observable: {quoted(offered.value)}"
-        )
-    return found

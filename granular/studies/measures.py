@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +9,7 @@ from granular.run.trajectory import Trajectory
 from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from granular.shared.offered import offered
 from granular.studies.cases import Measure, known_as
 
 GROUP = "granular.measures"
@@ -58,23 +58,12 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
         return last_values
     if own is not None and name in own:
         return own[name]
-    for offered in importlib.metadata.entry_points(group=GROUP):
-        if offered.name == name:
-            return _loaded(offered)
+    found: Measure | None = offered(GROUP, name, "measure")
+    if callable(found):
+        return found
+    if found is not None:
+        raise InputError(f"measure {quoted(name)} is no function")
     raise InputError(
         f"unknown measure {quoted(name)}; give 'last-values', the name of a function in a file of "
         f"yours (--import FILE), or that of an installed entry point of the group {GROUP!r}"
     )
-
-
-def _loaded(offered: importlib.metadata.EntryPoint) -> Measure:
-    try:
-        found: Measure = offered.load()
-    except (ImportError, AttributeError) as error:
-        raise InputError(
-            f"measure {quoted(offered.name)} cannot be loaded: {error}; mend the distribution that "
-            f"offers it as {quoted(offered.value)}"
-        ) from None
-    if not callable(found):
-        raise InputError(f"measure {quoted(offered.name)} is no function: {quoted(offered.value)}")
-    return found
