@@ -203,7 +203,12 @@ def _scene(options: Any) -> Scene:
 
 def _scenes(options: Any) -> None:
     from granular.effects.registry import names
+    from granular.methods.named import GROUP as METHOD_GROUP
+    from granular.methods.tables import METHODS
+    from granular.observables.named import GROUP as OBSERVABLE_GROUP
+    from granular.observables.named import OBSERVABLES
     from granular.scene.loading import SCENES, scene_names
+    from granular.shared.offered import names_offered
 
     first = {}
     for name in scene_names():
@@ -212,7 +217,13 @@ def _scenes(options: Any) -> None:
         first[name] = " ".join(comment)
     width = max(map(len, first))
     lines = [f"{name:{width}}  {text}" for name, text in first.items()]
-    emit(first, "\n".join([*lines, "", f"effects: {', '.join(names())}"]), options.json)
+    known = {
+        "effects": names(),
+        "methods": (*METHODS, *names_offered(METHOD_GROUP)),
+        "observables": (*OBSERVABLES, *names_offered(OBSERVABLE_GROUP)),
+    }
+    more = [f"{what}: {', '.join(some)}" for what, some in known.items()]
+    emit(first, "\n".join([*lines, "", *more]), options.json)
 
 
 def _show(options: Any) -> None:

@@ -41,6 +41,10 @@ from granular.effects.own_law import by_kind
 from granular.effects.own_section import OwnSection, define, natural_values
 from granular.scene.scales import Scales
 from granular.shared.errors import InputError
+from granular.shared.offered import offered
+
+GROUP = "granular.wall_laws"
+"""Entry points by which an installed distribution offers laws of walls."""
 
 _WALL_LAWS: dict[str, type[OwnWall]] = {}
 
@@ -158,6 +162,19 @@ def wall_law(written: type) -> Any:
 def wall_laws() -> Mapping[str, type[OwnWall]]:
     """Own laws by their names."""
     return _WALL_LAWS
+
+
+def find_wall_law(name: str) -> type[OwnWall] | None:
+    """The own law of that name; one that an installed package brings is imported now.
+
+    Raises
+    ------
+    InputError
+        If a package says that it brings one, and it cannot be loaded.
+    """
+    if name not in _WALL_LAWS:
+        offered(GROUP, name, "wall law")
+    return _WALL_LAWS.get(name)
 
 
 def _check(definition: Definition, p: Any) -> None:

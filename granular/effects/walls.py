@@ -16,7 +16,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import by_law
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.own_wall import WallText, wall_laws
+from granular.effects.own_wall import WallText, find_wall_law, wall_laws
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_side import Side, distance_energies, distance_forces
@@ -86,8 +86,11 @@ class Wall(Section):
         law = plain.get("law", FORMULA if "energy" in plain else None)
         if law == FORMULA:
             return cls(law=FORMULA, own=WallText.from_plain(given, diameter))
-        if isinstance(law, str) and law in wall_laws():
-            return cls(law=law, own=wall_laws()[law].from_plain(given, diameter))
+        own = find_wall_law(law) if isinstance(law, str) and law not in LAWS else None
+        if own is not None:
+            return cls(law=law, own=own.from_plain(given, diameter))
+        if isinstance(law, str) and law not in LAWS:
+            raise FieldError(unknown(law, (*LAWS, FORMULA, *wall_laws()), "law of a wall"))
         return super().from_plain(plain, diameter)
 
     def to_plain(self) -> dict[str, Any]:

@@ -278,3 +278,42 @@ def test_an_installed_package_brings_effects(
     assert scene.to_plain()["effects"]["bench_spring"]["k"] == pytest.approx(3.0)
     with pytest.raises(InputError, match="'gone_spring' cannot be loaded"):
         load_scene("bed").replace(**{"effects.gone_spring.k": "3 N/m"})
+
+
+WALL = """
+from granular import quantity, wall_law
+
+
+@wall_law
+class BenchWall:
+    k: float = quantity("N/m", above=0.0)
+
+    @staticmethod
+    def energy(p, w):
+        return 0.5 * p.k / w**2
+
+    @staticmethod
+    def force(p, w):
+        return p.k / w**3
+
+    @staticmethod
+    def stiffness(p, w):
+        return 3.0 * p.k / w**4
+"""
+
+
+def test_an_installed_package_brings_laws_of_walls(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "laboratory_walls.py").write_text(WALL)
+    about = tmp_path / "laboratory-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[granular.wall_laws]\nbench_wall = laboratory_walls:BenchWall\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    scene = load_scene("bed").replace(**{"effects.walls.left": {"law": "bench_wall", "k": "9 N/m"}})
+    assert scene.to_plain()["effects"]["walls"]["left"]["law"] == "bench_wall"
+    with pytest.raises(InputError, match="bench_wal"):
+        load_scene("bed").replace(**{"effects.walls.left": {"law": "bench_wal", "k": "9 N/m"}})

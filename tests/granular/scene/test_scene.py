@@ -123,7 +123,7 @@ BAD = [
     ({"protocol.dorp.duration": 3}, "unknown item 'dorp'; did you mean 'drop'?"),
     ({"protocol.0.kind": "fre"}, "unknown kind 'fre'; did you mean 'free'?"),
     ({"output.record": "relaese"}, "unknown stage 'relaese'; did you mean 'release'?"),
-    ({"effects.walls.left": "infinte"}, "unknown choice 'infinte'"),
+    ({"effects.walls.left": "infinte"}, "unknown law of a wall 'infinte'"),
     ({"grains.count": -1}, "grains.count: -1 must be at least 0"),
     ({"grains.count": 2.5}, "2.5 must be a whole number"),
     ({"grains.count": True}, "must be a whole number"),
