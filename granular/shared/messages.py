@@ -48,7 +48,8 @@ def printable(text: object) -> str:
 
 
 def _escaped(sign: str) -> str:
-    return sign if sign.isprintable() else repr(sign)[1:-1]
+    # A no-break space only keeps a figure and its mark on one line.
+    return sign if sign.isprintable() or sign == "\xa0" else repr(sign)[1:-1]
 
 
 def _cut(text: str, most: int) -> str:

@@ -275,7 +275,7 @@ def _structure(quality: Quality) -> str:
     """What residuals that are not white say, however small they are."""
     words = (
         f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
-        f"follow each other over {quality.correlation:.2g} samples"
+        f"follow each other over {round(quality.correlation)} samples"
     )
     if abs(quality.lag) > 0.0 and quality.swinging > SHARE:
         words += f"; the solution lags by {quality.lag:.2g} s"

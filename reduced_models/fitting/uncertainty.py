@@ -36,6 +36,7 @@ _AS_NOISY = 1.5  # times the variance of another record
 _MOST_VARIANCE = 1e99  # of what the data leave open
 _LEAST_FREEDOM = 2.0
 _WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
+_RESOLVED = 1e-12  # share of the greatest strength, a thousand times the rounding of an eigenvalue
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,10 +140,12 @@ def joint_covariance(
         else:
             spread[np.ix_(here, here)] += loss * ratio * spread_of(slopes, series)
             still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
-            independent += len(left) / max(1.0, still / max(level, 1e-300))
+            memory = max(1.0, still / max(level, 1e-300))
+            independent += len(left) / memory
+            level *= memory
         variance = max(variance, level)
     found = np.zeros((size, size))
-    found[np.ix_(free, free)] = _sandwich(
+    found[np.ix_(free, free)] = sandwich(
         bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
     )
     return found, independent
@@ -157,16 +160,22 @@ def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray((levels * counts).sum() / counts.sum() / levels)
 
 
-def _sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
-    # Scaled to a unit diagonal first; what is then below rounding is as good as unknown, and keeps
-    # a huge, finite variance.
+def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
+    """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p).
+
+    ``variance`` is that of one residual, for directions that the curvature leaves open.
+    """
+    # Scaled to a unit diagonal first. In directions that the bread hardly holds, the spread is lost
+    # in its own rounding, with either sign: they keep the variance of a mean of the residuals, and
+    # what is below rounding altogether keeps a huge, finite one.
     scale = 1.0 / np.sqrt(np.maximum(np.diag(bread), 1e-300))
     strengths, directions = np.linalg.eigh(bread * np.outer(scale, scale))
-    least = strengths[-1] * 1e-15
-    inverse = 1.0 / np.maximum(strengths, least)
+    known = strengths > strengths[-1] * _RESOLVED
+    inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
     inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
-    found = inverse[:, None] * inner * inverse + np.diag(
-        np.where(strengths < least, variance * inverse, 0.0)
+    resolved = np.where(known, inverse, 0.0)
+    found = resolved[:, None] * inner * resolved + np.diag(
+        np.where(known, 0.0, variance * inverse)
     )
     return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
 
@@ -223,7 +232,7 @@ def profile_intervals(
     entries = sorted({int(entry) for here in places for entry in here[:count]})
     free = np.flatnonzero(~joint.held)
     normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
-    plain[free] = np.diag(_sandwich(normal, normal, 1.0))
+    plain[free] = np.diag(sandwich(normal, normal, 1.0))
     variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
     return [intervals_between(unknowns, low[here], high[here]) for here in places]

@@ -31,6 +31,10 @@ def test_values_are_quoted_on_a_short_line(value: object) -> None:
     assert 0 < len(text) <= LONGEST
 
 
+def test_a_figure_keeps_its_mark_on_the_line() -> None:
+    assert printable("3.326\xa0(!)") == "3.326\xa0(!)"
+
+
 def test_short_values_are_quoted_as_python_writes_them() -> None:
     for value in ("", "a b", "it's", 3, -2.5, None, True, [1, 2], {"a": 1}, "größe λ"):
         assert quoted(value) == repr(value)

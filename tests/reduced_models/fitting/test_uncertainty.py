@@ -1,0 +1,40 @@
+"""How sure parameters are in directions that a record leaves open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from reduced_models.fitting.uncertainty import sandwich
+
+SAMPLES, SIZE = 400, 4
+
+
+def _correlated_noise(reach: float) -> np.ndarray:
+    times = np.arange(SAMPLES)
+    return np.asarray(np.exp(-np.abs(times[:, None] - times[None, :]) / reach))
+
+
+@pytest.mark.parametrize("left", [0.0, 1e-9, 1e-8, 1e-7])
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_open_is_never_called_sure(seed: int, left: float) -> None:
+    random = np.random.default_rng(seed)
+    phases = np.linspace(0.0, 20.0, SAMPLES)
+    slopes = np.stack([np.sin(k * phases) for k in range(1, SIZE + 1)], axis=1)
+    slopes[:, -1] = slopes[:, :-1] @ random.normal(size=SIZE - 1) + left * slopes[:, -1]
+    slopes *= 10.0 ** random.uniform(-4.0, 4.0, SIZE)
+    noise = _correlated_noise(60.0)
+    found = sandwich(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0)
+    # What white residuals of that variance leave open along the last parameter, at the least.
+    least = 1.0 / np.linalg.norm(slopes[:, -1]) ** 2
+    assert found[-1, -1] > 1e5**2 * least
+    assert (np.diag(found) > 0.0).all()
+
+
+def test_it_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
+    slopes = np.random.default_rng(1).normal(size=(SAMPLES, SIZE))
+    noise = _correlated_noise(5.0)
+    inverse = np.linalg.inv(slopes.T @ slopes)
+    exact = inverse @ slopes.T @ noise @ slopes @ inverse
+    assert_allclose(sandwich(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9)
