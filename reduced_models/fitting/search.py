@@ -45,13 +45,17 @@ from reduced_models.least_squares.residuals import (
     gridded,
     residual_functions,
 )
-from reduced_models.least_squares.samples import Samples, grid_over, means_on_grid
+from reduced_models.least_squares.samples import (
+    Samples,
+    grid_over,
+    means_on_grid,
+    samples_on_grid,
+)
 from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
 from reduced_models.records.inputs import Grid, driving
 
 FIRST_SWINGS = 2.0
-_FIRST_TRIALS, _FIRST_TOLERANCE = 60, 1e-4
-_TRIALS, _TOLERANCE = 20, 1e-3  # of horizons between the first and the last
+_TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
 _RIVAL_TRIALS = 20  # of a law as it stands, beside its fit with a map
 _HOPELESS = 4.0  # times the cost of the fit with a map
 _MOST_NUMBERS = 2**26
@@ -59,7 +63,9 @@ _MOST_NUMBERS = 2**26
 COARSE_STEPS, FINE_STEPS = 16, 64
 """Grid steps of a period: the phase error of a period is then 4e-6 and 1e-9."""
 _MOST_COARSE = 2**13  # steps over which all starts are followed; behind them, the best one
+_THIN = 2.0  # samples a coarse step, above which their means are fitted
 _SAME_VALLEY = 2.0  # times the cost of the fit
+_TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
 _BETTER = 0.99  # of a cost: less is another fit
 
 
@@ -161,17 +167,16 @@ def _searched(
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
         normal, prior = _coarse_normal(unknowns, vector, case, coarse, swings)
         rival = first and not math.isinf(limit)
-        trials = _RIVAL_TRIALS if rival else (_FIRST_TRIALS if first else _TRIALS)
+        trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
             waiting = None if swung is not None or not costs.any() else in_the_running(
                 costs, prior.samples
             )  # fmt: skip
             theta, costs = search(normal, theta, prior, bounds=bounds, waiting=waiting)
         else:
-            tolerance = _FIRST_TOLERANCE if first else _TOLERANCE
             waiting = None if first else in_the_running(costs, prior.samples)
             theta, costs = search(
-                normal, theta, prior, tolerance, bounds, trials=trials, waiting=waiting
+                normal, theta, prior, _TOLERANCE, bounds, trials=trials, waiting=waiting
             )
         if rival and costs.min() > limit:
             break
@@ -220,7 +225,7 @@ def _swung(
     theta = vector.merged([started(swinging, data.guess, free) for data in case.data])
     for swings in _horizons(coarse):
         normal, prior = _coarse_normal(swinging, vector, case, coarse, swings)
-        theta, _ = search(normal, theta, prior, _FIRST_TOLERANCE, trials=_FIRST_TRIALS)
+        theta, _ = search(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
     values = swinging.physical(theta[:, vector.places[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
     theta[:, : free.shape[1]] = free_entries(unknowns, mapped)
@@ -250,8 +255,16 @@ def _coarse(unknowns: Unknowns, case: Case, data: Data) -> _Coarse:
         training = training.first(count)
         grid = grid_over(training, law.inputs, period, wanted, case.interpolation)
     weights = data.weights[: len(training)]
-    means = means_on_grid(training, grid, law.inputs, case.interpolation, weights)
-    return _Coarse(data, means, float(training.time[-1]))
+    end = float(training.time[-1])
+    if driving(law.inputs) or len(training) > _THIN * grid.steps:
+        means = means_on_grid(training, grid, law.inputs, case.interpolation, weights)
+        return _Coarse(data, means, end)
+    # A mean of few samples is moved to its grid point by the slope between them, which is off
+    # where they are far apart: by as much as the noise, which the doubling does not survive.
+    samples = samples_on_grid(training, grid, law.inputs, case.interpolation)
+    padded = np.zeros_like(samples.weight)
+    padded[: len(training)] = weights
+    return _Coarse(data, samples.weighted(padded), end)
 
 
 def _coarse_normal(
@@ -264,7 +277,7 @@ def _coarse_normal(
     """The normal equations of the first swings, and the prior about the starts."""
     normals, total = [], 0.0
     for data, means, _ in coarse:
-        seen = means.step * np.arange(len(means.weight)) <= swings * data.guess.quickest
+        seen = means.step * (means.place + means.share) <= swings * data.guess.quickest
         weight = means.weight * seen
         total += float((weight**2).sum())
         loss = case.loss_of(data, unknowns.amplitude)
@@ -296,7 +309,8 @@ def _refined(case: Case, found: _Search) -> Candidate:
         collocation = "same" if other_cost * _BETTER <= cost + tie else "worse"
         if other_cost + tie < _BETTER * cost:
             coarse_cost *= other_cost / cost
-            best, cost, collocation = other, other_cost, "better"
+            best = joint.sharpened(other, case.samples)
+            cost, collocation = _cost(joint, case, best), "better"
     limit = agreement(np.array([coarse_cost]), count)
     converged = int((found.costs <= limit).sum())
     return Candidate(joint, best, count, converged, cost, coarse_cost, collocation)
@@ -336,7 +350,11 @@ def _cost(joint: JointRecords, case: Case, theta: np.ndarray) -> float:
 
 
 def _along(
-    joint: JointRecords, case: Case, theta: np.ndarray, reached: Sequence[float]
+    joint: JointRecords,
+    case: Case,
+    theta: np.ndarray,
+    reached: Sequence[float],
+    tolerance: float = 1e-11,
 ) -> np.ndarray:
     """A search vector sharpened on the fine grids, from a time on that it has seen."""
     share = min(
@@ -347,9 +365,9 @@ def _along(
             max(4, int(np.searchsorted(one.training.time, share * one.training.time[-1])))
             for one in case.data
         ]
-        theta = joint.sharpened(theta, counts, tolerance=1e-6)
+        theta = joint.sharpened(theta, counts, tolerance=max(tolerance, 1e-6))
         share *= 2.0
-    return joint.sharpened(theta, case.samples)
+    return joint.sharpened(theta, case.samples, tolerance=tolerance)
 
 
 def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarray | None:
@@ -375,8 +393,9 @@ def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarra
     for here in joint.vector.places:
         beside[here[: unknowns.free]] = start[here[: unknowns.free]]
     if _cost(joint, case, beside) <= _SAME_VALLEY * _cost(joint, case, theta):
-        return joint.sharpened(beside, case.samples, tolerance=1e-4)
-    return _along(joint, case, start, [FIRST_SWINGS * data.guess.quickest for data in case.data])
+        return joint.sharpened(beside, case.samples, tolerance=_TELLING)
+    reached = [FIRST_SWINGS * data.guess.quickest for data in case.data]
+    return _along(joint, case, start, reached, _TELLING)
 
 
 def _start_vectors(unknowns: Unknowns, case: Case, starts: int, seed: int) -> list[np.ndarray]:

@@ -32,15 +32,21 @@ def smoothed(record: PistonRecord, period: float, nodes: np.ndarray | int) -> Sm
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
-    rows: list[tuple[float, ...]] = []
-    for node in np.clip(nodes, time[0] + half, time[-1] - half):
-        inside = slice(*np.searchsorted(time, (node - half, node + half)))
-        if inside.stop - inside.start < _LEAST or (rows and node <= rows[-1][3]):
-            continue
-        place = (time[inside] - node) / half
-        level, slope, bend, _ = np.polynomial.polynomial.polyfit(place, record.height[inside], 3)
-        rows.append((level, slope / half, 2.0 * bend / half**2, node))
-    if len(rows) < _FEWEST:  # too few samples a period: straight from the samples
+    nodes = np.clip(nodes, time[0] + half, time[-1] - half)
+    first, last = (np.searchsorted(time, nodes + side * half) for side in (-1.0, 1.0))
+    kept = (last - first >= _LEAST) & np.concatenate([[True], np.diff(nodes) > 0.0])
+    if kept.sum() < _FEWEST:  # too few samples a period: straight from the samples
         speed = np.gradient(record.height, time)
         return Smoothed(record.height, speed, np.gradient(speed, time), time)
-    return Smoothed(*np.array(rows).T)
+    cubics = [
+        _cubic((time[a:b] - node) / half, record.height[a:b])
+        for a, b, node in zip(first[kept], last[kept], nodes[kept], strict=True)
+    ]
+    level, slope, bend, _ = np.array(cubics).T
+    return Smoothed(level, slope / half, 2.0 * bend / half**2, nodes[kept])
+
+
+def _cubic(place: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Coefficients (4,) of the cubic in places (n,) from -1 to 1 with the least squares."""
+    powers = place ** np.arange(4)[:, None]
+    return np.linalg.lstsq(powers.T, height, rcond=None)[0]

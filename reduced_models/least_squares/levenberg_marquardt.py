@@ -31,6 +31,8 @@ _AGREE = 0.01  # costs that differ by less than this fraction are those of the s
 _ENOUGH = 0.9  # share of the starts that lead to the best fit, behind which a search ends
 _IN_THE_RUNNING = 4.0  # times the least cost: starts above it are not waited for
 _LONGEST, _SHORTEST = 1e6, 1e-12  # steps: one over the damping
+_VAIN = 0.01  # of the tolerance: a promise below it is not worth a trial
+_LONG = 1e4  # steps that damping hardly shortens: what they promise is what there is to gain
 _TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
     high_cutoff=0.25, low_cutoff=0.0, high_constant=10.0, low_constant=0.1
 )
@@ -96,7 +98,8 @@ def search(
     prior : Prior
         About the start vectors.
     tolerance : float
-        A start comes to rest when no trial changes its cost by this fraction any more.
+        A start comes to rest when no trial changes its cost by this fraction any more, or a whole
+        step promises a hundredth of that.
     bounds : Bounds, optional
         An entry that lies at its bound and would leave it rests there for the step (projected
         Levenberg-Marquardt; Kanzow, Yamashita, Fukushima 2004, doi:10.1016/j.cam.2004.02.013).
@@ -123,10 +126,13 @@ def search(
     idle = np.zeros(len(start), dtype=int)
     for _ in range(trials):
         precision = best.cost[:, None] / prior.samples * prior.precision
-        moved = np.asarray(_moved(best, start, precision, sizes, bounds))
+        moved, gain = map(np.asarray, _moved(best, start, precision, sizes, bounds))
         moved = np.where(np.isfinite(moved), moved, best.theta)
-        trial = _batch(normal, moved)
         total = best.cost + (precision * (best.theta - start) ** 2).sum(axis=1)
+        idle = np.where((gain <= _VAIN * tolerance * total) & (sizes >= _LONG), patience, idle)
+        if _over(idle >= patience, wanted, best.cost, prior.samples):
+            break
+        trial = _batch(normal, moved)
         trial_total = trial.cost + (precision * (trial.theta - start) ** 2).sum(axis=1)
         judged = _judged(best, start, precision, sizes, moved, total, trial_total)
         better, sizes = map(np.asarray, judged)
@@ -134,11 +140,15 @@ def search(
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
         best = Batch(*map(functools.partial(_chosen, better), trial, best))
-        resting = idle >= patience
-        agreeing = resting & (best.cost <= agreement(best.cost, prior.samples))
-        if (resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(start):
+        if _over(idle >= patience, wanted, best.cost, prior.samples):
             break
     return best.theta, best.cost
+
+
+def _over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
+    """Whether all that are waited for have come to rest, or nine tenths at the same least cost."""
+    agreeing = resting & (cost <= agreement(cost, samples))
+    return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
 
 
 def agreement(cost: np.ndarray, samples: float) -> float:
@@ -180,8 +190,8 @@ def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
 @jax.vmap
 def _moved(
     best: Batch, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
-) -> jax.Array:
-    """The next search vectors, within the bounds."""
+) -> tuple[jax.Array, jax.Array]:
+    """The next search vectors, within the bounds, and what of the cost they promise to save."""
     slope, matrix, scale = _scaled(best, start, precision)
     resting = (
         ((best.theta <= bounds.low) & (slope >= 0.0))
@@ -194,7 +204,8 @@ def _moved(
     place = _quadratic(0.5 * best.cost, slope, matrix)
     state = _DESCENT.query(slope, place, _DESCENT.init(slope, place))
     step, _ = _DESCENT.step(size, state)
-    return jnp.clip(best.theta + scale * step, bounds.low, bounds.high)
+    gain = -2.0 * slope @ step - step @ matrix @ step
+    return jnp.clip(best.theta + scale * step, bounds.low, bounds.high), gain
 
 
 @jax.jit
