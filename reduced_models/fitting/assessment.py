@@ -33,6 +33,8 @@ from reduced_models.records.first_guesses import noise_level
 
 FEW = 0.25
 """Share of the starts that must lead to the best fit before it is taken without a note."""
+NORMAL_MEDIAN = 0.6745
+"""Median of the modulus of a standard normal number."""
 SMALL = 1e-5
 """Residuals below this share of the swing are rounding, and the solver's."""
 SHARE = 0.5
@@ -126,7 +128,9 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
     for k, here in enumerate(joint.vector.places):
         analysis = interval_analysis(joint.unknowns, theta[here], known[k], training.confidence)
         if again is not None:
-            intervals = bootstrap_intervals(joint.unknowns, again[:, here], training.confidence)
+            intervals = bootstrap_intervals(
+                joint.unknowns, again[:, here], theta[here], training.confidence, known[k]
+            )
             analysis = dataclasses.replace(analysis, intervals=intervals)
         if profiled is not None:
             analysis = dataclasses.replace(analysis, intervals=profiled[k])
@@ -156,7 +160,7 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
         undetermined=analysis.undetermined,
         domain=_domain([one.record for one in found.joint.grids]),
         notes=(
-            *_notes(quality),
+            *_notes(quality, _usual(found, k)),
             *_bound_notes(parameters, training.bounds),
             *_unit_notes(unknowns.amplitude, unknowns.speed),
         ),
@@ -279,34 +283,49 @@ def _structure(quality: Quality) -> str:
     )
     if abs(quality.lag) > 0.0 and quality.swinging > SHARE:
         words += f"; the solution lags by {quality.lag:.2g} s"
-    if quality.drift > DRIFT and quality.slow > quality.swinging:
+    if _drifting(quality):
         return f"{words}) but drift slowly, so the level of rest is known less; give drift=True"
     if quality.swinging > SHARE:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
-    return f"{words}), so the law is not right, or the noise is not white; try another law"
+    drift = ", or drift=True if the record's zero may drift" if quality.drift > DRIFT else ""
+    return f"{words}), so the law is not right, or the noise is not white; try another law{drift}"
+
+
+def _drifting(quality: Quality) -> bool:
+    return quality.drift > DRIFT and quality.slow > quality.swinging
 
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _notes(quality: Quality) -> tuple[str, ...]:
+def _usual(found: JudgedFit, k: int) -> float:
+    """The residual [m] that notes go by: where the loss spares outliers, they do not count."""
+    grid = found.joint.grids[k]
+    residuals = grid.residuals(found.theta[found.joint.vector.places[k]])
+    if grid.loss.name == "linear":
+        return _rms(residuals) * grid.unknowns.amplitude
+    return float(np.median(np.abs(residuals))) / NORMAL_MEDIAN * grid.unknowns.amplitude
+
+
+def _notes(quality: Quality, usual: float) -> tuple[str, ...]:
     notes = []
     if quality.converged < FEW * quality.starts:
         notes.append(
             f"only {quality.converged} of {quality.starts} random starts led to this fit, so there "
             "may be a better one; try more starts"
         )
-    if quality.residual > NOISE_TIMES * quality.noise and quality.relative > NOTABLE:
-        ratio = quality.residual / quality.noise if quality.noise > 0.0 else math.inf
+    swing = quality.residual / max(quality.relative, 1e-300)
+    if usual > NOISE_TIMES * quality.noise and usual > NOTABLE * swing:
+        ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
-            f"the residual is {100 * quality.relative:.2g} % of the swing and {ratio:.2g} times "
+            f"the residual is {100 * usual / swing:.2g} % of the swing and {ratio:.2g} times "
             "the record's noise, so the law or "
             "the fit is not right; try another law or more starts"
+            + (", or drift=True if the record's zero may drift" if _drifting(quality) else "")
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
         notes.append(_structure(quality))
-    swing = quality.residual / max(quality.relative, 1e-300)
     if quality.noise > NOISY * swing:
         notes.append(
             f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "

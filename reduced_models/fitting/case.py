@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
+from reduced_models.fitting.outliers import without_outliers
 from reduced_models.least_squares.residuals import Loss, LossName
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
 from reduced_models.records.inputs import Interpolation
@@ -29,6 +30,9 @@ class Data(NamedTuple):
     record, training : PistonRecord
     stop : float
         End of the training stretch [s].
+    look : PistonRecord
+        The training stretch as first guesses and start values see it: without outliers, where the
+        loss spares them.
     guess : FirstGuesses
     weights : float64 (n,)
         Of the residuals.
@@ -40,6 +44,7 @@ class Data(NamedTuple):
     record: PistonRecord
     training: PistonRecord
     stop: float
+    look: PistonRecord
     guess: FirstGuesses
     weights: np.ndarray
     noise: float
@@ -124,4 +129,5 @@ def split(
     level = noise or 0.0
     if noise is None and loss != "linear":
         level = noise_level(whole.height, whole.time)
-    return Data(whole, training, stop, first_guesses(training), given, level)
+    look = training if loss == "linear" else without_outliers(training)
+    return Data(whole, training, stop, look, first_guesses(look), given, level)

@@ -150,7 +150,7 @@ def _searched(
     """
     # First of all: a record with too many periods is refused before any search.
     fine_grids(law, case)
-    unknowns = unknowns_of(law, height_map, case.leader.guess, case.leader.training)
+    unknowns = unknowns_of(law, height_map, case.leader.guess, case.leader.look)
     vector = joint_vector(unknowns, len(case.data), case.own)
     edges = [theta_bounds(unknowns, case.bounds_of(data), case.initial) for data in case.data]
     bounds = Bounds(*(vector.merged(side) for side in zip(*edges, strict=True)))
@@ -217,7 +217,7 @@ def _swung(
     if form is None or unknowns.map is not None or case.own or case.bounds or case.start:
         return None
     random = np.random.default_rng(seed)
-    draws = swing_draws(form, leader.guess, leader.training, starts, random)
+    draws = swing_draws(form, leader.guess, leader.look, starts, random)
     if draws is None:
         return None
     swinging = swing_unknowns(unknowns, form, draws)
@@ -377,7 +377,7 @@ def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarra
         return None
     given = unknowns.map
     seen = leader.guess.seen_as(given.shift, given.scale)
-    mapped = leader.training.mapped(given.shift, given.scale)
+    mapped = leader.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical(theta[joint.vector.places[0]])[0])
     held = case.held(leader)
     found = matched_values(unknowns.law, seen, mapped, values, held)
@@ -404,7 +404,7 @@ def _start_vectors(unknowns: Unknowns, case: Case, starts: int, seed: int) -> li
         start_vectors(
             unknowns,
             data.guess,
-            data.training,
+            data.look,
             starts,
             np.random.default_rng(seed),
             case.start,

@@ -210,11 +210,25 @@ def interval_analysis(
 
 
 def bootstrap_intervals(
-    unknowns: Unknowns, replicates: np.ndarray, confidence: float
+    unknowns: Unknowns,
+    replicates: np.ndarray,
+    theta: np.ndarray,
+    confidence: float,
+    known: Information,
 ) -> dict[str, tuple[float, float]]:
-    """Percentile intervals from search vectors (k, p) that were fitted to resampled records."""
+    """Percentile intervals from search vectors (k, p) that were fitted to resampled records.
+
+    Percentiles know nothing of how few independent samples there are: they are moved away from
+    the fit (p,) as far as Student's quantile lies behind the normal one (Hesterberg 2015,
+    doi:10.1080/00031305.2015.1089789).
+    """
+    from scipy.stats import norm
+
     shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    return intervals_between(unknowns, *np.quantile(replicates, shares, axis=0))
+    count = max(_LEAST_FREEDOM, known.independent)
+    wider = known.quantile(confidence) / float(norm.ppf(shares[1])) * math.sqrt(count / (count - 1))
+    edges = theta + wider * (np.quantile(replicates, shares, axis=0) - theta)
+    return intervals_between(unknowns, *edges)
 
 
 def profile_intervals(
