@@ -7,7 +7,7 @@ from typing import Any
 
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
-from reduced_models.models.model import Direction
+from reduced_models.models.quality import Direction
 
 
 @dataclasses.dataclass(frozen=True)

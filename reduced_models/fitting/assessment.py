@@ -27,8 +27,10 @@ from reduced_models.fitting.uncertainty import (
     profile_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.small_swing import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_walk
-from reduced_models.models.model import Quality, ReducedModel
+from reduced_models.models.model import ReducedModel
+from reduced_models.models.quality import Quality
 from reduced_models.records.first_guesses import noise_level
 
 FEW = 0.25
@@ -75,7 +77,7 @@ class Training(NamedTuple):
     noise : tuple of float or None
         Of each record, where it was given [m].
     collocation : str
-        Where the fit without a solution led to; see `reduced_models.fitting.search.Candidate`.
+        Where the fit without a solution led to; see `reduced_models.fitting.candidate.Candidate`.
     """
 
     samples: tuple[int, ...]
@@ -155,7 +157,8 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
         confidence=training.confidence,
         map=height_map,
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
-        at_rest=analysis.at_rest,
+        at_rest=None if isinstance(analysis.at_rest, NoSwing) else analysis.at_rest,
+        no_swing=analysis.at_rest.reason if isinstance(analysis.at_rest, NoSwing) else "",
         quality=quality,
         undetermined=analysis.undetermined,
         domain=_domain([one.record for one in found.joint.grids]),

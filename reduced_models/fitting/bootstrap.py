@@ -15,9 +15,15 @@ import numpy as np
 
 from reduced_models.fitting.autoregression import autoregression
 from reduced_models.fitting.refinement import JointRecords
-from reduced_models.least_squares.residuals import with_walk, without_walk
+from reduced_models.least_squares.residuals import (
+    Loss,
+    cost_and_weight,
+    with_walk,
+    without_walk,
+)
 
 REPLICATES = 200
+_ROUNDS = 10
 
 
 def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
@@ -31,7 +37,10 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
         grid.record.height + each * amplitude
         for grid, each in zip(joint.grids, residuals, strict=True)
     ]
-    draws = [_resampler(each, grid.gain) for each, grid in zip(residuals, joint.grids, strict=True)]
+    draws = [
+        _resampler(each, grid.gain, grid.loss)
+        for each, grid in zip(residuals, joint.grids, strict=True)
+    ]
     found = np.empty((count, len(theta)))
     for k in range(count):
         heights = [
@@ -45,19 +54,21 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
     return found
 
 
-def _resampler(residuals: np.ndarray, gain: float) -> Callable[[np.random.Generator], np.ndarray]:
-    """Draws of residuals that follow each other as these do, about their mean."""
+def _resampler(
+    residuals: np.ndarray, gain: float, loss: Loss
+) -> Callable[[np.random.Generator], np.ndarray]:
+    """Draws of residuals that follow each other as these do, about their middle."""
     from scipy.signal import lfilter
 
     count = len(residuals)
     if gain > 0.0:
         left = without_walk(residuals, gain)
-        left = left - left.mean()
+        left = left - _middle(left, loss)
         return lambda random: with_walk(random.choice(left, count), gain)
-    centred = residuals - residuals.mean()
+    centred = residuals - _middle(residuals, loss)
     series = autoregression(centred)
     new = series.new(centred)
-    new = new - new.mean()
+    new = new - _middle(new, loss)
     # What comes first has nothing before it: as much again, and more, is drawn and left out.
     ahead = count if len(series.weights) else 0
 
@@ -66,3 +77,12 @@ def _resampler(residuals: np.ndarray, gain: float) -> Callable[[np.random.Genera
         return np.asarray(lfilter([1.0], series.filter, drawn)[ahead:])
 
     return draw
+
+
+def _middle(values: np.ndarray, loss: Loss) -> float:
+    """Where the loss of values is least, which outliers do not move as they move the mean."""
+    middle = 0.0
+    for _ in range(_ROUNDS):
+        _, weight = cost_and_weight(values - middle, loss.numbers, np)
+        middle = float(np.average(values, weights=weight))
+    return middle

@@ -42,7 +42,8 @@ from reduced_models.fitting.refinement import judged_fit
 from reduced_models.fitting.search import best_candidate
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.law import Law, law_from_text
+from reduced_models.laws.law import Law
+from reduced_models.laws.words import law_from_text
 from reduced_models.least_squares.residuals import LossName
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.inputs import Interpolation, column_names, driving

@@ -14,7 +14,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.fitting.smoothing import Smoothed, smoothed
-from reduced_models.laws.law import Law, compiled_field
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.law import Law
 from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, search
 from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.inputs import column, drive_at

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
+from reduced_models.fitting.candidate import Candidate, fine_grids
 from reduced_models.fitting.case import Case
 from reduced_models.fitting.refinement import JointRecords
-from reduced_models.fitting.search import Candidate, fine_grids
 from reduced_models.least_squares.residuals import BLOWN_UP
 from reduced_models.records.inputs import INTERPOLATIONS
 

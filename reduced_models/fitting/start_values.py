@@ -15,7 +15,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from reduced_models.fitting.hidden_starts import hidden_starts
 from reduced_models.fitting.smoothing import smoothed
-from reduced_models.laws.law import Law, Starts, compiled_field
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.law import Law, Starts
 from reduced_models.laws.symmetry import at_home
 from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.inputs import column, drive_at

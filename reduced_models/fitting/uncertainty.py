@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from reduced_models.fitting.autoregression import autoregression, spread_of
-from reduced_models.laws.small_swing import small_swing
+from reduced_models.laws.small_swing import NoSwing, small_swing
 from reduced_models.least_squares.residuals import cost_and_weight, sensitivity
 from reduced_models.models.fitted_law import AtRest
-from reduced_models.models.model import Direction
+from reduced_models.models.quality import Direction
 
 if TYPE_CHECKING:
     from reduced_models.fitting.refinement import JointRecords
@@ -44,7 +44,7 @@ class Analysis:
     """What is known of the parameters of a fit."""
 
     intervals: Mapping[str, tuple[float, float]]
-    at_rest: AtRest | None
+    at_rest: AtRest | NoSwing
     undetermined: tuple[Direction, ...]
 
 
@@ -174,9 +174,7 @@ def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarr
     inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
     inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
     resolved = np.where(known, inverse, 0.0)
-    found = resolved[:, None] * inner * resolved + np.diag(
-        np.where(known, 0.0, variance * inverse)
-    )
+    found = resolved[:, None] * inner * resolved + np.diag(np.where(known, 0.0, variance * inverse))
     return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
 
 
@@ -359,19 +357,23 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
 
 def _at_rest(
     unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray, quantile: float
-) -> AtRest | None:
+) -> AtRest | NoSwing:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
     figures = _small_motion(unknowns, theta)
-    if figures is None or abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
-        return None
+    if isinstance(figures, NoSwing):
+        return figures
+    if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
+        return NoSwing(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
     slope = np.zeros((3, len(theta)))
     for k in range(len(theta)):
         step = np.zeros(len(theta))
         step[k] = 1e-6 * max(1.0, abs(theta[k]))
-        sides = [_small_motion(unknowns, theta + sign * step) for sign in (1.0, -1.0)]
-        if sides[0] is None or sides[1] is None:
-            return None
-        slope[:, k] = (sides[0] - sides[1]) / (2.0 * step[k])
+        above, below = (_small_motion(unknowns, theta + sign * step) for sign in (1.0, -1.0))
+        if isinstance(above, NoSwing):
+            return above
+        if isinstance(below, NoSwing):
+            return below
+        slope[:, k] = (above - below) / (2.0 * step[k])
     spread = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
     names = ("height", "period", "damping_ratio")
     return AtRest(
@@ -385,13 +387,13 @@ def _at_rest(
     )
 
 
-def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | None:
-    """Rest height, period and damping ratio; None where there is no stable level of rest.
+def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
+    """Rest height, period and damping ratio; the reason where there is no stable level of rest.
 
     Hidden states and inputs are at zero.
     """
     values, shift, scale, *_ = unknowns.physical(theta)
     found = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
-    if found is None:
-        return None
+    if isinstance(found, NoSwing):
+        return found
     return np.array([shift + scale * found.z, found.period, found.damping_ratio])

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.law import Law, compiled_field, compiled_jacobian, jacobian_of
+from reduced_models.laws.equation import compiled_field, compiled_jacobian, jacobian_of
+from reduced_models.laws.law import Law
 
 if TYPE_CHECKING:
     import sympy
@@ -37,11 +38,29 @@ class SmallSwing(NamedTuple):
     damping_ratio: float
 
 
-def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | None:
+class NoSwing(NamedTuple):
+    """Why a law has no small swing, in words that follow "none, ".
+
+    Attributes
+    ----------
+    reason : str
+    """
+
+    reason: str
+
+
+_NO_LEVEL = NoSwing("no level of rest is found near the record")
+_JUMPS = NoSwing("the law jumps at rest, as dry friction does")
+_PUSHES = NoSwing("what pushes the piston there does not pull it back")
+_UNSTABLE = NoSwing("the level of rest is not stable")
+_CREEPS = NoSwing("the piston creeps back there without a swing")
+
+
+def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoSwing:
     """That of a law with values of its parameters, about the level of rest near z.
 
     Hidden states move with z as their equations say. They are at zero at rest where the law leaves
-    that open, as hysteresis does. None where there is no stable level of rest, or no swing.
+    that open, as hysteresis does. The reason where there is no stable level of rest, or no swing.
     """
     hidden, inputs = len(law.hidden), (0.0,) * len(law.inputs)
     rates = compiled_field(law.equation, law.inputs, "numpy")
@@ -53,7 +72,7 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | Non
     )
 
 
-def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | None:
+def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     """That of an equation in z(t) with numbers for all parameters; see `small_swing`."""
     import sympy
 
@@ -77,15 +96,17 @@ def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | None:
     )
 
 
-def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | None:
+def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """By Newton's method, and the eigenvalues of what is linear there."""
     state = state.copy()
     with np.errstate(all="ignore"):
         for _ in range(_MOST_STEPS):
             left, matrix = rates(state), slopes(state)
             free = np.delete(matrix, 1, axis=1)
-            if not (np.isfinite(left).all() and np.isfinite(free).all()):
-                return None
+            if not np.isfinite(left).all():
+                return _NO_LEVEL
+            if not np.isfinite(free).all():
+                return _JUMPS
             # Hidden states that may be anything at rest stay where they are.
             moving = [0] + [
                 k for k in range(1, len(left)) if abs(free[k, k]) > _FLAT * np.abs(matrix).max()
@@ -93,7 +114,7 @@ def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | None:
             try:
                 change = np.linalg.solve(free[np.ix_(moving, moving)], left[moving])
             except np.linalg.LinAlgError:
-                return None
+                return _NO_LEVEL
             for k, step in zip(moving, change, strict=True):
                 state[k + (k > 0)] -= step
             if not np.isfinite(state).all() or np.abs(change).max() <= 1e-15 * max(
@@ -101,20 +122,20 @@ def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | None:
             ):
                 break
         if not np.isfinite(state).all():
-            return None
+            return _NO_LEVEL
         matrix = slopes(state)
     if not np.isfinite(matrix).all():
-        return None
+        return _JUMPS
     if len(matrix) == 1:
         stiffness, damping = -matrix[0]
         if not stiffness > 0.0:
-            return None
+            return _PUSHES
         omega = math.sqrt(stiffness)
         return SmallSwing(float(state[0]), 2.0 * math.pi / omega, damping / (2.0 * omega))
     return _swing_with_memory(state, matrix)
 
 
-def _swing_with_memory(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | None:
+def _swing_with_memory(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | NoSwing:
     """Of a law with hidden states: its slowest pair of complex eigenvalues that moves z."""
     size = len(state)
     full = np.zeros((size, size))
@@ -122,11 +143,11 @@ def _swing_with_memory(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | No
     full[1:] = matrix
     values, vectors = np.linalg.eig(full)
     if values.real.max() > _FLAT * np.abs(values).max() and not (values.imag > 0.0).any():
-        return None
+        return _UNSTABLE
     scale = np.abs(vectors).max(axis=0)
     swinging = (values.imag > _FLAT * np.abs(values).max()) & (np.abs(vectors[0]) > _FLAT * scale)
     if not swinging.any():
-        return None
+        return _CREEPS
     chosen = values[swinging][np.abs(values[swinging]).argmin()]
     omega = abs(chosen)
     ratio = float(-chosen.real / omega)

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
-from reduced_models.laws.law import PROGRAMS, Law, compiled_field
+from reduced_models.laws.equation import PROGRAMS, compiled_field
+from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, pieces
 
 jnp = jax.numpy

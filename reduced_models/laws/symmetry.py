@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.law import COMPILED, Law, compiled_field
+from reduced_models.laws.equation import COMPILED, compiled_field
+from reduced_models.laws.law import Law
 
 _PLACES = 12
 _CLOSE = 1e-9

@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.jax_setup import jax
-from reduced_models.laws.law import PROGRAMS, compiled_field
+from reduced_models.laws.equation import PROGRAMS, compiled_field
 from reduced_models.laws.solution import between, on_grid
 from reduced_models.least_squares.levenberg_marquardt import Normal
 from reduced_models.least_squares.samples import Samples, samples_on_grid

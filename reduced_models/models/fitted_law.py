@@ -15,7 +15,7 @@ from granular.shared.messages import quoted
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.printing import latex, rounded, rounded_equation
-from reduced_models.laws.small_swing import small_swing, swing_of_equation
+from reduced_models.laws.small_swing import NoSwing, small_swing, swing_of_equation
 from reduced_models.records.inputs import TIME, Interpolation, column
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ class FittedLaw:
         if not self.law.hidden:  # whose equations stand beside this one
             swings.append(swing_of_equation(rounded_equation(self.fitted_equation, digits), z))
         for swing in swings:
-            if swing is None:
+            if isinstance(swing, NoSwing):
                 return False
             printed = (shift + scale * swing.z, swing.period, swing.damping_ratio)
             for (name, floor), figure in zip(_FLOORS.items(), printed, strict=True):

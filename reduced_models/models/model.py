@@ -19,114 +19,19 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
 from reduced_models.models.fitted_law import AtRest, FittedLaw
+from reduced_models.models.quality import Direction, Quality
 from reduced_models.models.schema import FORMAT, checked, read_model
 from reduced_models.records.inputs import Interpolation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SURE = 1e-4
-"""Probability below which residuals are not taken for white noise."""
 _MARGIN = 0.05  # of the range of heights seen
 _COLLOCATION = {
     "same": ", and so does a fit to accelerations",
     "worse": "; a fit to accelerations ends at more",
     "better": "; a fit to accelerations led here",
 }
-
-
-@dataclasses.dataclass(frozen=True)
-class Direction:
-    """A direction in which the parameters can move without the data noticing.
-
-    Attributes
-    ----------
-    powers : mapping of str to float
-        How the parameters change together: each one as t to this power, for a common t.
-    spread : float
-        Standard deviation of log t that the data leave. A parameter that may be zero and is small
-        against its natural size moves by so many of those sizes instead.
-    """
-
-    powers: Mapping[str, float]
-    spread: float
-
-    def __str__(self) -> str:
-        moving = ", ".join(f"{name} by t^{power:.2g}" for name, power in self.powers.items())
-        sure = (
-            f"t is known to a factor of {math.exp(self.spread):.2g}"
-            if self.spread < 7
-            else ("t can be anything")
-        )
-        return f"the data do not notice when {moving} change together ({sure})"
-
-
-@dataclasses.dataclass(frozen=True)
-class Quality:
-    """How well a model describes the data.
-
-    Attributes
-    ----------
-    residual : float
-        Root mean square of height minus model over the record [m].
-    relative : float
-        The same over the rms swing of the record.
-    holdout : float or None
-        Rms error of the roll-out over the held-out stretch of a model that has not seen it, over
-        the rms swing of the whole record; infinite where that model blows up. To be compared with
-        ``holdout_at_rest``.
-    holdout_from : float or None
-        Time since the record's start at which that stretch begins [s].
-    starts, converged : int
-        Random starts, and how many of them led to the best fit.
-    samples : int
-    solver_error : float
-        Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
-        1e-10, over the amplitude.
-    holdout_at_rest : float or None
-        The same error of a piston that stays at the level of rest of the training stretch: what
-        a prediction has to beat.
-    noise : float
-        Standard deviation of white noise in the record, from its third differences [m].
-    correlation : float
-        Integrated autocorrelation time of the residuals, in samples.
-    collocation : str
-        Where a fit to accelerations in the record, that solves nothing, led to: ``"same"`` fit,
-        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
-    whiteness, signs : float
-        Probabilities that white noise is correlated as much as the residuals, and that its sign
-        changes as seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
-    lag : float
-        Time by which the solution comes late [s].
-    slow, swinging : float
-        Share of the residuals' power that is slower than the swing, and that is about as fast.
-    drift : float
-        Their slow power, over what white noise of the same power has there.
-    """
-
-    residual: float
-    relative: float
-    holdout: float | None
-    holdout_from: float | None
-    starts: int
-    converged: int
-    samples: int
-    solver_error: float
-    holdout_at_rest: float | None = None
-    noise: float = 0.0
-    correlation: float = 1.0
-    collocation: str = "none"
-    whiteness: float = 1.0
-    signs: float = 1.0
-    lag: float = 0.0
-    slow: float = 0.0
-    swinging: float = 0.0
-    drift: float = 1.0
-
-    @property
-    def structured(self) -> bool:
-        """Whether the residuals are surely not white noise, so that the law is not right."""
-        return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -146,7 +51,7 @@ class ReducedModel(FittedLaw):
     initial : (float, float)
         Height [m] and velocity [m/s] at the record's start.
     at_rest : AtRest or None
-        None where the law has no level of rest near the record.
+        None where the law has no small swing near the record.
     quality : Quality
     undetermined : tuple of Direction
         Directions that the data leave open.
@@ -165,6 +70,8 @@ class ReducedModel(FittedLaw):
         ``velocity`` and hidden states at the start.
     covariance : float64 (p, p)
         Of these, in their units.
+    no_swing : str
+        Why ``at_rest`` is None.
     """
 
     law: Law
@@ -183,6 +90,7 @@ class ReducedModel(FittedLaw):
     input_interpolation: Interpolation = "spline"
     covariance_names: tuple[str, ...] = ()
     covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    no_swing: str = ""
 
     @property
     def correlation(self) -> np.ndarray:
@@ -304,6 +212,8 @@ class ReducedModel(FittedLaw):
                 f"  at rest: height {self.at_rest.height:.5g} m, period "
                 f"{self.at_rest.period:.5g} s, damping ratio {self.at_rest.damping_ratio:.4g}"
             )
+        elif self.no_swing:
+            lines.append(f"  small swing at rest: none, {self.no_swing}")
         quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
         if self.quality.holdout is not None:
             quality += f", held-out stretch {100.0 * self.quality.holdout:.3g} %"
@@ -347,6 +257,7 @@ class ReducedModel(FittedLaw):
             "input_interpolation": self.input_interpolation,
             "covariance_names": list(self.covariance_names),
             "covariance": self.covariance.tolist(),
+            "no_swing": self.no_swing,
         }
 
     def save(self, path: str | Path) -> None:
@@ -381,6 +292,7 @@ class ReducedModel(FittedLaw):
             input_interpolation=data.get("input_interpolation", "spline"),
             covariance_names=tuple(data.get("covariance_names", ())),
             covariance=np.array(data.get("covariance", np.zeros((0, 0))), dtype=np.float64),
+            no_swing=data.get("no_swing", ""),
         )
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.laws.law import Law, compiled_field
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.law import Law
 from reduced_models.models.fitted_law import FittedLaw
 
 _NODES = 256  # of a cycle

@@ -214,6 +214,7 @@ _MODEL = _shape(
         "input_interpolation": _one_of(INTERPOLATIONS),
         "covariance_names": _list(_text(200)),
         "covariance": _list(_list(_number())),
+        "no_swing": _text(200),
     },
 )
 

@@ -15,7 +15,8 @@ from trials import Outcome, Random, a_minute, random_of, refused, tell, wanted
 
 from granular.shared.errors import InputError
 from granular.shared.grammar import FUNCTIONS
-from reduced_models.laws.law import compiled_field, compiled_jacobian, law_from_text
+from reduced_models.laws.equation import compiled_field, compiled_jacobian
+from reduced_models.laws.words import law_from_text
 
 NAMES = ("z", "z'", "z''", "k", "c", "omega", "λ", "lambda", "w", "rest", "x0", "numpy", "pi", "e")
 NUMBERS = ("0", "1", "2", "3", "0.5", "1e-3", "7.25", "1e99", "1e-120", "64", "100", "1/3", "00.10")

@@ -11,8 +11,9 @@ from granular.run.record import PistonRecord
 from reduced_models.fitting.case import split
 from reduced_models.fitting.options import HOLDOUT, STARTS
 from reduced_models.fitting.start_vectors import start_vectors, unknowns_of
+from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.law import Law, compiled_field
+from reduced_models.laws.law import Law
 from reduced_models.records.inputs import TIME, column
 
 _MOST_TRIALS = 40

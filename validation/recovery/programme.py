@@ -106,8 +106,8 @@ def _row(system: int, fits: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def recovery_text(found: dict[str, Any]) -> str:
     """The table, and the totals in words."""
     header = (
-        "system", "reached", "worst residual/noise", "starts that agree", "s", "SciPy", "its starts",
-        "s",
+        "system", "reached", "worst residual/noise", "starts that agree", "s", "SciPy",
+        "its starts", "s",
     )  # fmt: skip
     rows = [
         (

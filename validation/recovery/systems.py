@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.laws.law import Law, compiled_field
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.law import Law
 
 NOISES = (0.001, 0.01, 0.03, 0.1)
 """Standard deviations of the noise, over that of the motion."""

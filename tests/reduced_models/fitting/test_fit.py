@@ -15,7 +15,8 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, ReducedModel, fit, load_model
 from reduced_models.fitting.refinement import SOLVER_LIMIT
 from reduced_models.laws import LAWS, law_named
-from reduced_models.laws.law import Law, parse
+from reduced_models.laws.equation import parse
+from reduced_models.laws.law import Law
 from reduced_models.laws.solution import Solution, solution
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
@@ -219,7 +220,7 @@ def test_records_with_too_many_periods_are_refused() -> None:
 
 
 def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reduced_models.fitting.search.FINE_STEPS", 4)
+    monkeypatch.setattr("reduced_models.fitting.candidate.FINE_STEPS", 4)
     model = fit(linear_record(), "linear")
     assert model.quality.solver_error <= SOLVER_LIMIT
     assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-6)

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from reduced_models.laws.law import PROGRAMS
+from reduced_models.laws.equation import PROGRAMS
 
 PROGRAM = """
 import resource, sys

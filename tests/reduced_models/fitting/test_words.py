@@ -13,9 +13,9 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import Law, compare, fit
-from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solution
 from reduced_models.laws.symmetry import at_home, symmetries
+from reduced_models.laws.words import law_from_text
 
 PENDULUM = "theta'' + 2*lam*theta' + k*sin(theta - rest) = 0"
 TIME = np.linspace(0.0, 40.0, 2000)

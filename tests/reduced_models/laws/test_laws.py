@@ -13,8 +13,9 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import ReducedModel, fit, forced_law, load_model
 from reduced_models.laws import LAWS, law_named
-from reduced_models.laws.law import compiled_jacobian, law_from_text, parse
+from reduced_models.laws.equation import compiled_jacobian, parse
 from reduced_models.laws.solution import solution
+from reduced_models.laws.words import law_from_text
 
 
 def errors(model: ReducedModel, true: dict[str, float]) -> list[float]:

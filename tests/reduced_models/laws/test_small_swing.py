@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.law import Law, compiled_field
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.law import Law
 from reduced_models.laws.small_swing import small_swing
 
 MAXWELL = Law("maxwell", "z'' + k*z + f*w = g; w' = z' - w/tau")

@@ -1,0 +1,258 @@
+"""Equations of motion taken apart: from text to trees, to expressions, to functions."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.shared import algebra, grammar
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+from reduced_models.records.inputs import TIME
+
+if TYPE_CHECKING:
+    import sympy
+
+COMPILED = 64
+"""Functions of laws that are kept in memory; each discovery makes up laws that never come back."""
+
+PROGRAMS = 16
+"""Programs of JAX that are kept in memory, of each kind; one takes some 20 MB."""
+
+_RATES = {"z'": "z_first", "z''": "z_second"}
+TIME_WORD = re.compile(rf"(?<![\w']){TIME}(?![\w'])")
+_MOST_HIDDEN = 8  # states: beyond what any record can tell apart
+
+
+@dataclasses.dataclass(frozen=True)
+class Parsed:
+    """An equation taken apart; ``hidden`` holds the rate of each hidden state."""
+
+    left: Any
+    right: Any
+    acceleration: Any
+    parameters: tuple[str, ...]
+    symbol_z: Any
+    symbol_v: Any
+    symbol_a: Any
+    hidden: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def arguments(self) -> list[Any]:
+        """Symbols of z, z', hidden states, inputs and parameters, in this order."""
+        import sympy
+
+        names = (*self.hidden, *self.inputs, *self.parameters)
+        return [self.symbol_z, self.symbol_v, *map(sympy.Symbol, names)]
+
+
+class Trees(NamedTuple):
+    """The formulas of a law: two sides, and the rate of each hidden state.
+
+    Whatever the coordinate is called, it is z in them.
+    """
+
+    left: grammar.Node
+    right: grammar.Node
+    hidden: dict[str, grammar.Node]
+
+    @property
+    def all(self) -> tuple[grammar.Node, ...]:
+        return self.left, self.right, *self.hidden.values()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """As they are written, without primes, each once."""
+        return tuple(dict.fromkeys(one.name for one in grammar.names(*self.all)))
+
+
+@functools.lru_cache(maxsize=COMPILED)
+def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
+    """Take an equation of motion apart.
+
+    Raises
+    ------
+    InputError
+        If the text is no equation, is not linear in z'', or names something unknown.
+    """
+    import sympy
+
+    law = f"the law {quoted(equation)}"
+    trees = trees_of(equation)
+    if TIME in trees.names and TIME not in (*inputs, *trees.hidden):
+        inputs = (*inputs, TIME)
+    for name in inputs:
+        if name not in trees.names:
+            raise InputError(f"{law} does not name its input {quoted(name)}")
+        if name == "z" or name in trees.hidden:
+            raise InputError(f"{law} has the input {name!r}, which it reckons itself; rename it")
+    a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
+    symbols = {"z": z, "z'": v, "z''": a}
+    try:
+        left, right, *rates = (algebra.expression(tree, symbols) for tree in trees.all)
+        difference = sympy.expand(left - right)
+    except grammar.FormulaError as error:
+        raise InputError(f"{law} cannot be read: {error}") from None
+    factor = difference.coeff(a, 1)
+    rest = sympy.expand(difference - factor * a)
+    if factor == 0 or rest.has(a) or factor.has(a):
+        raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
+    acceleration = -rest / factor
+    try:
+        for each in (acceleration, *rates):
+            algebra.check_numbers(each)
+    except grammar.FormulaError as error:
+        raise InputError(f"{law} cannot be reckoned with: {error}") from None
+    known = {"z", *trees.hidden, *inputs, TIME}
+    parameters = tuple(name for name in trees.names if name not in known)
+    return Parsed(
+        left, right, acceleration, parameters, z, v, a,
+        dict(zip(trees.hidden, rates, strict=True)), inputs,
+    )  # fmt: skip
+
+
+def trees_of(equation: str) -> Trees:
+    """The formulas of a law; names and primes mean something in each of them."""
+    law = f"the law {quoted(equation)}"
+    if len(equation) > grammar.MOST_SIGNS:
+        raise InputError(
+            f"{law} has {len(equation)} characters; at most {grammar.MOST_SIGNS} are read"
+        )
+    first, *others = equation.split(";")
+    if len(others) > _MOST_HIDDEN:
+        raise InputError(f"{law} has {len(others)} hidden states; at most {_MOST_HIDDEN} are read")
+    sides = first.split("=")
+    if len(sides) != 2:
+        raise InputError(f"{law} must have one equals sign")
+    try:
+        left, right = map(grammar.parse, sides)
+        hidden = [_hidden(law, text) for text in others]
+    except grammar.FormulaError as error:
+        raise InputError(f"{law} cannot be read: {error}") from None
+    coordinate = _coordinate(law, left, right)
+    if coordinate != "z":
+        left, right = (_renamed(tree, coordinate) for tree in (left, right))
+        hidden = [(name, _renamed(tree, coordinate)) for name, tree in hidden]
+    found = Trees(left, right, dict(hidden))
+    if coordinate in (name for name, _ in hidden):
+        raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
+    if len(found.hidden) < len(hidden):
+        raise InputError(f"{law} has two equations for one hidden state; write one")
+    for place, tree in enumerate(found.all):
+        for one in grammar.names(tree):
+            if one.primes > (2 if place < 2 else 1) or (one.primes and one.name != "z"):
+                raise InputError(
+                    f"{law} has a prime that does not follow {coordinate}, {one.text}; write "
+                    f"{coordinate}, {coordinate}' and {coordinate}'', and a hidden state's rate in "
+                    "an equation of its own"
+                )
+            if one.name in _RATES.values():
+                raise InputError(f"{law} names {one.name}; write z' or z'', or take another name")
+    return found
+
+
+def _coordinate(law: str, *trees: grammar.Node) -> str:
+    """The name that has two primes; z where there is none."""
+    found = tuple(dict.fromkeys(one.name for one in grammar.names(*trees) if one.primes == 2))
+    if not found or found == ("z",):
+        return "z"
+    if len(found) > 1:
+        raise InputError(
+            f"{law} has two coordinates, {' and '.join(found[:2])}; a law has one: write the other "
+            "as a column of the record, or as a hidden state"
+        )
+    if "z" in (one.name for one in grammar.names(*trees)):
+        raise InputError(f"{law} names z beside its coordinate {found[0]}; take another name for z")
+    if found[0] == TIME:
+        raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
+    return found[0]
+
+
+def _renamed(tree: grammar.Node, coordinate: str) -> grammar.Node:
+    """A formula with z for its coordinate."""
+    if isinstance(tree, grammar.Name) and tree.name == coordinate:
+        return grammar.Name("z", tree.primes)
+    if isinstance(tree, grammar.Applied):
+        operands = tuple(_renamed(each, coordinate) for each in tree.operands)
+        return grammar.Applied(tree.head, operands)
+    return tree
+
+
+def _hidden(law: str, text: str) -> tuple[str, grammar.Node]:
+    """Name and rate of a hidden state."""
+    left, _, right = text.partition("=")
+    one = grammar.parse(left) if left.strip() and right.strip() and "=" not in right else None
+    if not isinstance(one, grammar.Name) or one.primes != 1 or one.name in ("z", "t"):
+        raise InputError(
+            f"{law}: {quoted(text.strip())} must have one equals sign behind the rate of a hidden "
+            "state, such as w' = z' - w"
+        )
+    return one.name, grammar.parse(right)
+
+
+@functools.lru_cache(maxsize=COMPILED)
+def compiled_field(
+    equation: str, inputs: tuple[str, ...] = (), modules: str = "jax"
+) -> Callable[..., Any]:
+    """[z'', rates of the hidden states], of z, z', hidden states, inputs and parameters."""
+    parsed = parse(equation, inputs)
+    rates = [parsed.acceleration, *parsed.hidden.values()]
+    return algebra.function_of(parsed.arguments, rates, modules)
+
+
+@functools.lru_cache(maxsize=COMPILED)
+def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
+    """Derivatives of z'' and the rates of the hidden states, as a function of the same numbers.
+
+    An array (1 + hidden, 2 + hidden): by z, z' and the hidden states. All of it is NaN where one
+    jumps, as dry friction does at z' = 0.
+    """
+    import sympy
+
+    parsed = parse(equation, inputs)
+    # Of real numbers, or the derivative of a modulus would be one of complex numbers.
+    real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
+    rates = [rate.xreplace(real) for rate in (parsed.acceleration, *parsed.hidden.values())]
+    states = list(real.values())[: 2 + len(parsed.hidden)]
+    return jacobian_of(rates, states, list(real.values()))
+
+
+def jacobian_of(
+    rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
+) -> Callable[..., np.ndarray]:
+    """Derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
+    import sympy
+
+    def step(inner: sympy.Expr) -> sympy.Expr:
+        return 2 * sympy.Heaviside(inner) - 1
+
+    # Of what SymPy cannot know to be real, as asin(z), these have derivatives of complex numbers.
+    for kind, instead in ((sympy.sign, step), (sympy.Abs, lambda inner: inner * step(inner))):
+        rates = [
+            rate.replace(
+                lambda part, kind=kind: part.func is kind and not part.args[0].is_extended_real,
+                lambda part, instead=instead: instead(part.args[0]),
+            )
+            for rate in rates
+        ]
+    # The derivative of a sign is an impulse.
+    names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
+    found = algebra.function_of(arguments, [rate.diff(one) for rate in rates for one in by], names)
+
+    def matrix(*values: float) -> np.ndarray:
+        # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
+        with np.errstate(all="ignore"):
+            slopes = np.array(found(*map(np.float64, values))).reshape(len(rates), len(by))
+        # The derivative of a power of a negative number holds its logarithm.
+        if np.iscomplexobj(slopes) or np.isnan(slopes).any():
+            return np.full(slopes.shape, math.nan)
+        return slopes.astype(np.float64)
+
+    return matrix

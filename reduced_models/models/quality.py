@@ -1,0 +1,104 @@
+"""How well a model describes its data, and what these leave open."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+SURE = 1e-4
+"""Probability below which residuals are not taken for white noise."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Direction:
+    """A direction in which the parameters can move without the data noticing.
+
+    Attributes
+    ----------
+    powers : mapping of str to float
+        How the parameters change together: each one as t to this power, for a common t.
+    spread : float
+        Standard deviation of log t that the data leave. A parameter that may be zero and is small
+        against its natural size moves by so many of those sizes instead.
+    """
+
+    powers: Mapping[str, float]
+    spread: float
+
+    def __str__(self) -> str:
+        moving = ", ".join(f"{name} by t^{power:.2g}" for name, power in self.powers.items())
+        sure = (
+            f"t is known to a factor of {math.exp(self.spread):.2g}"
+            if self.spread < 7
+            else ("t can be anything")
+        )
+        return f"the data do not notice when {moving} change together ({sure})"
+
+
+@dataclasses.dataclass(frozen=True)
+class Quality:
+    """How well a model describes the data.
+
+    Attributes
+    ----------
+    residual : float
+        Root mean square of height minus model over the record [m].
+    relative : float
+        The same over the rms swing of the record.
+    holdout : float or None
+        Rms error of the roll-out over the held-out stretch of a model that has not seen it, over
+        the rms swing of the whole record; infinite where that model blows up. To be compared with
+        ``holdout_at_rest``.
+    holdout_from : float or None
+        Time since the record's start at which that stretch begins [s].
+    starts, converged : int
+        Random starts, and how many of them led to the best fit.
+    samples : int
+    solver_error : float
+        Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
+        1e-10, over the amplitude.
+    holdout_at_rest : float or None
+        The same error of a piston that stays at the level of rest of the training stretch: what
+        a prediction has to beat.
+    noise : float
+        Standard deviation of white noise in the record, from its third differences [m].
+    correlation : float
+        Integrated autocorrelation time of the residuals, in samples.
+    collocation : str
+        Where a fit to accelerations in the record, that solves nothing, led to: ``"same"`` fit,
+        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
+    whiteness, signs : float
+        Probabilities that white noise is correlated as much as the residuals, and that its sign
+        changes as seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
+    lag : float
+        Time by which the solution comes late [s].
+    slow, swinging : float
+        Share of the residuals' power that is slower than the swing, and that is about as fast.
+    drift : float
+        Their slow power, over what white noise of the same power has there.
+    """
+
+    residual: float
+    relative: float
+    holdout: float | None
+    holdout_from: float | None
+    starts: int
+    converged: int
+    samples: int
+    solver_error: float
+    holdout_at_rest: float | None = None
+    noise: float = 0.0
+    correlation: float = 1.0
+    collocation: str = "none"
+    whiteness: float = 1.0
+    signs: float = 1.0
+    lag: float = 0.0
+    slow: float = 0.0
+    swinging: float = 0.0
+    drift: float = 1.0
+
+    @property
+    def structured(self) -> bool:
+        """Whether the residuals are surely not white noise, so that the law is not right."""
+        return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE
