@@ -18,6 +18,7 @@ from reduced_models.fitting.refinement import JudgedFit
 from reduced_models.fitting.uncertainty import (
     Analysis,
     Information,
+    at_least_linear,
     autocorrelation_time,
     bootstrap_intervals,
     interval_analysis,
@@ -133,9 +134,11 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
             intervals = bootstrap_intervals(
                 joint.unknowns, again[:, here], theta[here], training.confidence, known[k]
             )
-            analysis = dataclasses.replace(analysis, intervals=intervals)
+            analysis = dataclasses.replace(analysis, intervals=at_least_linear(analysis, intervals))
         if profiled is not None:
-            analysis = dataclasses.replace(analysis, intervals=profiled[k])
+            analysis = dataclasses.replace(
+                analysis, intervals=at_least_linear(analysis, profiled[k])
+            )
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
         model = _model(found, k, training, analysis)
         models.append(dataclasses.replace(model, covariance_names=names, covariance=matrix))

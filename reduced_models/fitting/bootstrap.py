@@ -63,12 +63,12 @@ def _resampler(
     count = len(residuals)
     if gain > 0.0:
         left = without_walk(residuals, gain)
-        left = left - _middle(left, loss)
+        left = left - middle(left, loss)
         return lambda random: with_walk(random.choice(left, count), gain)
-    centred = residuals - _middle(residuals, loss)
+    centred = residuals - middle(residuals, loss)
     series = autoregression(centred)
     new = series.new(centred)
-    new = new - _middle(new, loss)
+    new = new - middle(new, loss)
     # What comes first has nothing before it: as much again, and more, is drawn and left out.
     ahead = count if len(series.weights) else 0
 
@@ -79,10 +79,10 @@ def _resampler(
     return draw
 
 
-def _middle(values: np.ndarray, loss: Loss) -> float:
+def middle(values: np.ndarray, loss: Loss) -> float:
     """Where the loss of values is least, which outliers do not move as they move the mean."""
-    middle = 0.0
+    found = 0.0
     for _ in range(_ROUNDS):
-        _, weight = cost_and_weight(values - middle, loss.numbers, np)
-        middle = float(np.average(values, weights=weight))
-    return middle
+        _, weight = cost_and_weight(values - found, loss.numbers, np)
+        found = float(np.average(values, weights=weight))
+    return found

@@ -157,7 +157,7 @@ def _refined(joint: JointRecords, judged: Sequence[_Judged]) -> JointRecords:
                 cause = "cannot be followed by the adaptive solver"
             raise InputError(
                 f"the fitted solution of {quoted(grid.unknowns.law.name)} {cause}; the limit is "
-                f"{SOLVER_LIMIT:g}: fit a shorter record, or a law that is less stiff"
+                f"{SOLVER_LIMIT:g}: fit a shorter record, as of chaos, or a law that is less stiff"
             )
         grids.append(grid if finer == grid.grid else grid.on(finer))
     return dataclasses.replace(joint, grids=tuple(grids))

@@ -32,18 +32,18 @@ def smoothed(record: PistonRecord, period: float, nodes: np.ndarray | int) -> Sm
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
-    nodes = np.clip(nodes, time[0] + half, time[-1] - half)
-    first, last = (np.searchsorted(time, nodes + side * half) for side in (-1.0, 1.0))
-    kept = (last - first >= _LEAST) & np.concatenate([[True], np.diff(nodes) > 0.0])
+    places = np.clip(nodes, time[0] + half, time[-1] - half)
+    first, last = (np.searchsorted(time, places + side * half) for side in (-1.0, 1.0))
+    kept = (last - first >= _LEAST) & np.concatenate([[True], np.diff(places) > 0.0])
     if kept.sum() < _FEWEST:  # too few samples a period: straight from the samples
         speed = np.gradient(record.height, time)
         return Smoothed(record.height, speed, np.gradient(speed, time), time)
     cubics = [
         _cubic((time[a:b] - node) / half, record.height[a:b])
-        for a, b, node in zip(first[kept], last[kept], nodes[kept], strict=True)
+        for a, b, node in zip(first[kept], last[kept], places[kept], strict=True)
     ]
     level, slope, bend, _ = np.array(cubics).T
-    return Smoothed(level, slope / half, 2.0 * bend / half**2, nodes[kept])
+    return Smoothed(level, slope / half, 2.0 * bend / half**2, places[kept])
 
 
 def _cubic(place: np.ndarray, height: np.ndarray) -> np.ndarray:

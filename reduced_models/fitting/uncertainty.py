@@ -21,7 +21,7 @@ from reduced_models.fitting.autoregression import autoregression, spread_of
 from reduced_models.laws.small_swing import NoSwing, small_swing
 from reduced_models.least_squares.residuals import cost_and_weight, sensitivity
 from reduced_models.models.fitted_law import AtRest
-from reduced_models.models.quality import Direction
+from reduced_models.models.quality import ANYTHING, Direction
 
 if TYPE_CHECKING:
     from reduced_models.fitting.refinement import JointRecords
@@ -248,6 +248,30 @@ def profile_intervals(
     variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
     return [intervals_between(unknowns, low[here], high[here]) for here in places]
+
+
+def at_least_linear(
+    analysis: Analysis, intervals: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[float, float]]:
+    """Intervals of resampling or profiles, no narrower than linear ones in directions left open.
+
+    Along these neither moves: a fit to a resampled record stays where it starts, and a profile ends
+    where the prior about the start says so.
+    """
+    left_open = {
+        name
+        for direction in analysis.undetermined
+        if direction.spread >= ANYTHING
+        for name in direction.powers
+    }
+    return {
+        name: (
+            (min(low, analysis.intervals[name][0]), max(high, analysis.intervals[name][1]))
+            if name in left_open
+            else (low, high)
+        )
+        for name, (low, high) in intervals.items()
+    }
 
 
 def intervals_between(

@@ -49,7 +49,7 @@ class NoSwing(NamedTuple):
     reason: str
 
 
-_NO_LEVEL = NoSwing("no level of rest is found near the record")
+_NO_LEVEL = NoSwing("no one level of rest is found near the record")
 _JUMPS = NoSwing("the law jumps at rest, as dry friction does")
 _PUSHES = NoSwing("what pushes the piston there does not pull it back")
 _UNSTABLE = NoSwing("the level of rest is not stable")

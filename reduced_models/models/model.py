@@ -120,7 +120,7 @@ class ReducedModel(FittedLaw):
         if not 0.0 < level < 1.0:
             raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
         height, spread = prediction.prediction(
-            self, self.covariance, self.covariance_names, self._moved, t, inputs
+            self, self.covariance, self.covariance_names, ReducedModel._moved, t, inputs
         )
         width = float(norm.ppf(0.5 + 0.5 * level)) * spread
         noise = max(self.quality.noise, self.quality.residual)

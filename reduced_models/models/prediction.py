@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,8 +15,11 @@ from reduced_models.models.fitted_law import FittedLaw
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_STEP = 1e-3  # of a standard deviation, for slopes: the solver's error is far below it
-_LEAST = 1e-9  # of a value: a step is no shorter
+M = TypeVar("M", bound=FittedLaw)
+_STEP = 1e-3  # of a standard deviation, for slopes
+_STRAIGHT = 0.05  # of what a step changes: the motion bends no more within it
+_ERROR = 1e-8  # of the motion's size: the solver's error is below it
+_ROUNDS = 60  # tenfold shorter steps, before a direction is given up
 
 
 class Band(NamedTuple):
@@ -47,16 +50,16 @@ def correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def prediction(
-    model: FittedLaw,
+    model: M,
     covariance: np.ndarray,
     names: Sequence[str],
-    moved: Callable[[str, float], FittedLaw],
+    moved: Callable[[M, str, float], M],
     times: np.ndarray,
     inputs: Mapping[str, np.ndarray] | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Heights (n,) from the fitted start on, and the standard deviations that a covariance leaves.
 
-    ``moved`` gives the model with another value of one of the names.
+    ``moved`` gives a model with another value of one of the names.
 
     Raises
     ------
@@ -66,19 +69,49 @@ def prediction(
     if not names:
         raise InputError("the model has no covariance, as models of former releases; fit it again")
     here = model.simulate(times, inputs=inputs).height
+    size = max(float(np.ptp(here)), 1e-300)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    slopes = np.zeros((len(here), len(spread)))
-    for k, name in enumerate(names):
-        value = value_of(model, name)
-        step = max(_STEP * spread[k], _LEAST * abs(value))
-        if spread[k] > 0.0 and math.isfinite(step):
-            sides = [
-                moved(name, value + sign * step).simulate(times, inputs=inputs).height
-                for sign in (1.0, -1.0)
-            ]
-            slopes[:, k] = (sides[0] - sides[1]) / (2.0 * step)
-    variance = np.einsum("np,pq,nq->n", slopes, covariance, slopes)
-    return here, np.sqrt(np.maximum(variance, 0.0))
+    strengths, directions = np.linalg.eigh(correlation(covariance))
+    values = np.array([value_of(model, name) for name in names])
+
+    def motion(step: np.ndarray) -> np.ndarray:
+        """With what was fitted moved so far; not a number where that has no solution."""
+        other = model
+        for name, value, change in zip(names, values, step, strict=True):
+            if change != 0.0:
+                other = moved(other, name, float(value + change))
+        try:
+            return other.simulate(times, inputs=inputs).height
+        except InputError:
+            return np.full(len(here), np.nan)
+
+    variance = np.zeros(len(here))
+    with np.errstate(all="ignore"):
+        for strength, direction in zip(strengths, directions.T, strict=True):
+            sigma = spread * direction * math.sqrt(max(float(strength), 0.0))
+            variance += _change(motion, here, sigma, size) ** 2
+    return here, np.sqrt(variance)
+
+
+def _change(
+    motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
+) -> np.ndarray:
+    """What one standard deviation along a direction changes, as if the motion were linear in it.
+
+    Along a direction that the data leave open a standard deviation is far, and only the first bit
+    of it is straight: steps are shortened until they are. A motion that does not change by more
+    than the solver's error there does not depend on it.
+    """
+    share = _STEP
+    for _ in range(_ROUNDS if sigma.any() else 0):
+        above, below = motion(share * sigma), motion(-share * sigma)
+        odd = 0.5 * (above - below)
+        even = float(np.abs(0.5 * (above + below) - here).max())
+        most = float(np.abs(odd).max())
+        if even <= max(_STRAIGHT * most, _ERROR * size):
+            return odd / share if most > _ERROR * size else np.zeros_like(here)
+        share *= 0.1
+    return np.zeros_like(here)
 
 
 def value_of(model: FittedLaw, name: str) -> float:

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 
 SURE = 1e-4
 """Probability below which residuals are not taken for white noise."""
+ANYTHING = 7.0
+"""Spread of a logarithm from which on it can be anything: a factor of a thousand."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Direction:
         moving = ", ".join(f"{name} by t^{power:.2g}" for name, power in self.powers.items())
         sure = (
             f"t is known to a factor of {math.exp(self.spread):.2g}"
-            if self.spread < 7
+            if self.spread < ANYTHING
             else ("t can be anything")
         )
         return f"the data do not notice when {moving} change together ({sure})"

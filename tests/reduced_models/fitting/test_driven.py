@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from granular import PistonRecord
 from reduced_models import Law, fit, load_model
 from reduced_models.laws.solution import solution
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import INTERPOLATIONS, drive_at, pieces
+from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, drive_at, pieces
 
 LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))
 TRUE = {"c": 0.1, "k": 1.0, "b": 0.3, "g": 1.0}
@@ -22,22 +24,22 @@ def force() -> np.ndarray:
     return 0.2 * np.sin(np.outer(TIME, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
 
 
-def motion(how: str) -> np.ndarray:
+def motion(how: Interpolation) -> np.ndarray:
     values = [TRUE[name] for name in LAW.parameters]
-    found = solution(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), how)  # type: ignore[arg-type]
+    found = solution(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), how)
     assert found.ending == "complete"
     return found.z
 
 
 @pytest.mark.parametrize("how", INTERPOLATIONS)
-def test_pieces_and_values_are_the_same_input(how: str) -> None:
+def test_pieces_and_values_are_the_same_input(how: Interpolation) -> None:
     columns = [force()]
-    found = pieces(TIME, columns, how)  # type: ignore[arg-type]
+    found = pieces(TIME, columns, how)
     length, cubic = found.length[0], found.cubics[:, :, 0]
     middle = 0.5 * length
     values = cubic @ [1.0, middle, middle**2, middle**3]
     times = np.concatenate([[0.0], np.cumsum(found.length)[:-1]]) + middle
-    wanted = drive_at(TIME, columns, times, how)[:, 0]  # type: ignore[arg-type]
+    wanted = drive_at(TIME, columns, times, how)[:, 0]
     inner = slice(200, -200)
     np.testing.assert_allclose(values[inner], wanted[inner], atol=2e-4)
 
@@ -46,8 +48,9 @@ def test_a_band_limited_input_is_that_between_samples() -> None:
     times = np.linspace(20.0, 300.0, 777)
     phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 10)
     exact = 0.2 * np.sin(np.outer(times, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
-    for how, limit in (("band-limited", 1e-4), ("spline", 0.02), ("linear", 0.1)):
-        found = drive_at(TIME, [force()], times, how)[:, 0]  # type: ignore[arg-type]
+    limits: dict[Interpolation, float] = {"band-limited": 1e-4, "spline": 0.02, "linear": 0.1}
+    for how, limit in limits.items():
+        found = drive_at(TIME, [force()], times, how)[:, 0]
         assert np.abs(found - exact).max() < limit
 
 
@@ -73,7 +76,7 @@ def test_steps_end_at_samples() -> None:
     assert even.steps * even.step == pytest.approx(TIME[-1], rel=1e-12)
 
 
-def test_the_interpolation_is_chosen_by_what_is_held_out(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_the_interpolation_is_chosen_by_what_is_held_out(tmp_path: Path) -> None:
     """A motion under a held input is that of a held input; the model remembers it."""
     random = np.random.default_rng(1)
     record = PistonRecord(TIME, motion("previous") + random.normal(0.0, 1e-3, 2000), force=force())

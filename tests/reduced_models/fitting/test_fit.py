@@ -18,6 +18,7 @@ from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.equation import parse
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import Solution, solution
+from reduced_models.records.first_guesses import FirstGuesses
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -258,7 +259,9 @@ def test_simulate_continues_and_starts_elsewhere() -> None:
 
 def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
 
-    def start(guesses, random, count):  # type: ignore[no-untyped-def]
+    def start(
+        guesses: FirstGuesses, random: np.random.Generator, count: int
+    ) -> dict[str, np.ndarray]:
         return {"k": guesses.frequencies(random, count) ** 2, "b": np.full(count, 1.0)}
 
     softening = Law("softening", "z'' = -k*z + b*z**3", start, positive=("k", "b"))
@@ -335,7 +338,9 @@ def test_bad_laws(equation: str, words: str) -> None:
 def test_own_law(tmp_path: Path) -> None:
     """A law of one's own is fitted like those of the package."""
 
-    def start(guesses, random, count):  # type: ignore[no-untyped-def]
+    def start(
+        guesses: FirstGuesses, random: np.random.Generator, count: int
+    ) -> dict[str, np.ndarray]:
         return {"k": np.full(count, guesses.frequency**2), "level": np.full(count, 0.058),
                 "c": np.full(count, 2.0)}  # fmt: skip
 

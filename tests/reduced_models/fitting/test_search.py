@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,7 +105,7 @@ def test_a_walk_is_taken_out_and_put_back() -> None:
     np.testing.assert_allclose(with_walk(without_walk(noise, 0.2), 0.2), noise, atol=1e-12)
 
 
-KINDS = {
+KINDS: dict[str, dict[str, Any]] = {
     "correlated": {},
     "drift": {"drift": True},
     "outliers": {"loss": "soft_l1"},
@@ -133,7 +134,7 @@ def test_intervals_hold_under_real_noise(made: Callable[..., PistonRecord], kind
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         models = [
-            fit(noisy(kind, clean, seed), "linear", starts=2, holdout=0.0, **KINDS[kind])  # type: ignore[arg-type]
+            fit(noisy(kind, clean, seed), "linear", starts=2, holdout=0.0, **KINDS[kind])
             for seed in range(60)
         ]
     for name, value in true.items():

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from granular import PistonRecord
+from reduced_models import fit
 from reduced_models.fitting.uncertainty import sandwich
 
 SAMPLES, SIZE = 400, 4
@@ -38,3 +40,23 @@ def test_it_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
     inverse = np.linalg.inv(slopes.T @ slopes)
     exact = inverse @ slopes.T @ noise @ slopes @ inverse
     assert_allclose(sandwich(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("how", ["linear", "bootstrap", "profile"])
+def test_intervals_of_a_product_that_alone_matters_stay_open(
+    monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    monkeypatch.setattr("reduced_models.fitting.fitting.REPLICATES", 8)
+    time = np.linspace(0.0, 20.0, 300)
+    noise = np.random.default_rng(0).normal(0.0, 0.005, 300)
+    record = PistonRecord(time, np.exp(-0.05 * time) * np.cos(1.05 * time) + noise)
+    law = "z'' + c*z' + a*b*z = 0"
+    model = fit(record, law, intervals=how, starts=2, holdout=0.0)
+    for name in ("a", "b"):
+        low, high = model.intervals[name]
+        assert high - low > 100.0 * abs(model.parameters[name])
+    low, high = model.intervals["c"]
+    assert 0.0 < high - low < 0.02
+    band = model.prediction(time)
+    assert np.isfinite(band.low).all()
+    assert (band.high - band.low).max() < 0.01

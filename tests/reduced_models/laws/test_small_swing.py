@@ -10,7 +10,7 @@ import pytest
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.law import Law
-from reduced_models.laws.small_swing import small_swing
+from reduced_models.laws.small_swing import NoSwing, SmallSwing, small_swing
 
 MAXWELL = Law("maxwell", "z'' + k*z + f*w = g; w' = z' - w/tau")
 CASES = {
@@ -28,7 +28,7 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
     law, true = CASES[name]
     values = [true[key] for key in law.parameters]
     found = small_swing(law, values, 0.1)
-    assert found is not None
+    assert isinstance(found, SmallSwing)
     field = compiled_field(law.equation, law.inputs, "numpy")
     size, hidden = 1e-6, [0.0] * len(law.hidden)
     motion = solve_ivp(
@@ -52,7 +52,18 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
     assert found.damping_ratio == pytest.approx(decay / omega, rel=0.005, abs=1e-6)
 
 
-def test_where_there_is_no_swing() -> None:
-    assert small_swing(Law("hill", "z'' - k*z = 0"), [1.0], 0.0) is None
-    creeping = Law("creeping", "z'' + c*z' + f*w = 0; w' = z' - w")
-    assert small_swing(creeping, [50.0, 1.0], 0.0) is None
+@pytest.mark.parametrize(
+    ("equation", "values", "reason"),
+    [
+        ("z'' - k*z = 0", [1.0], "does not pull it back"),
+        ("z'' + c*z' + f*w = 0; w' = z' - w", [50.0, 1.0], "no one level of rest"),
+        ("z'' + c*z' + k*z + f*w = 0; w' = z' - w", [50.0, 1.0, 1.0], "creeps back"),
+        ("z'' - k*z + f*w = 0; w' = z' - w", [9.0, 1.0], "is not stable"),
+        ("z'' + f*sign(z') + k*z = 0", [0.1, 1.0], "jumps at rest"),
+        ("z'' + c*z' = g", [0.1, 1.0], "no one level of rest"),
+    ],
+)
+def test_where_there_is_no_swing(equation: str, values: list[float], reason: str) -> None:
+    found = small_swing(Law("mine", equation), values, 0.0)
+    assert isinstance(found, NoSwing)
+    assert reason in found.reason

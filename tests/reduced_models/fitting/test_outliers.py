@@ -1,0 +1,53 @@
+"""Records with outliers: what a fit starts from does not see them."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from granular import PistonRecord
+from reduced_models import fit
+from reduced_models.fitting.bootstrap import middle
+from reduced_models.fitting.outliers import without_outliers
+from reduced_models.least_squares.residuals import Loss
+
+TIME = np.linspace(0.0, 40.0, 2000)
+
+
+def swing(noise: float, share: float, seed: int) -> tuple[PistonRecord, PistonRecord]:
+    """A linear swing with noise, and the same with a share of samples far away."""
+    random = np.random.default_rng(seed)
+    clean = np.exp(-0.05 * TIME) * np.cos(1.05 * TIME)
+    plain = clean + random.normal(0.0, noise, len(TIME))
+    away = random.uniform(size=len(TIME)) < share
+    height = np.where(away, plain + random.normal(0.0, 40.0 * noise, len(TIME)), plain)
+    return PistonRecord(TIME, plain), PistonRecord(TIME, height)
+
+
+def test_outliers_are_drawn_in_and_nothing_else() -> None:
+    plain, dirty = swing(0.01, 0.03, 0)
+    found = without_outliers(dirty)
+    assert np.abs(dirty.height - plain.height).max() > 0.3
+    assert np.abs(found.height - plain.height).max() < 0.1
+    kept = np.abs(dirty.height - plain.height) == 0.0
+    assert (found.height[kept] == plain.height[kept]).mean() > 0.999
+    # Seven samples a swing and no noise: the motion itself goes far between them.
+    few = PistonRecord(TIME, np.cos(2.0 * np.pi * np.arange(2000) / 7.0))
+    np.testing.assert_array_equal(without_outliers(few).height, few.height)
+
+
+def test_a_fit_that_spares_outliers_starts_without_them() -> None:
+    """One start is enough, and nobody calls the law wrong for what the loss spares."""
+    for seed in range(3):
+        _, dirty = swing(0.01, 0.03, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            model = fit(dirty, "linear", starts=1, holdout=0.0, loss="soft_l1")
+        assert abs(model.parameters["omega"] - 1.05) < 0.005
+
+
+def test_the_middle_of_residuals_is_where_their_loss_is_least() -> None:
+    values = np.concatenate([np.random.default_rng(0).normal(size=1000), np.full(30, 50.0)])
+    assert abs(middle(values, Loss("soft_l1", 1.0))) < 0.15
+    assert middle(values, Loss()) == np.mean(values)
