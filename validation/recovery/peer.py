@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from typing import Any
 
@@ -18,7 +19,12 @@ from reduced_models.records.inputs import TIME, column
 
 _MOST_TRIALS = 40
 _FAR = 1e6
+_MOST_CALLS = 100  # of the law for each sample, after which a solution is given up
 _DIFFERENCE = 1e-5  # of an entry, for slopes: the solver's error is far below what that changes
+
+
+class _GivenUpError(Exception):
+    """A solution takes too long."""
 
 
 def scipy_fit(record: PistonRecord, law: Law, starts: int) -> list[float]:
@@ -45,15 +51,23 @@ def scipy_fit(record: PistonRecord, law: Law, starts: int) -> list[float]:
     def residuals(theta: np.ndarray) -> np.ndarray:
         values, _, _, z0, v0, hidden = unknowns.physical(theta)
 
+        calls = itertools.count()
+
         def rates(t: float, state: np.ndarray) -> list[Any]:
+            # Some trial parameters let LSODA go on for ever.
+            if next(calls) > _MOST_CALLS * len(time):
+                raise _GivenUpError
             return [state[1], *field(*state, *(float(drive(t)) for drive in drives), *values)]
 
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of solutions that end early
-            found = solve_ivp(
-                rates, (time[0], time[-1]), [z0, v0, *hidden], "LSODA", t_eval=time, rtol=1e-8,
-                atol=1e-10 * guess.amplitude,
-            ).y[0]  # fmt: skip
+            try:
+                found = solve_ivp(
+                    rates, (time[0], time[-1]), [z0, v0, *hidden], "LSODA", t_eval=time, rtol=1e-8,
+                    atol=1e-10 * guess.amplitude,
+                ).y[0]  # fmt: skip
+            except _GivenUpError:
+                found = np.empty(0)
         full = np.full(len(time), _FAR)
         full[: len(found)] = found - height[: len(found)]
         return np.clip(np.nan_to_num(full, nan=_FAR), -_FAR, _FAR)
