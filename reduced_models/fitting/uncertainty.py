@@ -174,9 +174,7 @@ def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarr
     inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
     inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
     resolved = np.where(known, inverse, 0.0)
-    found = resolved[:, None] * inner * resolved + np.diag(
-        np.where(known, 0.0, variance * inverse)
-    )
+    found = resolved[:, None] * inner * resolved + np.diag(np.where(known, 0.0, variance * inverse))
     return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
 
 

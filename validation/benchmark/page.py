@@ -106,7 +106,7 @@ SHEETS: dict[str, Sheet] = {
          _number("ratio", ".3f")),
     ),
     "own": Sheet(
-        "A whole step with a spring of one's own, and later processes that run with it",
+        "A whole step with a spring of your own, and later processes that run with it",
         (_plain("spring"), _number("grains", ".0f"), _MICROSECONDS,
          _number("ratio", ".3f", "over the one built in"),
          _number("start", ".2f", "start [s]"), _number("later", "+.2f", "later than without [s]")),
