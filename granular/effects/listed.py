@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 class Listed(Effect):
     """Base of such an effect: its subclass declares ``fields``, whose sections are effects."""
 
+    if TYPE_CHECKING:
+        fields: tuple[Any, ...]
+
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
         tables = [plain] if isinstance(plain, Mapping) else plain
@@ -28,8 +31,7 @@ class Listed(Effect):
 
     @property
     def parts(self) -> tuple[Effect, ...]:
-        found: tuple[Effect, ...] = getattr(self, "fields")  # noqa: B009
-        return found
+        return self.fields
 
     def check(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]

@@ -294,7 +294,7 @@ class PistonRecord:
                 )
         own = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}
-        return cls(**own, extra=extra)  # type: ignore[arg-type]
+        return cls(**own, extra=extra)  # type: ignore[arg-type]  # by its names
 
     def between(self, start: float, stop: float) -> PistonRecord:
         """The samples with start <= time <= stop [s]."""

@@ -230,7 +230,7 @@ def finished(
         species=("grain", species, {"long_name": "species of the grain", "units": "1"}),
         diameter=("grain", scene.grains.diameters(), {"long_name": "diameter", "units": "m"}),
     )
-    data = data.set_coords(["frame_time", "stage"])
+    data = data.set_coords([name for name in ("frame_time", "stage") if name in data])
     data.attrs = {
         "title": f"scene {scene.name}",
         "units": "SI",
