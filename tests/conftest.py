@@ -124,6 +124,24 @@ def random() -> np.random.Generator:
     return np.random.default_rng(20260101)
 
 
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Install a distribution for one test: what it offers to granular, and its module's source."""
+
+    def install(kind: str, source: str, offered: dict[str, str]) -> None:
+        module = f"laboratory_{kind}"
+        about = tmp_path / "laboratory-1.0.dist-info"
+        about.mkdir()
+        (tmp_path / f"{module}.py").write_text(source)
+        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
+        points = (f"{name} = {module}:{held}\n" for name, held in offered.items())
+        (about / "entry_points.txt").write_text(f"[granular.{kind}]\n{''.join(points)}")
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.delitem(sys.modules, module, raising=False)
+
+    return install
+
+
 Done = subprocess.CompletedProcess[str]
 
 
