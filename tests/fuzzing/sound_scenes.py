@@ -45,7 +45,7 @@ def walls(random: Random, width: float, height: float, widest: float, piston: bo
 
 def effects(random: Random, names: set[str], size: tuple[float, ...], piston: bool) -> Plain:
     """The effects of those names, for a cell of a width and height, and the widest grain."""
-    found: Plain = {name: {} for name in names}
+    found: Plain = {name: {} for name in sorted(names)}
     if "walls" in names:
         found["walls"] = walls(random, *size, piston) if some(random, 0.6) else {}
         if not piston:
