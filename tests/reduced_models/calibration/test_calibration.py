@@ -185,7 +185,7 @@ def test_a_scene_that_lacks_something_is_noted() -> None:
 
 def swing(mass: float, drag: float, seed: int, slower: float = 1.0) -> PistonRecord:
     """A piston on springs that are a little different from bed to bed."""
-    time = np.linspace(0.0, 6.0, 1500)
+    time = np.linspace(0.0, 2.0, 2000)
     random = np.random.default_rng(seed)
     rest = 0.059 * (7.5 / mass) ** 0.35 * (1.0 + 1e-3 * random.normal())
     omega = 21.8 * (7.5 / mass) ** 0.1 * (1.0 + 1e-3 * random.normal()) / slower
@@ -354,7 +354,7 @@ def test_remanence_needs_the_force(tmp_path: Path) -> None:
 
 def test_features_of_a_known_swing() -> None:
     """A linear oscillator: level of rest, undamped period and damping ratio, and its force."""
-    times = np.linspace(0.0, 6.0, 1500)
+    times = np.linspace(0.0, 2.0, 2000)
     swing = 1e-3 * np.exp(-0.8 * times) * np.cos(math.sqrt(21.8**2 - 0.8**2) * times)
     force = 70.0 - 7.0 * 21.8**2 * swing
     record = PistonRecord(times, 0.059 + swing, force=force)
@@ -397,7 +397,7 @@ def test_bad_arguments(act: Callable[[], Any], words: str) -> None:
         (("damper", "damper"), "is a scene; give a record"),
         (("still.csv", "damper"), "a motion is needed"),
         (("grows.csv", "damper"), "unexplained, 50 % is the limit"),
-        (("grows.csv", "damper", "--law", "z'' + 2*c*z' + k*z = g"), "damping ratio is -"),
+        (("grows.csv", "damper", "--law", "z'' + 2*d*z' + k*z = g"), "damping ratio is -"),
         (("lab.csv", "dampr"), "did you mean 'damper'"),
         (("lab.csv", "damper", "--parameter", "piston.weight"), "unknown key 'weight'"),
         (("lab.csv", "damper", "--seeds", "1"), "from 2 on"),
@@ -414,11 +414,11 @@ def test_bad_words(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    times = np.linspace(0.0, 3.0, 600)
+    times = np.linspace(0.0, 2.0, 2000)
     swing = 1e-3 * np.exp(-0.8 * times) * np.cos(21.8 * times)
     PistonRecord(times, 0.059 + swing).to_csv(tmp_path / "lab.csv")
     PistonRecord(times, 0.059 + swing[::-1]).to_csv(tmp_path / "grows.csv")
-    PistonRecord(times, np.full(600, 0.059)).to_csv(tmp_path / "still.csv")
+    PistonRecord(times, np.full(2000, 0.059)).to_csv(tmp_path / "still.csv")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     assert launch(main, ["calibrate", *words, "--quiet"]) == BAD_INPUT
