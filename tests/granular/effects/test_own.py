@@ -185,6 +185,16 @@ def test_what_is_wrong_with_a_formula_is_told_in_a_line(field: Any, words: str) 
     assert "\n" not in str(told.value)
 
 
+def test_work_is_derived_where_the_time_is_in_a_formula() -> None:
+    still = {"energy": "k*y**2/2", "k": "1 N/m"}
+    turning = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
+    known = [
+        bed(field=[one]).effects.field.fields[0].definition.functions for one in (still, turning)
+    ]
+    assert "power" not in known[0]
+    assert "power" in known[1]
+
+
 def test_a_formula_that_jumps_is_refused() -> None:
     pytest.importorskip("sympy")
     jump = {"energy": "k*heaviside(y - h)", "k": "1 J", "h": "5 mm"}
