@@ -422,7 +422,7 @@ def test_bad_words(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     times = np.linspace(0.0, 2.0, 2000)
-    swing = 1e-3 * np.exp(-0.8 * times) * np.cos(21.8 * times)
+    swing = 1e-3 * np.exp(-2.0 * times) * np.cos(21.8 * times)
     PistonRecord(times, 0.059 + swing).to_csv(tmp_path / "lab.csv")
     PistonRecord(times, 0.059 + swing[::-1]).to_csv(tmp_path / "grows.csv")
     PistonRecord(times, np.full(2000, 0.059)).to_csv(tmp_path / "still.csv")
