@@ -17,6 +17,7 @@ from granular.shared.console import (
     changes_from,
     command_parser,
     emit,
+    in_unit,
     launch,
     time_step,
 )
@@ -115,7 +116,9 @@ def parser(prog: str = PROG) -> Parser:
     one = add("run", "run a scene")
     add_scene(one)
     one.add_argument("-o", "--out", metavar="DIR", help="directory to write the run to")
-    one.add_argument("--t-end", type=float, metavar="S", help="stop at this time [s]")
+    one.add_argument(
+        "--t-end", type=in_unit("s"), metavar="T", help="stop at this time, as 0.5 or '500 ms'"
+    )
     one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
     add_run(one)
     add_output(one)
@@ -264,7 +267,10 @@ def _run(options: Any) -> None:
 def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
     from granular.run.summary import run_figures, run_text
 
-    return run_figures(run), run_text(run)
+    text = run_text(run)
+    if run.path is None:
+        text += "\nnothing is kept of the run; -o DIR keeps it"
+    return run_figures(run), text
 
 
 def _observe(options: Any) -> None:
