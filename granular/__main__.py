@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +51,8 @@ examples:
 examples:
   %(prog)s runs/bed --format gsd -o bed.gsd          (for OVITO)
   %(prog)s runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
+  %(prog)s runs/bed --format vtk -o vtk              (ParaView: open vtk/bed.pvd)
+  %(prog)s runs/bed --format csv -o tables           (scalars.csv and grains.csv)
   %(prog)s runs/bed --format source -o dat           (posPart.dat and the rest)
   %(prog)s bed --format lammps -o deck               (also of a scene)""",
     "sweep": """\
@@ -151,12 +154,13 @@ def _add_export(one: Parser) -> None:
     one.add_argument(
         "--format",
         required=True,
-        choices=("gsd", "extxyz", "source", "lammps"),
-        help="GSD, extended XYZ, the .dat files of the source's program, or a LAMMPS input deck",
+        choices=("gsd", "extxyz", "vtk", "csv", "parquet", "source", "lammps"),
+        help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of the source's "
+        "program, or a LAMMPS input deck",
     )
     one.add_argument(
         "-o", "--out", metavar="PATH", required=True,
-        help="file, or directory for 'source' and 'lammps'",
+        help="file; a directory for all but 'gsd' and 'extxyz'",
     )  # fmt: skip
     one.add_argument("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2")
     one.add_argument("--force", action="store_true", help="replace what is there")
@@ -307,17 +311,19 @@ def _export_deck(options: Any) -> None:
 
 
 def _export_frames(options: Any) -> None:
-    from granular.export import to_extxyz, to_gsd, to_source_files
+    from granular.export import to_extxyz, to_gsd, to_source_files, to_tables, to_vtk
     from granular.run.trajectory import load_trajectory
 
     if options.changes or options.dt:
         raise InputError("--set and --dt are for --format lammps; leave them out")
     run, progress = load_trajectory(options.run), not options.quiet
-    if options.format == "source":
-        files = to_source_files(run, options.out, overwrite=options.force, progress=progress)
-    else:
-        write = to_gsd if options.format == "gsd" else to_extxyz
-        files = (write(run, options.out, overwrite=options.force, progress=progress),)
+    writers: dict[str, Any] = {
+        "gsd": to_gsd, "extxyz": to_extxyz, "vtk": to_vtk, "source": to_source_files,
+        "csv": to_tables, "parquet": partial(to_tables, kind="parquet"),
+    }  # fmt: skip
+    write = writers[options.format]
+    found = write(run, options.out, overwrite=options.force, progress=progress)
+    files = found if isinstance(found, tuple) else (found,)
     frames = run.dataset.sizes["frame"]
     names = [str(one) for one in files]
     text = f"{frames} frames written to {options.out}"
