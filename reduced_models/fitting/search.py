@@ -34,7 +34,13 @@ from reduced_models.fitting.start_vectors import (
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.least_squares.levenberg_marquardt import TIE, Bounds, in_the_running, search
+from reduced_models.least_squares.levenberg_marquardt import (
+    TIE,
+    Bounds,
+    Normal,
+    in_the_running,
+    search,
+)
 from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
 
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
@@ -87,10 +93,12 @@ def _searched(
         swings_seen = horizons(coarse)
     else:
         theta, swings_seen = swung, iter([math.inf])
-    costs = np.zeros(starts)
+    costs, begun = np.zeros(starts), theta
     for swings in swings_seen:
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
         normal, prior = coarse_normal(unknowns, vector, case, coarse, swings)
+        if law.start is None and not first and swung is None:
+            theta = _better(normal, theta, begun)
         rival = first and not math.isinf(limit)
         trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
@@ -107,6 +115,16 @@ def _searched(
             break
     reached = tuple(one.end for one in coarse)
     return Searched(unknowns, vector, bounds, theta, costs, reached)
+
+
+def _better(normal: Normal, theta: np.ndarray, begun: np.ndarray) -> np.ndarray:
+    """What fewer swings made of the starts, or the starts themselves where these fit better.
+
+    Those of a law that is known by its equation alone come from all of the record: two swings may
+    say nothing of what they tell, such as the frequency of a slow input.
+    """
+    worse = np.asarray(normal(begun)[0]) < np.asarray(normal(theta)[0])
+    return np.where(worse[:, None], begun, theta)
 
 
 def _check_memory(starts: int, points: int, unknowns: int) -> None:

@@ -330,16 +330,8 @@ def _information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> n
                 value += unknowns.rest / unknowns.amplitude
             # A value near zero is no measure of how well it is known; its unit is.
             relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
-    places = np.flatnonzero(known.free)
-    normal, relative = known.normal[np.ix_(places, places)], relative[known.free[: len(names)]]
-    count = len(relative)
-    asked, nuisance = normal[:count, :count], normal[count:, count:]
-    cross = normal[:count, count:]
-    try:
-        inner = np.linalg.solve(nuisance, cross.T)
-    except np.linalg.LinAlgError:  # a motion that forgets its start at once tells nothing of it
-        inner = np.linalg.pinv(nuisance, hermitian=True) @ cross.T
-    left = asked - cross @ inner
+    asked = np.flatnonzero(known.free[: len(names)])
+    left, relative = marginal(known.normal, asked, known.free), relative[asked]
     return np.asarray(left * np.outer(relative, relative)) / max(known.variance, 1e-300)
 
 

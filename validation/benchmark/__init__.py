@@ -9,6 +9,7 @@ PARTS = {
     "threads": "one thread and two",
     "effects": "what each effect adds to a step",
     "absent": "what effects that are left out cost",
+    "own": "a spring of your own against the same built in, and starts with it",
     "memory": "peak memory against N",
     "start": "cold and warm start",
     "package": "size of the wheel, and what imports take",

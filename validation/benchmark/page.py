@@ -105,6 +105,12 @@ SHEETS: dict[str, Sheet] = {
          _number("by hand", ".2f", "by hand us", 1e6), _number("engine", ".2f", "engine us", 1e6),
          _number("ratio", ".3f")),
     ),
+    "own": Sheet(
+        "A whole step with a spring of your own, and later processes that run with it",
+        (_plain("spring"), _number("grains", ".0f"), _MICROSECONDS,
+         _number("ratio", ".3f", "over the one built in"),
+         _number("start", ".2f", "start [s]"), _number("later", "+.2f", "later than without [s]")),
+    ),
     "memory": Sheet(
         "Peak memory of a process that runs a bed",
         (_plain("method"), _plain("grains"), _number("bytes", ".1f", "MB", 1e-6),

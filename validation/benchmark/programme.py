@@ -80,6 +80,14 @@ def _absent(full: bool) -> _Work:
     yield {}, partial(cost_of_absence, rounds=_rounds(full) // 2)
 
 
+def _own(full: bool) -> _Work:
+    from validation.benchmark.own import own_starts, own_steps
+
+    for count in (92, 368):
+        yield {"grains": count}, partial(own_steps, count, 4 * _rounds(full))
+    yield {}, own_starts
+
+
 def _memory(full: bool) -> _Work:
     from validation.benchmark.engine import PAIR_METHODS
     from validation.benchmark.fresh import peak_memory
@@ -123,7 +131,7 @@ def _fits(full: bool) -> _Work:
 _WORK: dict[str, Callable[[bool], _Work]] = {
     "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "rest": _rest,
     "threads": _threads,
-    "effects": _effects, "absent": _absent, "memory": _memory, "start": _start,
+    "effects": _effects, "absent": _absent, "own": _own, "memory": _memory, "start": _start,
     "package": _package,
     "protocol": _protocol, "fits": _fits,
 }  # fmt: skip

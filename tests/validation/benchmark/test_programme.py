@@ -23,6 +23,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "lists": {"sum": "cut-off", "grains": 368, "seconds": 2e-5, "ns per pair": 0.8,
               "times plain": 6.0},
     "methods": {"method": "direct", "grains": 368, "seconds": 3e-5, "times direct": 1.0},
+    "own": {"spring": "class", "grains": 92, "seconds": 6e-6, "ratio": 1.01},
     "errors": {"method": "cut-off", "grains": 368, "force error": 1e-3, "energy drift": 1e-7},
     "rest": {"method": "mesh", "grains": 368, "piston_force": 12.0, "piston_force off": 1e-4,
              "left_force off": 0.0, "right_force off": 0.0, "bottom_force off": 0.0,

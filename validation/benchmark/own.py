@@ -1,0 +1,162 @@
+"""What an effect of one's own costs: a spring built in, as a user's class, and as a formula."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from granular.compiled import Array, compiled
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.registry import register
+from granular.engine.constants import Constants
+from granular.engine.state import State
+from granular.own import import_own
+from granular.scene.schema import quantity
+from validation.benchmark.engine import EngineSteps, bed_of
+from validation.benchmark.process import finished
+from validation.benchmark.timing import least_seconds
+
+CLASS = '''
+from granular import effect, quantity
+
+
+@effect
+class ClassSpring:
+    """A spring that pulls every grain towards a height."""
+
+    k: float = quantity("N/m", above=0.0)
+    height: float = quantity("m", default=0.0)
+
+    @staticmethod
+    def energy(p, grain, time):
+        return 0.5 * p.k * (grain.y - p.height) ** 2
+
+    @staticmethod
+    def force(p, grain, time):
+        return 0.0, -p.k * (grain.y - p.height)
+
+    @staticmethod
+    def stiffness(p, grain, time):
+        return p.k
+'''
+
+ADDED: dict[str, dict[str, Any]] = {
+    "none": {},
+    "built in": {"effects.built_in_spring": {"k": "10 N/m", "height": "1 cm"}},
+    "class": {"effects.class_spring": {"k": "10 N/m", "height": "1 cm"}},
+    "formula": {
+        "effects.field": [{"energy": "k*(y - h)**2/2", "k": "10 N/m", "h": "1 cm"}],
+    },
+}
+"""The same spring, in all the ways of bringing it."""
+
+
+class BuiltInSpring(Effect):
+    """The spring as an effect of the package is written."""
+
+    key = "built_in_spring"
+    example: ClassVar[Any] = {"k": "1 N/m"}
+    energy_record = in_joules("built_in_spring_energy", "energy of the spring")
+
+    k: float = quantity("N/m", above=0.0)
+    height: float = quantity("m", default=0.0)
+
+    def law(self, setting: Setting) -> BuiltInSpringLaw:
+        """The law in natural units."""
+        scales = setting.scales
+        return BuiltInSpringLaw(self.k / scales.unit("N/m"), self.height / scales.length)
+
+
+class BuiltInSpringLaw(NamedTuple):
+    """Stiffness [F*/D] and height [D]."""
+
+    k: float
+    height: float
+
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: BuiltInSpringLaw, room: None, place: int, state: State, constants: Constants,
+        time: float,
+    ) -> int:  # fmt: skip
+        """Add the forces."""
+        for i in range(constants.grains):
+            state.fy[i] -= law.k * (state.y[i] - law.height)
+        return 0
+
+    @staticmethod
+    @compiled
+    def measure(
+        law: BuiltInSpringLaw, room: None, place: int, state: State, constants: Constants,
+        time: float, stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter the energy, and what the spring adds to the stiffness."""
+        total = 0.0
+        for i in range(constants.grains):
+            total += 0.5 * law.k * (state.y[i] - law.height) ** 2
+            stiffness[i] += law.k
+        energies[place] = total
+        return 0
+
+
+def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
+    """Time of a step with the spring brought in each way [s], over that of the one built in."""
+    with tempfile.TemporaryDirectory() as folder:
+        import_own([_class_file(folder)])
+    register(BuiltInSpring)
+    steps = max(64, 400_000 // count**2 * 16)
+    engines = {name: EngineSteps(bed_of(count, changes)) for name, changes in ADDED.items()}
+    calls = {name: _call(engine, steps) for name, engine in engines.items()}
+    found = least_seconds(calls, rounds=rounds)
+    return [
+        {"spring": name, "grains": count, "seconds": seconds / steps,
+         "ratio": seconds / found["built in"]}
+        for name, seconds in found.items()
+    ]  # fmt: skip
+
+
+def _call(engine: EngineSteps, steps: int) -> Any:
+    return lambda: engine.make(steps)
+
+
+def own_starts(rounds: int = 5) -> list[dict[str, Any]]:
+    """Least wall time [s] of a process that runs 0.01 s of the bed and compiles nothing."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = _class_file(folder)
+        formula = Path(folder) / "formula.toml"
+        formula.write_text(_formula_scene(), encoding="utf-8")
+        words = {
+            "none": ["bed"],
+            "class": ["bed", "--import", str(file), "--set", "effects.class_spring.k=10 N/m"],
+            "formula": [str(formula)],
+        }
+        store = {"NUMBA_CACHE_DIR": str(Path(folder) / "cache")}
+        least = dict.fromkeys(words, float("inf"))
+        for k in range(rounds + 1):
+            for name, more in words.items():
+                begun = time.perf_counter()
+                finished([sys.executable, "-m", "granular", "run", *more, *_SHORT], store)
+                if k > 0:  # the first compiles
+                    least[name] = min(least[name], time.perf_counter() - begun)
+    return [
+        {"spring": name, "start": seconds, "later": seconds - least["none"]}
+        for name, seconds in least.items()
+    ]
+
+
+_SHORT = ("--t-end", "0.01", "--dt", "2.5e-5", "--quiet")
+
+
+def _formula_scene() -> str:
+    import tomli_w
+
+    return tomli_w.dumps(bed_of(368, ADDED["formula"]).to_plain())
+
+
+def _class_file(folder: str) -> Path:
+    file = Path(folder) / "springs.py"
+    file.write_text(CLASS, encoding="utf-8")
+    return file
