@@ -56,7 +56,8 @@ examples:
 }
 _SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 _LAW = (
-    "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable)"
+    "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable); "
+    "without, those that can win"
 )
 
 
@@ -80,6 +81,13 @@ def _add_identify(one: Parser) -> None:
     one.add_argument("-o", "--out", metavar="DIR", help="directory for report, models and run")
     one.add_argument("--law", dest="laws", action="append", metavar="LAW", help=_LAW)
     one.add_argument("--discover", metavar="METHOD", help="also discover one: sindy, operon, pysr")
+    one.add_argument(
+        "--input", dest="drive", metavar="COLUMN",
+        help="column of the record that drives the motion: all laws have it as their input",
+    )  # fmt: skip
+    one.add_argument(
+        "--mass", metavar="M", help="of what moves, for N/m and N s/m (a scene's piston has one)"
+    )
     one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
     one.add_argument(
         "--no-checks", action="store_true", help="skip the runs that show step error and scatter"

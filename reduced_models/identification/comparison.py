@@ -147,7 +147,9 @@ class Comparison:
             )  # fmt: skip
         return lines
 
-    def __str__(self) -> str:
+    @property
+    def table(self) -> str:
+        """The table for people, without the verdict."""
         rows = [self.header, *self.cells()]
         sound = [row for row in rows if row[-1]]
         widths = [max(len(row[k]) for row in sound) for k in range(len(self.header))]
@@ -156,7 +158,10 @@ class Comparison:
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
         ]
-        return "\n".join([*lines, "", self.verdict])
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return f"{self.table}\n\n{self.verdict}"
 
     def to_plain(self) -> dict[str, Any]:
         """Table and verdict as plain data."""
@@ -244,6 +249,27 @@ def compare(
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     return _ranked(rows, sound)
+
+
+def judged_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
+    """A comparison whose models are judged on further records that no fit has seen.
+
+    Each is predicted from an initial state that its first period tells; a law that cannot be is one
+    that blows up there.
+    """
+    rows = [_further(row, held_out) for row in table.rows if not row.failure]
+    return _ranked([*rows, *(row for row in table.rows if row.failure)], rows)
+
+
+def _further(row: Row, held_out: Sequence[PistonRecord]) -> Row:
+    judged = list(row.records)
+    for record in held_out:
+        try:
+            judged.append(roll_out(row.models[0], record))
+        except InputError:
+            judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
+    errors = [*row.stretches, *(one.relative for one in judged)]
+    return dataclasses.replace(row, records=tuple(judged), error=_pooled(errors))
 
 
 class _Entry(NamedTuple):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 SURE = 1e-4
 """Probability below which residuals are not taken for white noise."""
+_ANYTHING = 7.0  # of a logarithm: a factor of a thousand
 _MARGIN = 0.05  # of the range of heights seen
 _COLLOCATION = {
     "same": ", and so does a fit to accelerations",
@@ -51,14 +52,20 @@ class Direction:
     powers: Mapping[str, float]
     spread: float
 
+    @property
+    def open(self) -> bool:
+        """Whether nothing at all is known along it."""
+        return self.spread >= _ANYTHING
+
     def __str__(self) -> str:
-        moving = ", ".join(f"{name} by t^{power:.2g}" for name, power in self.powers.items())
-        sure = (
-            f"t is known to a factor of {math.exp(self.spread):.2g}"
-            if self.spread < 7
-            else ("t can be anything")
-        )
-        return f"the data do not notice when {moving} change together ({sure})"
+        *most, last = self.powers
+        names = f"{', '.join(most)} and {last}" if most else last
+        together = "can be rescaled together" if most else "can be rescaled"
+        if self.open:
+            words = f"not identifiable from this record: {names} {together}"
+            return f"{words} without changing the fit"
+        factor = f"{math.exp(self.spread):.2g}"
+        return f"hardly identifiable from this record: {names} {together} by a factor of {factor}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,6 +172,8 @@ class ReducedModel(FittedLaw):
         ``velocity`` and hidden states at the start.
     covariance : float64 (p, p)
         Of these, in their units.
+    angle : bool
+        Whether the height is an angle: [rad] stands for [m] then, in all that is said here.
     """
 
     law: Law
@@ -183,6 +192,7 @@ class ReducedModel(FittedLaw):
     input_interpolation: Interpolation = "spline"
     covariance_names: tuple[str, ...] = ()
     covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    angle: bool = False
 
     @property
     def correlation(self) -> np.ndarray:
@@ -281,27 +291,28 @@ class ReducedModel(FittedLaw):
         if least >= low - margin and most <= high + margin:
             return ""
         return (
-            f"the motion goes from {least:.4g} to {most:.4g} m, and the law {self.law.name!r} was "
-            f"fitted to heights from {low:.4g} to {high:.4g} m: read it as an extrapolation"
+            f"the motion goes from {least:.4g} to {most:.4g} {self.unit}, and the law "
+            f"{self.law.name!r} was fitted to {self.coordinate}s from {low:.4g} to {high:.4g} "
+            f"{self.unit}: read it as an extrapolation"
         )
 
     def __str__(self) -> str:
         lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
         if self.law.mapped:
-            lines.append(f"  {self.map.text(digits)}" + ("" if self.map.fitted else " (given)"))
+            lines.append(f"  {self.map_text(digits)}" + ("" if self.map.fitted else " (given)"))
         values = dict(self.parameters)
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}
         for name, value in values.items():
             low, high = self.intervals[name]
-            unit = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
+            unit = self.unit_of(name)
             lines.append(
                 f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]"
             )
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             lines.append(
-                f"  at rest: height {self.at_rest.height:.5g} m, period "
+                f"  at rest: {self.coordinate} {self.at_rest.height:.5g} {self.unit}, period "
                 f"{self.at_rest.period:.5g} s, damping ratio {self.at_rest.damping_ratio:.4g}"
             )
         quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
@@ -347,6 +358,7 @@ class ReducedModel(FittedLaw):
             "input_interpolation": self.input_interpolation,
             "covariance_names": list(self.covariance_names),
             "covariance": self.covariance.tolist(),
+            "angle": self.angle,
         }
 
     def save(self, path: str | Path) -> None:
@@ -381,6 +393,7 @@ class ReducedModel(FittedLaw):
             input_interpolation=data.get("input_interpolation", "spline"),
             covariance_names=tuple(data.get("covariance_names", ())),
             covariance=np.array(data.get("covariance", np.zeros((0, 0))), dtype=np.float64),
+            angle=data.get("angle", False),
         )
 
 
