@@ -26,7 +26,7 @@ h1 { font-size: 1.6rem; line-height: 1.2; margin: 0.6rem 0; }
 h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 1px solid var(--line); }
 p.lead { font-size: 1.05rem; }
 figure { margin: 1rem 0; }
-figure svg { width: 100%; height: auto; background: #ffffff; border-radius: 4px; }
+figure svg { width: 100%; max-width: 46rem; height: auto; background: #ffffff; border-radius: 4px; }
 figure img { max-width: 100%; height: auto; }
 figcaption, footer, .small { font-size: 0.87rem; opacity: 0.85; }
 .scroll { overflow-x: auto; }
@@ -65,6 +65,11 @@ class Page:
     def note(self, words: str) -> None:
         """A paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escaped(words)}</p>')
+
+    def listing(self, items: Sequence[str]) -> None:
+        """A list of short texts."""
+        rows = "".join(f"<li>{_escaped(words)}</li>" for words in items)
+        self._parts.append(f"<ul>{rows}</ul>")
 
     def preformatted(self, words: str) -> None:
         self._parts.append(f"<pre>{_escaped(words)}</pre>")

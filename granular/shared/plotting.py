@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 COLOURS = ("#20639b", "#d1495b", "#3a7d44", "#b8860b", "#6a4c93", "#2a9d8f", "#8d5524", "#555555")
 """Line colours, told apart also with colour-blind eyes when the line styles differ too."""
+READABLE = 13.5
+"""Size of letters [pt] that can be read on a phone, where a figure is half as wide."""
 STYLES = ("-", "--", "-.", ":")
 GREY = "#9aa5b1"
 _LONGEST_LABEL = 60
@@ -36,15 +38,21 @@ def plain_label(words: object) -> str:
 
 @contextlib.contextmanager
 def figure(
-    rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 3.4, **options: Any
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width: float = 7.2,
+    height: float = 3.4,
+    size: float = 10.0,
+    **options: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """A figure and its axes in the common look, without a window."""
+    """A figure and its axes in the common look, without a window; ``size`` of the letters [pt]."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.figure import Figure as Plain
 
     look: Any = {
-        "font.size": 10,
+        "font.size": size,
         "axes.grid": True,
         "grid.alpha": 0.25,
         "axes.spines.top": False,

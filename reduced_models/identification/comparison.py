@@ -175,10 +175,10 @@ class Comparison:
 
     def plot(self) -> Figure:
         """Held-out errors of the laws, beside the noise and a piston at rest."""
-        from granular.shared.plotting import COLOURS, GREY, figure, plain_label
+        from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label
 
         sound = [row for row in self.rows if not row.failure][::-1]
-        with figure(height=1.4 + 0.35 * len(sound)) as (drawing, axes):
+        with figure(height=1.8 + 0.45 * len(sound), size=READABLE) as (drawing, axes):
             greatest = max(
                 [self.at_rest, *(row.error for row in sound if math.isfinite(row.error))]
             )
@@ -196,7 +196,7 @@ class Comparison:
             axes.set_xscale("log")
             axes.set_xlabel("held-out error [% of the rms swing]")
             axes.grid(visible=False, axis="y")
-            axes.legend(loc="lower right")
+            drawing.legend(loc="outside upper right", ncols=2)
             return drawing
 
 

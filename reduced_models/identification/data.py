@@ -112,8 +112,8 @@ class IdentificationData:
         tests = self.residuals.get(self.best.law.name)
         if tests is not None and tests.structured:
             words.append(
-                f"What {self.best.law.name} leaves of the record, {100 * tests.relative:.2g} % of "
-                f"its swing, is no white noise: {tests.verdict}."
+                f"What {self.best.law.name} leaves of the record is {100 * tests.relative:.2g} % of "
+                f"its swing, but no white noise ({tests.verdict})."
             )
         return " ".join(words)
 

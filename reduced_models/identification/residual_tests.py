@@ -58,9 +58,9 @@ class ResidualTests:
         if not self.structured:
             return "noise"
         if self.swing > LOUD and self.swing >= self.double:
-            return "swings with the motion: the law is wrong"
+            return "wrong: it swings with the motion"
         if self.double > LOUD:
-            return "swings at twice the frequency: the law is wrong"
+            return "wrong: it swings at twice the frequency"
         return "not white: the law is wrong, or the noise is coloured"
 
     def to_plain(self) -> dict[str, Any]:

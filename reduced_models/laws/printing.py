@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import sympy
 
 _MARKS = {"zddot": ("\\ddot{z}", "&#xa8;"), "zdot": ("\\dot{z}", "&#x2d9;")}
+
+
+_GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η",
+    "theta": "θ", "kappa": "κ", "lam": "λ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ",
+    "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω",
+    "Gamma": "Γ", "Delta": "Δ", "Theta": "Θ", "Lambda": "Λ", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ",
+    "Omega": "Ω",
+}  # fmt: skip
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
+
+
+def symbol(name: str) -> str:
+    """A parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
+    match = _NAME.fullmatch(name)
+    if match is None:
+        return name
+    return _GREEK.get(match[1], match[1]) + match[2].translate(_SUBSCRIPTS)
 
 
 def rounded(value: float, digits: int) -> float:
