@@ -12,6 +12,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.identification.screening import HOPELESS, Screening, screened
+from reduced_models.identification.words import times
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
@@ -44,8 +45,8 @@ class Candidates(NamedTuple):
         """Those that cannot win, in words."""
         least = max(self.screening.least, 1.0)
         return tuple(
-            f"{name} was not fitted: at a glance it leaves {misfit / least:.3g} times more than "
-            f"the best law (limit {HOPELESS:g}); --law {name} fits it all the same"
+            f"{name} was not fitted: at a glance it leaves {times(misfit / least)} times what the "
+            f"best law leaves (limit {HOPELESS:g}); --law {name} fits it all the same"
             for name, misfit in self.screening.misfits.items()
             if name not in {law.name for law in self.laws}
         )

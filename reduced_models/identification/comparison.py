@@ -194,6 +194,7 @@ class Comparison:
                 if level > 1e-3 * min(row.error for row in sound):
                     axes.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
             axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")  # powers would be too small on a phone
             axes.set_xlabel("held-out error [% of the rms swing]")
             axes.grid(visible=False, axis="y")
             drawing.legend(loc="outside upper right", ncols=2)

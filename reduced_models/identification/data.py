@@ -111,9 +111,10 @@ class IdentificationData:
             words.append(lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
         if tests is not None and tests.structured:
+            share = f"{100 * tests.relative:.2g} %"
             words.append(
-                f"What {self.best.law.name} leaves of the record is {100 * tests.relative:.2g} % of "
-                f"its swing, but no white noise ({tests.verdict})."
+                f"What {self.best.law.name} leaves of the record is {share} of its swing, but no "
+                f"white noise ({tests.verdict})."
             )
         return " ".join(words)
 

@@ -14,7 +14,7 @@ from reduced_models.identification.engineering import decimals, fixed
 from reduced_models.identification.page_engineering import add_engineering, engineering_words
 from reduced_models.identification.page_record import add_fits, add_lift, add_portrait, add_record
 from reduced_models.identification.page_run import add_run
-from reduced_models.identification.words import direction_words, sentence
+from reduced_models.identification.words import direction_words, sentence, times
 from reduced_models.laws.printing import mathml, symbol
 from reduced_models.models.model import ReducedModel
 
@@ -89,13 +89,13 @@ def _residuals(page: Page, found: IdentificationData) -> None:
     unit, scale = ("°", 180.0 / math.pi) if found.record.angle else ("µm", 1e6)
     rows = [
         (
-            name, f"{number(scale * one.rms, 3)} {unit}", _probability(one.whiteness),
-            _probability(one.signs), number(one.swing, 2), number(one.double, 2), one.verdict,
+            name, one.verdict, f"{number(scale * one.rms, 3)} {unit}", times(one.swing),
+            times(one.double), _probability(one.whiteness), _probability(one.signs),
         )
         for name, one in found.residuals.items()
     ]  # fmt: skip
     page.section("What the laws leave over")
-    page.table(("law", "rms", "white", "signs", "at f", "at 2f", "so it is"), rows)
+    page.table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
     page.text(
         "White and signs: probabilities that white noise is correlated as much (Ljung and Box), "
         "and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about the "

@@ -13,6 +13,7 @@ from reduced_models.identification.engineering import (
     units_of,
 )
 
+_NONE = 5e-3  # per cent of a change that is none
 _BY_RATIO = ("damping ratio", "logarithmic decrement", "quality factor")
 
 
@@ -68,6 +69,8 @@ def _amplitude_words(found: IdentificationData) -> str:
 def _changed(per_cent: float) -> str:
     if not math.isfinite(per_cent):
         return "other"
+    if abs(per_cent) < _NONE:
+        return "no other"
     return f"{abs(per_cent):.2g} % {'higher' if per_cent > 0.0 else 'lower'}"
 
 

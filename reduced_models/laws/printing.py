@@ -83,22 +83,25 @@ def latex(equation: sympy.Eq) -> str:
 
 
 def mathml(equation: sympy.Eq) -> str:
-    """An equation in z(t) as presentation MathML."""
+    """An equation in z(t) as presentation MathML, a formula a term: lines break between them."""
     from sympy.printing.mathml import MathMLPresentationPrinter
 
     printer = MathMLPresentationPrinter()
 
-    def side(expression: Any) -> str:
-        text = ""
+    def side(expression: Any) -> list[str]:
+        found = []
         for term in _terms(expression):
             negative = term.could_extract_minus_sign()
-            if text or negative:
+            text = ""
+            if found or negative:
                 text += f"<mo>{'&#x2212;' if negative else '+'}</mo>"
             text += printer.doprint(-term if negative else term)
-        for name, (_, mark) in _MARKS.items():
-            dot = f"<mover><mi>z</mi><mo>{mark}</mo></mover>"
-            text = text.replace(f"<mi>{name}</mi>", dot)
-        return text
+            for name, (_, mark) in _MARKS.items():
+                dot = f"<mover><mi>z</mi><mo>{mark}</mo></mover>"
+                text = text.replace(f"<mi>{name}</mi>", dot)
+            found.append(text)
+        return found
 
-    body = f"<mrow>{side(equation.lhs)}<mo>=</mo>{side(equation.rhs)}</mrow>"
-    return f'<math display="block">{body}</math>'
+    left, (first, *others) = side(equation.lhs), side(equation.rhs)
+    terms = [*left, f"<mo>=</mo>{first}", *others]
+    return " ".join(f'<math displaystyle="true"><mrow>{term}</mrow></math>' for term in terms)
