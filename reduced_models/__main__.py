@@ -49,6 +49,11 @@ examples:
 examples:
   %(prog)s -o out              # those that come with the package
   %(prog)s --simulate -o out   # the study behind them, anew""",
+    "export": """\
+examples:
+  %(prog)s out/model.json -o damper.c
+  %(prog)s out/model.json -o damper_model.m      # MATLAB and Octave
+  %(prog)s out/model.json -o damper.fmu          # Simulink, Dymola, FMPy, ...""",
     "simulate": """\
 examples:
   %(prog)s model.json --until 3 -o motion.csv
@@ -73,6 +78,7 @@ def parser(prog: str = PROG) -> Parser:
     _add_design(add("design", "choose mass, grains and drag for a wanted frequency and damping"))
     _add_maps(add("maps", "show frequency and damping over mass, grains, drag and mixture"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
+    _add_export(add("export", "write a saved model as code: Python, C, MATLAB, Modelica, FMU"))
     return top
 
 
@@ -212,6 +218,15 @@ def _add_simulate(one: Parser) -> None:
     add_output(one)
 
 
+def _add_export(one: Parser) -> None:
+    one.add_argument("model", metavar="MODEL", help="JSON file of a model")
+    one.add_argument(
+        "-o", "--out", metavar="FILE", required=True,
+        help="file to write; its ending says the language: .py, .c, .m, .mo or .fmu",
+    )  # fmt: skip
+    add_output(one)
+
+
 def main(arguments: Sequence[str], prog: str = PROG) -> None:
     """Run one command."""
     options: Any = parser(prog).parse_args(arguments)
@@ -227,6 +242,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         "design": commands.design_damper,
         "maps": commands.map_dampers,
         "simulate": commands.simulate_model,
+        "export": commands.export_model,
     }[options.command](options)
 
 

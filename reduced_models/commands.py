@@ -278,6 +278,14 @@ def simulate_model(options: Any) -> None:
     emit({"samples": len(motion), "end": last, "note": note}, text, options.json)
 
 
+def export_model(options: Any) -> None:
+    """Write a saved model as code."""
+    from reduced_models.models.model import load_model
+
+    what = load_model(options.model).export(options.out)
+    emit({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)
+
+
 def _records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
     return [record_of(source, None, run)[0] for source in sources]

@@ -18,6 +18,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
+from reduced_models.models.exporting import write_code
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.schema import FORMAT, checked, read_model
 from reduced_models.records.inputs import Interpolation
@@ -277,6 +278,19 @@ class ReducedModel(FittedLaw):
     def numpy_source(self) -> str:
         """Python source of a stand-alone module of the model, which needs NumPy alone."""
         return export.numpy_source(self)
+
+    def export(self, path: str | Path) -> str:
+        """Write the model as code, in the language that a file's ending names; says what it is.
+
+        ``.py`` (NumPy alone), ``.c`` (C99), ``.m`` (MATLAB and Octave), ``.mo`` (Modelica),
+        ``.fmu`` (FMI 2.0, co-simulation, compiled by the C compiler that is there).
+
+        Raises
+        ------
+        InputError
+            If the ending is another one, or the file cannot be written.
+        """
+        return write_code(self, Path(path))
 
     @property
     def text(self) -> str:
