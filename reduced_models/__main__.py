@@ -21,6 +21,7 @@ from a lab record to its equation, judged on what it has not seen:
     "identify": """\
 examples:
   %(prog)s damper -o out
+  %(prog)s lab.csv --mass 7.5 -o out
   %(prog)s lab.csv --law all -o out
   %(prog)s lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
     "fit": """\
