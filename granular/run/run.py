@@ -370,6 +370,8 @@ class Run:
             left = self._rest_of_stage()
             if left > 0.0:
                 self._short_tick(left)
+            else:
+                self._record_between()
             between = progress.ticks % self.pace.frames_every != 0
             self._end_stage("duration", new_frame=between or left > 0.0)
 
@@ -515,9 +517,15 @@ class Run:
             self._short_tick(left)
             self._frame(self.t_end)
             return self.t_end
+        self._record_between()
         if self.progress.ticks % self.pace.frames_every:
             self._frame()
         return self.time
+
+    def _record_between(self) -> None:
+        """Record an end that falls on a tick between two records."""
+        if self.progress.ticks % self.pace.every:
+            self._keep(self._look(self.shorter)[None])
 
     def _end_stage(self, reason: str, *, new_frame: bool) -> None:
         progress, stage = self.progress, self._stage

@@ -89,7 +89,7 @@ def mathml(equation: sympy.Eq) -> str:
     printer = MathMLPresentationPrinter()
 
     def side(expression: Any) -> list[str]:
-        found = []
+        found: list[str] = []
         for term in _terms(expression):
             negative = term.could_extract_minus_sign()
             text = ""

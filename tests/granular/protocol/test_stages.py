@@ -80,6 +80,23 @@ def test_frames_keep_their_cadence_under_a_given_step(small_bed: Scene) -> None:
     assert run.dataset["frame_time"].values == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4], abs=1e-3)
 
 
+@pytest.mark.parametrize("t_end", [None, 3.2e-3])
+def test_an_end_on_a_tick_between_records_is_recorded(
+    small_bed: Scene, t_end: float | None
+) -> None:
+    """352 steps from record to record are eleven ticks; a stage of 160 steps ends on the fifth."""
+    last = {"kind": "hold", "name": "second", **({} if t_end else {"duration": 1.6e-3})}
+    scene = small_bed.replace(
+        **{
+            "protocol": [{"kind": "hold", "name": "first", "duration": 1.6e-3}, last],
+            "output": {"scalars": 3.52e-3, "frames": 3.52e-3},
+        }
+    )
+    run = simulate(scene, 1e-5, t_end, progress=False)
+    assert [one.end for one in run.stages] == pytest.approx([1.6e-3, 3.2e-3], rel=1e-9)
+    assert run.dataset["time"].values == pytest.approx([0.0, 1.6e-3, 3.2e-3], rel=1e-9)
+
+
 def test_piston_below_the_bottom_is_stopped() -> None:
     with pytest.raises(OutsideError, match="below the bottom"):
         empty({"kind": "free", "name": "fall", "duration": 1.0})
