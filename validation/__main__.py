@@ -44,14 +44,14 @@ _EXAMPLES = {
 how far to trust it, and what accuracy costs:
   %(prog)s report
   %(prog)s cheapest damper "rest height" 0.01""",
-    "report": "example:\n  %(prog)s --full -o out/validation     (goes on where it was stopped)",
+    "report": "example:\n  %(prog)s --full -o out/validation     # goes on where it was stopped",
     **dict.fromkeys(_PARTS, "example:\n  %(prog)s --quick"),
     "benchmark": "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items()),
     "published": """\
 examples:
-  %(prog)s                  (shows the results that come with the package)
+  %(prog)s                  # shows the results that come with the package
   %(prog)s --quick -o out/published""",
-    "recovery": "example:\n  %(prog)s --full -o out/recovery     (260 fits, an hour)",
+    "recovery": "example:\n  %(prog)s --full -o out/recovery     # 260 fits, an hour",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:

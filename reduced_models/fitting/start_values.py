@@ -24,7 +24,7 @@ from reduced_models.records.inputs import column, drive_at
 _NODES = 160
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
 _OTHER_DRAWS = 1
-_SPREAD = 0.1  # at most, of the logarithm of repeated start values
+_SPREAD = 0.05  # of the logarithm of repeated start values
 
 
 def start_values(
@@ -50,8 +50,8 @@ def start_values(
         drawn = _random_draws(law, guess, random, _DRAWS, held)
         draws = _matched(law, guess, record, drawn, held)
     chosen = draws[np.arange(count) % len(draws)]
-    # Each once as it is: a frequency in the law may be known to far less than the spread.
-    spread = _SPREAD * (np.arange(count) >= len(draws)) * random.uniform(size=count)
+    # The best as it is: a frequency in the law may be known to far less than the spread.
+    spread = _SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
 

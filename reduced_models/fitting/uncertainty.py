@@ -21,7 +21,7 @@ from reduced_models.fitting.autoregression import autoregression, spread_of
 from reduced_models.laws.small_swing import NoSwing, small_swing
 from reduced_models.least_squares.residuals import cost_and_weight, sensitivity
 from reduced_models.models.fitted_law import AtRest
-from reduced_models.models.quality import ANYTHING, Direction
+from reduced_models.models.quality import Direction
 
 if TYPE_CHECKING:
     from reduced_models.fitting.refinement import JointRecords
@@ -259,10 +259,7 @@ def at_least_linear(
     where the prior about the start says so.
     """
     left_open = {
-        name
-        for direction in analysis.undetermined
-        if direction.spread >= ANYTHING
-        for name in direction.powers
+        name for direction in analysis.undetermined if direction.open for name in direction.powers
     }
     return {
         name: (

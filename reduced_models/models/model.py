@@ -18,6 +18,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
+from reduced_models.models.exporting import write_code
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.quality import Direction, Quality
 from reduced_models.models.schema import FORMAT, checked, read_model
@@ -72,6 +73,8 @@ class ReducedModel(FittedLaw):
         Of these, in their units.
     no_swing : str
         Why ``at_rest`` is None.
+    angle : bool
+        Whether the height is an angle: [rad] stands for [m] then, in all that is said here.
     """
 
     law: Law
@@ -91,6 +94,7 @@ class ReducedModel(FittedLaw):
     covariance_names: tuple[str, ...] = ()
     covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
     no_swing: str = ""
+    angle: bool = False
 
     @property
     def correlation(self) -> np.ndarray:
@@ -176,6 +180,19 @@ class ReducedModel(FittedLaw):
         """Python source of a stand-alone module of the model, which needs NumPy alone."""
         return export.numpy_source(self)
 
+    def export(self, path: str | Path) -> str:
+        """Write the model as code, in the language that a file's ending names; says what it is.
+
+        ``.py`` (NumPy alone), ``.c`` (C99), ``.m`` (MATLAB and Octave), ``.mo`` (Modelica),
+        ``.fmu`` (FMI 2.0, co-simulation, compiled by the C compiler that is there).
+
+        Raises
+        ------
+        InputError
+            If the ending is another one, or the file cannot be written.
+        """
+        return write_code(self, Path(path))
+
     @property
     def text(self) -> str:
         """Equation, parameters, domain, provenance and LaTeX as text."""
@@ -189,27 +206,28 @@ class ReducedModel(FittedLaw):
         if least >= low - margin and most <= high + margin:
             return ""
         return (
-            f"the motion goes from {least:.4g} to {most:.4g} m, and the law {self.law.name!r} was "
-            f"fitted to heights from {low:.4g} to {high:.4g} m: read it as an extrapolation"
+            f"the motion goes from {least:.4g} to {most:.4g} {self.unit}, and the law "
+            f"{self.law.name!r} was fitted to {self.coordinate}s from {low:.4g} to {high:.4g} "
+            f"{self.unit}: read it as an extrapolation"
         )
 
     def __str__(self) -> str:
         lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
         if self.law.mapped:
-            lines.append(f"  {self.map.text(digits)}" + ("" if self.map.fitted else " (given)"))
+            lines.append(f"  {self.map_text(digits)}" + ("" if self.map.fitted else " (given)"))
         values = dict(self.parameters)
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}
         for name, value in values.items():
             low, high = self.intervals[name]
-            unit = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
+            unit = self.unit_of(name)
             lines.append(
                 f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]"
             )
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             lines.append(
-                f"  at rest: height {self.at_rest.height:.5g} m, period "
+                f"  at rest: {self.coordinate} {self.at_rest.height:.5g} {self.unit}, period "
                 f"{self.at_rest.period:.5g} s, damping ratio {self.at_rest.damping_ratio:.4g}"
             )
         elif self.no_swing:
@@ -258,6 +276,7 @@ class ReducedModel(FittedLaw):
             "covariance_names": list(self.covariance_names),
             "covariance": self.covariance.tolist(),
             "no_swing": self.no_swing,
+            "angle": self.angle,
         }
 
     def save(self, path: str | Path) -> None:
@@ -293,6 +312,7 @@ class ReducedModel(FittedLaw):
             covariance_names=tuple(data.get("covariance_names", ())),
             covariance=np.array(data.get("covariance", np.zeros((0, 0))), dtype=np.float64),
             no_swing=data.get("no_swing", ""),
+            angle=data.get("angle", False),
         )
 
 

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 
 SURE = 1e-4
 """Probability below which residuals are not taken for white noise."""
-ANYTHING = 7.0
-"""Spread of a logarithm from which on it can be anything: a factor of a thousand."""
+_ANYTHING = 7.0  # of a logarithm: a factor of a thousand
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,14 +27,20 @@ class Direction:
     powers: Mapping[str, float]
     spread: float
 
+    @property
+    def open(self) -> bool:
+        """Whether nothing at all is known along it."""
+        return self.spread >= _ANYTHING
+
     def __str__(self) -> str:
-        moving = ", ".join(f"{name} by t^{power:.2g}" for name, power in self.powers.items())
-        sure = (
-            f"t is known to a factor of {math.exp(self.spread):.2g}"
-            if self.spread < ANYTHING
-            else ("t can be anything")
-        )
-        return f"the data do not notice when {moving} change together ({sure})"
+        *most, last = self.powers
+        names = f"{', '.join(most)} and {last}" if most else last
+        together = "can be rescaled together" if most else "can be rescaled"
+        if self.open:
+            words = f"not identifiable from this record: {names} {together}"
+            return f"{words} without changing the fit"
+        factor = f"{math.exp(self.spread):.2g}"
+        return f"hardly identifiable from this record: {names} {together} by a factor of {factor}"
 
 
 @dataclasses.dataclass(frozen=True)
