@@ -19,6 +19,9 @@ from granular.shared.errors import GranularError
 
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
+BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
+"""What a step that is too long may end in."""
+
 OVERLAP = "less than a diameter"
 """Part of the warning that two grains overlap where no contact is: physics, not accuracy."""
 

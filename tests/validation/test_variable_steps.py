@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from validation.hard_measures import energy_change
 
 from granular import Trajectory, simulate
 from validation.energy import EnergyRun, energy_study, variable_bounces
 from validation.exact import bounce
 from validation.hard_cases import head_on
-from validation.hard_measures import energy_change
 
 LIMIT = 1e-6
 
