@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.console import (
     Parser,
+    add_accuracy,
     add_import,
     add_output,
     add_run,
@@ -45,6 +46,7 @@ example:
 examples:
   %(prog)s bed --t-end 0.5 -o runs/bed
   %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
+  %(prog)s damper --accuracy '1e-2 rest height'
   %(prog)s damper -o runs/damper --resume     (goes on after Ctrl-C)""",
     "export": """\
 examples:
@@ -115,6 +117,7 @@ def parser(prog: str = PROG) -> Parser:
     one.add_argument("--t-end", type=float, metavar="S", help="stop at this time [s]")
     one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
     add_run(one)
+    add_accuracy(one)
     add_output(one)
     _add_observe(add("observe", "observables of every frame of a run, as a table"))
     _add_export(add("export", "write a run for other programs"))
@@ -253,14 +256,18 @@ def _run(options: Any) -> None:
         resume=options.resume,
         threads=options.threads,
         progress=not options.quiet,
+        accuracy=options.accuracy,
     )
     emit(*_outcome(run), options.json)
 
 
 def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
+    from granular.run.price import price_text
     from granular.run.summary import run_figures, run_text
 
-    return run_figures(run), run_text(run)
+    figures = run_figures(run) | {"price": price_text(run)}
+    chosen = [f"chosen for {run.settings()['accuracy']}"] if "accuracy" in figures else []
+    return figures, "\n".join([run_text(run), *chosen, figures["price"]])
 
 
 def _observe(options: Any) -> None:

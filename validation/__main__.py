@@ -69,6 +69,7 @@ mine.py:
   from granular import Method
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
+    "prices": "example:\n  %(prog)s -o prices.toml     (ten minutes)",
     "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
 }
 
@@ -96,7 +97,15 @@ def parser(prog: str = PROG) -> Parser:
     one.add_argument("tolerance", type=float, help="error that is allowed, such as 0.01")
     one.add_argument("--t-end", type=float, metavar="S", help="stop each run at this time [s]")
     add_output(one)
+    _add_prices(add("prices", "measure anew the table that accuracies are promised from"))
     return top
+
+
+def _add_prices(one: argparse.ArgumentParser) -> None:
+    one.add_argument(
+        "-o", "--out", metavar="FILE", help="write it here; into the package if not given"
+    )
+    add_output(one)
 
 
 def _add_method(one: argparse.ArgumentParser) -> None:
@@ -157,6 +166,8 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         run_published(options)
     elif options.command == "benchmark":
         _benchmark(options)
+    elif options.command == "prices":
+        _prices(options)
     elif options.command == "recovery":
         _recovery(options)
     elif options.command == "silverbox":
@@ -248,6 +259,14 @@ def _history(options: Any) -> None:
     read(path)  # before minutes are spent
     entries = add(path, measured())
     emit(entries[-1], history_table(entries).text(), options.json)
+
+
+def _prices(options: Any) -> None:
+    from validation.prices import prices, prices_text
+
+    path = None if options.out is None else Path(options.out)
+    found = prices(path, progress=not options.quiet)
+    emit(found, prices_text(found), options.json)
 
 
 def _recovery(options: Any) -> None:

@@ -83,6 +83,8 @@ class Outcome:
         Whether the case may end like this.
     seconds : float
         Wall time, the compilation of a new kind of scene included.
+    measured : str
+        What the error is of, with its unit.
     """
 
     case: str
@@ -94,6 +96,7 @@ class Outcome:
     said: str
     allowed: bool
     seconds: float
+    measured: str = ""
 
     def to_plain(self) -> dict[str, Any]:
         """The outcome as plain data; None for an error that was not measured."""
@@ -135,7 +138,7 @@ def outcome(
     )
     return Outcome(
         case.name, method, str(dt), kind, error, case.limit, said, allowed,
-        time.perf_counter() - begun,
+        time.perf_counter() - begun, case.accurate,
     )  # fmt: skip
 
 

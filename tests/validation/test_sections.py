@@ -71,7 +71,7 @@ def test_slopes_stand_in_rows_by_order() -> None:
 
 def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> Outcome:
     said = "EnergyError: step 3: off" if kind == STOPPED else ""
-    return Outcome(case, "stormer-verlet", dt, kind, error, 0.1, said, allowed, 1.0)
+    return Outcome(case, "stormer-verlet", dt, kind, error, 0.1, said, allowed, 1.0, "distance [D]")
 
 
 def test_outcomes_stand_in_a_row_a_case() -> None:
@@ -80,10 +80,20 @@ def test_outcomes_stand_in_a_row_a_case() -> None:
         ended("drop", "auto*4", DEGRADED, 0.5, allowed=False),
         ended("drop", "auto/4", ACCURATE, 0.0),
     ])  # fmt: skip
-    assert found.header == ("case", "its own settings", "auto*4", "auto/4")
+    assert found.header == (
+        "case", "error of what [unit]", "accurate up to",
+        "its own settings", "dt = auto*4", "dt = auto/4",
+    )  # fmt: skip
     assert found.rows == (
-        ("drop", "0.2", "degraded and said so (!)", "0"),
-        ("limit", "EnergyError", "", ""),
+        (
+            "drop",
+            "distance [D]",
+            "1e-01",
+            "accurate: 0.02",
+            "degraded and said so: 0.5 (!)",
+            "accurate: 0",
+        ),
+        ("limit", "distance [D]", "1e-01", "stopped: EnergyError", "", ""),
     )
 
 

@@ -35,7 +35,7 @@ def draw(
         low, high = axes.get_ylim()
         axes.axhspan(low, floor, color=GREY, alpha=0.2, linewidth=0.0)
         axes.set_ylim(low, max(high, 1.2 * floor))
-    _plain_numbers(axes)
+    plain_numbers(axes)
     axes.set_xlabel("wall time [s]")
 
 
@@ -69,7 +69,7 @@ def _mark(axes: Axes, words: str, advice: Advice) -> None:
     )  # fmt: skip
 
 
-def _plain_numbers(axes: Axes) -> None:
+def plain_numbers(axes: Axes) -> None:
     """Label seconds as they are read: 0.02, 0.05, 0.1; fewer of them over many decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.html import Page
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from validation.cost import FLOORS, LEVELS, WorkPrecision
+from validation.cost import FLOORS, LEVELS, USUAL, Advice, WorkPrecision
 from validation.cost.advice import duration
+from validation.cost.picture import plain_numbers
 from validation.effect_costs import agree
 from validation.glance import digit
 from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome
@@ -47,7 +48,8 @@ def _accuracy(page: Page, plain: Plain) -> None:
             f"Errors are means over {starts} starts, against a finer step from the same starts; "
             "bars end at the bound that the starts allow. Dashed: how far the starts themselves "
             f"scatter. One run cannot be trusted below {FLOORS:g} times that, whatever its step; "
-            "the mean of more starts can."
+            "the mean of more starts can, at their price. Where no method is named it is "
+            f"{USUAL[0]}."
         )
     with figure(width=WIDTH, height=4.2) as (drawing, axes):
         plot(axes, found)
@@ -75,29 +77,31 @@ def plot(axes: Axes, found: Sequence[WorkPrecision]) -> None:
             axes.axhline(study.floor, color=colour, linestyle=(0, (6, 3)), linewidth=0.9)
     for level in LEVELS.values():
         axes.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
+    plain_numbers(axes)
     axes.set_xlabel("time of a run [s]")
     axes.set_ylabel("error")
 
 
 def advice_table(found: Sequence[WorkPrecision]) -> TextTable:
-    """A quantity and a level a row: what to take, and its price."""
+    """A quantity a row: what to take for each level and its price, scatter, price of a digit."""
     rows = []
     for one in found:
-        for k, (words, level) in enumerate(LEVELS.items()):
-            advice = one.advice(level)
-            time = "" if advice.point is None else duration(advice.seconds)
-            first = (one.quantity, f"{one.floor:.1g}" if one.floor else "no scatter",
-                     digit(one, advice.point))  # fmt: skip
-            rows.append((*(first if k == 0 else ("", "", "")), words, _take(advice), time))
-    header = ("quantity", "starts scatter by", "a digit costs", "to", "take", "price")
-    return table(header, rows)
+        advised = [one.advice(level) for level in LEVELS.values()]
+        scatter = f"{one.floor:.1g}" if one.floor else "none"
+        rows.append((one.quantity, *map(_take, advised), scatter, digit(one, advised[0].point)))
+    return table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
 
 
-def _take(advice: Any) -> str:
-    if advice.point is None or not advice.below_floor:
+def _take(advice: Advice) -> str:
+    """What to take for a level, and its price."""
+    if advice.point is None:
         return str(advice)
-    setting = advice.point.setting
-    return f"any step ({setting.fineness} is fastest), {advice.starts:.2g} starts"
+    method, price = advice.point.setting.method, duration(advice.seconds)
+    if advice.below_floor:
+        number = f"{advice.starts:d}" if advice.starts < 1000 else f"{advice.starts:.0e}"
+        return f"{number} starts of any step: {price}"
+    named = "" if method == USUAL[0] else f"{method} "
+    return f"{named}{advice.point.setting.fineness}: {price}"
 
 
 # Effects ----------------------------------------------------------------------------------------
@@ -110,7 +114,7 @@ def _effects(page: Page, plain: Mapping[str, Any]) -> None:
         f"runs: {plain['step']:.3g} with all effects, {plain['nothing']:.2g} with none. An effect "
         "that is added to others may share their work: both prices stand where they differ by "
         "more than a fifth. What a scene does not name leaves nothing in its step; "
-        "`python -m validation benchmark --part absent` times that beside steps written by hand."
+        '"python -m validation benchmark --part absent" times that beside steps written by hand.'
     )
     tabulate(page, effect_table(plain))
     sums = ", ".join(f"{name} {value:.3g}" for name, value in plain["sums"].items())

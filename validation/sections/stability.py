@@ -20,10 +20,10 @@ def stability_section(page: Page, results: Sequence[Plain]) -> None:
         if not one.allowed:
             page.note(f"{one.case} ({one.method}, dt {one.dt}): {one.kind}. {one.said}")
     page.text(
-        "Error of each run over the figure that counts as accurate for its case (ten times that "
-        "for other methods, sixteen for a step four times as long): below 1 it is accurate. An "
-        "InputError says that a method does not suit the scene. All measurements are at the end "
-        "of this page, with the figures and messages."
+        "Each run's ending and its error, in the unit of the second column; the third says up to "
+        "what the case's own run counts as accurate (ten times that for other methods, sixteen "
+        "for a step four times as long). An InputError says that a method does not suit the scene. "
+        "All measurements are at the end of this page, with the messages."
     )
     tabulate(page, stability_matrix(found))
     note_failures(page, results)
@@ -45,28 +45,35 @@ def stability_matrix(found: Sequence[Outcome]) -> TextTable:
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
     columns: dict[str, None] = {own: None}
+    first: dict[str, Outcome] = {}
     for one in found:
-        first = one.case not in rows
-        row = rows.setdefault(one.case, {})
-        column = own if first else _column(one)
+        new = first.setdefault(one.case, one) is one
+        column = own if new else _column(one)
         columns[column] = None
-        row[column] = _ending(one)
+        rows.setdefault(one.case, {})[column] = _ending(one)
     return table(
-        ("case", *columns),
-        [(case, *(row.get(column, "") for column in columns)) for case, row in rows.items()],
-    )
+        ("case", "error of what [unit]", "accurate up to", *columns),
+        [
+            (case, _with_unit(first[case].measured), f"{first[case].limit:.0e}",
+             *(row.get(column, "") for column in columns))
+            for case, row in rows.items()
+        ],
+    )  # fmt: skip
+
+
+def _with_unit(words: str) -> str:
+    return words if words.endswith("]") or not words else f"{words} [1]"
 
 
 def _column(one: Outcome) -> str:
-    return one.method if one.dt == "auto" else one.dt
+    return f"with {one.method}" if one.dt == "auto" else f"dt = {one.dt}"
 
 
 def _ending(one: Outcome) -> str:
     wrong = "" if one.allowed else " (!)"
     if one.kind == STOPPED:
-        return f"{one.said.split(':', 1)[0]}{wrong}"
-    share = one.error / one.limit if one.limit > 0.0 else one.error
-    return f"{share:.1g}{wrong}" if one.kind == ACCURATE else f"{one.kind}{wrong}"
+        return f"stopped: {one.said.split(':', 1)[0]}{wrong}"
+    return f"{one.kind}: {one.error:.1g}{wrong}"
 
 
 def stability_table(found: Sequence[Outcome]) -> TextTable:
