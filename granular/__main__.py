@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from granular.shared.console import (
     changes_from,
     command_parser,
     emit,
+    in_unit,
     launch,
     time_step,
 )
@@ -52,6 +54,8 @@ examples:
 examples:
   %(prog)s runs/bed --format gsd -o bed.gsd          (for OVITO)
   %(prog)s runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
+  %(prog)s runs/bed --format vtk -o vtk              (ParaView: open vtk/bed.pvd)
+  %(prog)s runs/bed --format csv -o tables           (scalars.csv and grains.csv)
   %(prog)s runs/bed --format source -o dat           (posPart.dat and the rest)
   %(prog)s bed --format lammps -o deck               (also of a scene)""",
     "sweep": """\
@@ -114,7 +118,9 @@ def parser(prog: str = PROG) -> Parser:
     one = add("run", "run a scene")
     add_scene(one)
     one.add_argument("-o", "--out", metavar="DIR", help="directory to write the run to")
-    one.add_argument("--t-end", type=float, metavar="S", help="stop at this time [s]")
+    one.add_argument(
+        "--t-end", type=in_unit("s"), metavar="T", help="stop at this time, as 0.5 or '500 ms'"
+    )
     one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
     add_run(one)
     add_accuracy(one)
@@ -154,12 +160,13 @@ def _add_export(one: Parser) -> None:
     one.add_argument(
         "--format",
         required=True,
-        choices=("gsd", "extxyz", "source", "lammps"),
-        help="GSD, extended XYZ, the .dat files of the source's program, or a LAMMPS input deck",
+        choices=("gsd", "extxyz", "vtk", "csv", "parquet", "source", "lammps"),
+        help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of the source's "
+        "program, or a LAMMPS input deck",
     )
     one.add_argument(
         "-o", "--out", metavar="PATH", required=True,
-        help="file, or directory for 'source' and 'lammps'",
+        help="file; a directory for all but 'gsd' and 'extxyz'",
     )  # fmt: skip
     one.add_argument("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2")
     one.add_argument("--force", action="store_true", help="replace what is there")
@@ -266,8 +273,12 @@ def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
     from granular.run.summary import run_figures, run_text
 
     figures = run_figures(run) | {"price": price_text(run)}
-    chosen = [f"chosen for {run.settings()['accuracy']}"] if "accuracy" in figures else []
-    return figures, "\n".join([run_text(run), *chosen, figures["price"]])
+    lines = [run_text(run)]
+    if run.path is None:
+        lines.append("nothing is kept of the run; -o DIR keeps it")
+    if "accuracy" in figures:
+        lines.append(f"chosen for {figures['accuracy']}")
+    return figures, "\n".join([*lines, figures["price"]])
 
 
 def _observe(options: Any) -> None:
@@ -314,17 +325,19 @@ def _export_deck(options: Any) -> None:
 
 
 def _export_frames(options: Any) -> None:
-    from granular.export import to_extxyz, to_gsd, to_source_files
+    from granular.export import to_extxyz, to_gsd, to_source_files, to_tables, to_vtk
     from granular.run.trajectory import load_trajectory
 
     if options.changes or options.dt:
         raise InputError("--set and --dt are for --format lammps; leave them out")
     run, progress = load_trajectory(options.run), not options.quiet
-    if options.format == "source":
-        files = to_source_files(run, options.out, overwrite=options.force, progress=progress)
-    else:
-        write = to_gsd if options.format == "gsd" else to_extxyz
-        files = (write(run, options.out, overwrite=options.force, progress=progress),)
+    writers: dict[str, Any] = {
+        "gsd": to_gsd, "extxyz": to_extxyz, "vtk": to_vtk, "source": to_source_files,
+        "csv": to_tables, "parquet": partial(to_tables, kind="parquet"),
+    }  # fmt: skip
+    write = writers[options.format]
+    found = write(run, options.out, overwrite=options.force, progress=progress)
+    files = found if isinstance(found, tuple) else (found,)
     frames = run.dataset.sizes["frame"]
     names = [str(one) for one in files]
     text = f"{frames} frames written to {options.out}"

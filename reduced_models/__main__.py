@@ -6,7 +6,15 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from granular.shared.console import Parser, add_output, add_run, add_scene, command_parser, launch
+from granular.shared.console import (
+    Parser,
+    add_output,
+    add_run,
+    add_scene,
+    command_parser,
+    in_unit,
+    launch,
+)
 from reduced_models.look_command import EXAMPLES as LOOK_EXAMPLES
 from reduced_models.look_command import add_look, run_look
 
@@ -156,12 +164,14 @@ def _add_calibrate(one: Parser) -> None:
 
 def _add_design(one: Parser) -> None:
     one.add_argument(
-        "--frequency", type=float, required=True, metavar="F",
+        "--frequency", type=in_unit("Hz"), required=True, metavar="F",
         help="of the undamped small swing about rest [Hz]",
     )  # fmt: skip
     one.add_argument("--damping", type=float, required=True, metavar="R", help="damping ratio")
     one.add_argument("--grains", type=int, metavar="N", help="number of grains; chosen without")
-    one.add_argument("--mass", type=float, metavar="M", help="of the piston [kg]; chosen without")
+    one.add_argument(
+        "--mass", type=in_unit("kg"), metavar="M", help="of the piston [kg]; chosen without"
+    )
     one.add_argument(
         "--small-share", type=float, default=0.0, metavar="S", help="share of grains of 0.6 D (0)"
     )

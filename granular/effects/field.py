@@ -11,13 +11,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
 from granular.effects.dimensions import Dimension
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.formula import LENGTH, MASS, MOMENT, TIME, Formula, Functions
+from granular.effects.listed import Listed
 from granular.effects.own_definition import Grain, Kind
 from granular.effects.own_law import OwnLaw
 from granular.pairs.direct import padded_values
@@ -130,7 +131,7 @@ class FieldText(Formula, Effect):
         return OwnLaw(kind, self.natural(setting.scales), math.inf, factor)
 
 
-class Field(Effect):
+class Field(Listed):
     """Fields of force from their energies; see the head of this file.
 
     Attributes
@@ -145,28 +146,3 @@ class Field(Effect):
     ]
 
     fields: tuple[FieldText, ...] = declare(Many(section=FieldText, least=1))
-
-    @classmethod
-    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        return listed(super().from_plain, plain, diameter)
-
-    def to_plain(self) -> Any:
-        return [one.to_plain() for one in self.fields]
-
-    @property
-    def parts(self) -> tuple[Effect, ...]:
-        return self.fields
-
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
-        for one in self.fields:
-            one.check(grains, cell, piston, others)
-
-
-def listed(read: Any, plain: Any, diameter: float | None) -> Any:
-    """Read an effect that is a list of tables, or one table."""
-    try:
-        return read({"fields": [plain] if isinstance(plain, Mapping) else plain}, diameter)
-    except FieldError as error:
-        raise FieldError(error.reason, *error.path[1:]) from None

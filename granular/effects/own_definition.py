@@ -72,7 +72,7 @@ class Kind:
         self.name = name
 
 
-class KindType(types.Dummy):  # type: ignore[misc]
+class KindType(types.Dummy):  # type: ignore[misc]  # Numba is not typed
     """Numba's type of a `Kind`."""
 
 

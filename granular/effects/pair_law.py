@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from granular.effects.dimensions import NONE, Dimension
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.field import listed
 from granular.effects.formula import LENGTH, Formula, Functions
+from granular.effects.listed import Listed
 from granular.effects.own_check import check
 from granular.effects.own_definition import Grain, Kind
 from granular.effects.own_law import OwnLaw
@@ -76,7 +76,7 @@ class PairText(Formula, Effect):
         return OwnLaw(Kind(definition.digest), values, reach, None)
 
 
-class PairLaw(Effect):
+class PairLaw(Listed):
     """Forces between grains from their energies; see the head of this file.
 
     Attributes
@@ -91,14 +91,3 @@ class PairLaw(Effect):
     ]
 
     fields: tuple[PairText, ...] = declare(Many(section=PairText, least=1))
-
-    @classmethod
-    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        return listed(super().from_plain, plain, diameter)
-
-    def to_plain(self) -> Any:
-        return [one.to_plain() for one in self.fields]
-
-    @property
-    def parts(self) -> tuple[Effect, ...]:
-        return self.fields

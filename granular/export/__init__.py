@@ -1,5 +1,5 @@
-"""Runs as files for other programs: GSD and extended XYZ for OVITO, the source's ``.dat`` files,
-and input decks of LAMMPS.
+"""Runs as files for other programs: GSD and extended XYZ for OVITO and ASE, VTK for ParaView,
+tables in CSV and Parquet, the source's ``.dat`` files, and input decks of LAMMPS.
 
 >>> from granular.export import to_gsd
 >>> to_gsd("runs/light-piston", "bed.gsd")
@@ -11,5 +11,16 @@ from granular.export.extxyz import to_extxyz
 from granular.export.gsd_file import to_gsd
 from granular.export.lammps import to_lammps
 from granular.export.source_files import SourceCadence, source_cadence, to_source_files
+from granular.export.tables import to_tables
+from granular.export.vtk_files import to_vtk
 
-__all__ = ["SourceCadence", "source_cadence", "to_extxyz", "to_gsd", "to_lammps", "to_source_files"]
+__all__ = [
+    "SourceCadence",
+    "source_cadence",
+    "to_extxyz",
+    "to_gsd",
+    "to_lammps",
+    "to_source_files",
+    "to_tables",
+    "to_vtk",
+]

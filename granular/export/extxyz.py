@@ -12,7 +12,8 @@ from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
 from granular.shared.files import replacing
 
-PROPERTIES = "species:S:1:pos:R:3:velo:R:3:force:R:3:radius:R:1:mass:R:1:id:I:1"
+PROPERTIES = "species:S:1:pos:R:3:velo:R:3:force:R:3:radius:R:1:mass:R:1:id:I:1:kind:I:1:Z:I:1"
+NO_ELEMENT = 0
 
 
 def to_extxyz(
@@ -25,8 +26,10 @@ def to_extxyz(
     piston stands (without a piston, as the bed) and as deep as the distance of the plates; the
     grains stand half-way between these, at z = 0. The columns bear the names that OVITO maps to its
     own: species, pos [m], velo [m/s], force [N] (magnetic, weight and contact), radius [m],
-    mass [kg], id (the grain's index in the scene). The comment line gives ``Time`` [s] and, with a
-    piston, ``Piston_height`` [m]. Grains that have left the cell are left out.
+    mass [kg], id (the grain's index in the scene); and for ASE, which takes chemical elements only,
+    kind (the place of the species in the scene) and the atomic number Z = 0. The comment line gives
+    ``Time`` [s] and, with a piston, ``Piston_height`` [m]. Grains that have left the cell are left
+    out.
 
     Parameters
     ----------
@@ -67,7 +70,10 @@ def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
     grains = run.scene.grains
     names = ["_".join(one.name.split()) or "grain" for one in grains.species]
     numbers = " ".join(["%.17g"] * 11)
-    forms = [f"{names[k].replace('%', '%%')} {numbers} %d\n" for k in grains.assignment()]
+    forms = [
+        f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n"
+        for k in grains.assignment()
+    ]
     radius, mass = grains.diameters() / 2.0, grain_masses(run)
 
     def lines(frame: BedFrame) -> str:

@@ -95,3 +95,8 @@ def _block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
         yield BedFrame(
             int(number), float(times[k]), height, grains, *(one[k][grains] for one in fields)
         )
+
+
+def in_space(plane: np.ndarray) -> np.ndarray:
+    """Vectors (k, 2) as vectors of space (k, 3)."""
+    return np.column_stack([plane, np.zeros(len(plane))])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, opened
+from granular.export.frames import BedFrame, bed_frames, in_space, opened
 from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -22,12 +22,14 @@ def to_gsd(
 
     GSD holds positions, velocities, masses and diameters in single precision, and its box is
     centred on the origin: the positions are counted from the middle of a box that is the same in
-    all frames, as wide as the cell and as high as the highest piston (or grain) of the run, in two
-    dimensions. The exact values in double precision, in the coordinates of the cell, are beside
-    them as logged quantities, which OVITO shows as properties of the particles: ``position``,
-    ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3), and ``grain`` (its index in
-    the scene); and for the frame ``time`` [s] and, with a piston, ``piston_height`` [m]. The step
-    is the number of the frame. Grains that have left the cell are left out.
+    all frames, in two dimensions. The box is twice as wide as the cell, and twice as high as the
+    highest piston (or grain) of the run: a GSD box is periodic, and so no program that counts
+    neighbours finds any across the walls. The exact values in double precision, in the coordinates
+    of the cell, are beside them as logged quantities, which OVITO shows as properties of the
+    particles: ``position``, ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3),
+    and ``grain`` (its index in the scene); and for the frame ``time`` [s] and, with a piston,
+    ``piston_height`` [m]. The step is the number of the frame. Grains that have left the cell are
+    left out.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def to_gsd(
             "GSD needs the library gsd; install it with: pip install 'granular-damper[export]'"
         ) from None
     run, path = opened(run), Path(path)
-    low, size = _box(run)
+    low, size = _room_of(run)
     with replacing(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
         unchanging = _unchanging(run)
         for frame in bed_frames(run, bar=path.name if progress else None):
@@ -70,8 +72,8 @@ def to_gsd(
     return path
 
 
-def _box(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left corner and size of a box that holds the cell at any time (2,), (2,) [m]."""
+def _room_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left corner and size of what holds the cell at any time (2,), (2,) [m]."""
     heights = [0.0] if run.scene.piston is None else run.dataset["frame_height"].values
     low, high = np.zeros(2), np.array([run.scene.cell.width, np.nanmax(heights)])
     for frame in bed_frames(run):
@@ -96,26 +98,21 @@ def _frame(
 ) -> Any:
     new.configuration.step = frame.number
     new.configuration.dimensions = 2
-    new.configuration.box = [*size.tolist(), 0.0, 0.0, 0.0, 0.0]
+    new.configuration.box = [*(2.0 * size).tolist(), 0.0, 0.0, 0.0, 0.0]
     particles = new.particles
     particles.N = len(frame.grains)
     particles.types = unchanging["types"]
     for name in ("typeid", "diameter", "mass"):
         setattr(particles, name, unchanging[name][frame.grains])
-    particles.position = _in_space(frame.position - low - size / 2.0)
-    particles.velocity = _in_space(frame.velocity)
+    particles.position = in_space(frame.position - low - size / 2.0)
+    particles.velocity = in_space(frame.velocity)
     new.log = {
         "time": np.array([frame.time]),
-        "particles/position": _in_space(frame.position),
-        "particles/velocity": _in_space(frame.velocity),
-        "particles/force": _in_space(frame.force),
+        "particles/position": in_space(frame.position),
+        "particles/velocity": in_space(frame.velocity),
+        "particles/force": in_space(frame.force),
         "particles/grain": frame.grains.astype(np.int32),
     }
     if frame.height is not None:
         new.log["piston_height"] = np.array([frame.height])
     return new
-
-
-def _in_space(plane: np.ndarray) -> np.ndarray:
-    """Vectors (k, 2) as vectors of space (k, 3)."""
-    return np.column_stack([plane, np.zeros(len(plane))])

@@ -15,7 +15,7 @@ from granular.observables.force_distribution import Histogram
 from granular.observables.forces import piston_force
 from granular.observables.regularity import hexagon_regularity
 from granular.observables.voronoi import VoronoiCells, cell_polygons
-from granular.shared.plotting import COLOURS, GREY, STYLES, figure, plain_label
+from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new, plain_label
 
 if TYPE_CHECKING:
     import xarray
@@ -49,7 +49,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, axes: Axes | None = N
     from matplotlib import colormaps
     from matplotlib.collections import PolyCollection
 
-    axes = _axes(axes, 7.2, 4.2)
+    axes = axes_or_new(axes, 7.2, 4.2)
     polygons = cell_polygons(cells)
     regularity = hexagon_regularity(cells)
     greens = colormaps["Greens"]
@@ -71,7 +71,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, axes: Axes | None = N
 
 def plot_dislocations(found: Dislocations, positions: np.ndarray, axes: Axes | None = None) -> Axes:
     """Grains, the pentagon and the heptagon of each dislocation, and its Burgers vector."""
-    axes = _axes(axes, 7.2, 4.2)
+    axes = axes_or_new(axes, 7.2, 4.2)
     places = 1e3 * np.asarray(positions)
     axes.plot(*places.T, ".", color=GREY, markersize=3.0)
     for column, (colour, marker, label) in enumerate(
@@ -90,7 +90,7 @@ def plot_dislocations(found: Dislocations, positions: np.ndarray, axes: Axes | N
 
 def plot_shares(shares: xarray.Dataset, axes: Axes | None = None) -> Axes:
     """Shares of pentagons, hexagons, heptagons and others over time [D, Fig. 4.9]."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     time = shares["frame_time"]
     for k, name in enumerate(("pentagons", "hexagons", "heptagons", "others")):
         axes.plot(time, shares[name], STYLES[k], label=name)
@@ -101,7 +101,7 @@ def plot_shares(shares: xarray.Dataset, axes: Axes | None = None) -> Axes:
 
 def plot_series(series: xarray.DataArray, axes: Axes | None = None) -> Axes:
     """Any observable on ``frame`` or ``time``; one line for each value of a second dimension."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     along = "time" if "time" in series.dims else "frame"
     time = series["time" if along == "time" else "frame_time"]
     others = [dim for dim in series.dims if dim != along]
@@ -118,7 +118,7 @@ def plot_series(series: xarray.DataArray, axes: Axes | None = None) -> Axes:
 
 def plot_hysteresis(run: Trajectory, axes: Axes | None = None) -> Axes:
     """Piston force over piston height, down and up [D, Fig. 3.4]."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     height, force = 1e3 * run.dataset["piston_height"].values, piston_force(run).values
     moving = np.gradient(height)
     for label, chosen, style in (("down", moving < 0.0, "-"), ("up", moving > 0.0, "--")):
@@ -132,7 +132,7 @@ def plot_hysteresis(run: Trajectory, axes: Axes | None = None) -> Axes:
 
 def plot_area_profile(profile: xarray.DataArray, axes: Axes | None = None) -> Axes:
     """Local area fraction by depth below the piston, of one frame or of several [D, Fig. 3.2]."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     frames = profile if "frame" in profile.dims else profile.expand_dims("frame")
     for k in range(frames.sizes["frame"]):
         one = frames.isel(frame=k)
@@ -145,7 +145,7 @@ def plot_area_profile(profile: xarray.DataArray, axes: Axes | None = None) -> Ax
 
 def plot_correlation_function(function: xarray.DataArray, axes: Axes | None = None) -> Axes:
     """g(r) or g6(r) of a run, on ``distance``."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     axes.plot(1e3 * function["distance"], function)
     axes.set(xlabel="distance [mm]", ylabel=_label(function))
     return axes
@@ -153,7 +153,7 @@ def plot_correlation_function(function: xarray.DataArray, axes: Axes | None = No
 
 def plot_force_distribution(histograms: dict[str, Histogram], axes: Axes | None = None) -> Axes:
     """Probability density of the force on the grains, by species [D, Fig. 4.21]."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     for k, (name, one) in enumerate(histograms.items()):
         axes.stairs(
             one.density, one.edges, fill=True, alpha=0.35, color=COLOURS[k % len(COLOURS)],
@@ -168,7 +168,7 @@ def plot_order_correlation(
     orders: np.ndarray, shares: np.ndarray, axes: Axes | None = None
 ) -> Axes:
     """Psi6 over the share of hexagons, with the line of best fit [D, Fig. 4.13]."""
-    axes = _axes(axes, 4.2, 3.4)
+    axes = axes_or_new(axes, 4.2, 3.4)
     orders, shares = np.asarray(orders), np.asarray(shares)
     known = np.isfinite(orders) & np.isfinite(shares)
     axes.plot(shares[known], orders[known], "o", markersize=3.5)
@@ -183,7 +183,7 @@ def plot_biexponential(
     fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, axes: Axes | None = None
 ) -> Axes:
     """The samples and the fitted law [D, Fig. 4.8]."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     axes.plot(x, y, "o", markersize=4.0, label="samples")
     fine = np.linspace(np.min(x), np.max(x), 200)
     axes.plot(fine, fit.values(fine), label="A exp(l1 x) + B exp(l2 x)")
@@ -194,7 +194,7 @@ def plot_biexponential(
 
 def plot_response(responses: list[xarray.Dataset], axes: Axes | None = None) -> Axes:
     """Amplitude ratio of each harmonic over the drive's frequency, with errors."""
-    axes = _axes(axes)
+    axes = axes_or_new(axes)
     frequencies = [one.attrs["frequency"] for one in responses]
     for k, harmonic in enumerate(responses[0]["harmonic"].values):
         ratio, error = (
@@ -210,14 +210,6 @@ def plot_response(responses: list[xarray.Dataset], axes: Axes | None = None) -> 
     axes.set(xlabel="frequency of the drive [Hz]", ylabel=f"amplitude ratio [{unit}]")
     axes.legend()
     return axes
-
-
-def _axes(axes: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
-    if axes is not None:
-        return axes
-    with figure(width=width, height=height) as (_, new):
-        found: Axes = new
-    return found
 
 
 def _as_map(axes: Axes) -> Axes:

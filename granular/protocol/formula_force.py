@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from granular.effects.dimensions import Dimension
-from granular.effects.formula import FORCE, TIME
+from granular.effects.formula import TIME
 from granular.protocol.course import Course
 from granular.protocol.motion import SPLINE, Motion
 from granular.scene.scales import Scales
@@ -27,7 +27,7 @@ class Force(Course):
 
     variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME}
     written: ClassVar[str] = "force"
-    dimension: ClassVar[Dimension] = FORCE
+    unit: ClassVar[str] = "N"
 
     force: str = text()
     duration: float = quantity("s", above=0.0)

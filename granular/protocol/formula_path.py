@@ -27,7 +27,7 @@ class Path(Course):
 
     variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME, "h0": LENGTH}
     written: ClassVar[str] = "height"
-    dimension: ClassVar[Dimension] = LENGTH
+    unit: ClassVar[str] = "m"
 
     height: str = text()
     duration: float = quantity("s", above=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,8 @@ def write_description(path: Path, file: Path, reading: Reading) -> None:
 
     where = path.resolve().parent
     try:
-        name = file.resolve().relative_to(where, walk_up=True)  # type: ignore[call-arg]
-    except (TypeError, ValueError):  # before Python 3.12, or on another drive
+        name = Path(os.path.relpath(file.resolve(), where))
+    except ValueError:  # on another drive
         name = file.resolve()
-        if name.is_relative_to(where):
-            name = name.relative_to(where)
     plain: dict[str, Any] = {FILE: name.as_posix(), **reading.to_plain()}
     write_text(path, tomli_w.dumps(plain))

@@ -19,6 +19,8 @@ from granular.shared.files import replacing
 from granular.shared.messages import quoted, visible
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from granular.readers.meaning import Meaning
     from granular.readers.opening import Reader
 
@@ -26,7 +28,7 @@ UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class PistonRecord:
     """The motion of a piston.
 
@@ -95,6 +97,29 @@ class PistonRecord:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __repr__(self) -> str:
+        unit = self.units["height"]
+        others = ", ".join(name for name in self.columns if name not in ("time", "height"))
+        start, end, least, greatest = (
+            f"{value:.6g}"
+            for value in (self.time[0], self.time[-1], self.height.min(), self.height.max())
+        )
+        return (
+            f"PistonRecord of {len(self)} samples from {start} to {end} s, "
+            f"{'angle' if self.angle else 'height'} from {least} to {greatest} {unit}"
+            + (f"; also {others}" if others else "")
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the height [mm], or the angle [rad], over time."""
+        from granular.shared.plotting import axes_or_new
+
+        ax = axes_or_new(ax)
+        unit, factor = ("rad", 1.0) if self.angle else ("mm", 1e3)
+        ax.plot(self.time, factor * self.height)
+        ax.set(xlabel="time [s]", ylabel=f"{'angle' if self.angle else 'height'} [{unit}]")
+        return ax
 
     @classmethod
     def from_file(
@@ -269,7 +294,7 @@ class PistonRecord:
                 )
         own = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}
-        return cls(**own, extra=extra)  # type: ignore[arg-type]
+        return cls(**own, extra=extra)  # type: ignore[arg-type]  # by its names
 
     def between(self, start: float, stop: float) -> PistonRecord:
         """The samples with start <= time <= stop [s]."""

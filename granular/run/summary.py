@@ -10,6 +10,7 @@ import numpy as np
 from granular.run.trajectory import Trajectory
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.scene.wording import words_of
 
 
 def packing_fraction(scene: Scene, height: float) -> float:
@@ -62,10 +63,10 @@ def scene_text(scene: Scene) -> str:
             + f", packing fraction {packing_fraction(scene, height):.4f}"
         )
     lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
+    lines += [f"    {one.key}: {said}" for one in scene.effects.all if (said := words_of(one))]
     for stage in scene.protocol:
-        details = {key: value for key, value in stage.to_plain().items() if key != "name"}
-        text = ", ".join(f"{key} {value}" for key, value in details.items())
-        lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {text}")
+        said = words_of(stage, without=("name",))
+        lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {said}")
     return "\n".join(lines)
 
 

@@ -13,12 +13,14 @@ from granular.methods import Method, method_of
 from granular.protocol import Push
 from granular.run.drive import base_motion, outer_force
 from granular.run.record import PistonRecord
+from granular.run.ties import joined, parted
 from granular.scene.scene import Scene
 from granular.scene.schema import unknown
 from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.axes import Axes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +48,7 @@ class StageResult:
     spread: float
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A run.
 
@@ -55,7 +57,9 @@ class Trajectory:
     scene : Scene
     dataset : xarray.Dataset
         Scalars on ``time``, grain fields on (``frame``, ``grain``, ``axis``), all in SI with
-        ``attrs["units"]``; scene, settings and versions in the attributes.
+        ``attrs["units"]``; scene, settings and versions in the attributes. Times grow: where the
+        piston is set higher at once, the record behind it stands at the next number after the one
+        before. ``stage`` is the place of each record's stage in the protocol.
     stages : tuple of StageResult
     complete : bool
         Whether the protocol (or ``t_end``) was reached.
@@ -68,6 +72,35 @@ class Trajectory:
     stages: tuple[StageResult, ...]
     complete: bool
     path: Path | None = None
+
+    def __repr__(self) -> str:
+        sizes = self.dataset.sizes
+        stages = ", ".join(f"{one.name} to {one.end:.4g} s ({one.reason})" for one in self.stages)
+        records, frames, grains = (sizes[name] for name in ("time", "frame", "grain"))
+        return (
+            f"Trajectory of scene {self.scene.name!r}, {'complete' if self.complete else 'cut'}\n"
+            f"  stages: {stages or 'none ended'}\n"
+            f"  dataset: {records} records, {frames} frames of {grains} grains"
+            + ("" if self.path is None else f"\n  kept in {self.path}")
+        )
+
+    def _repr_html_(self) -> str:
+        from granular.shared.html import preformatted
+
+        return preformatted(repr(self)) + self.dataset._repr_html_()
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the piston's height over time; without a piston the kinetic energy of the grains."""
+        from granular.shared.plotting import axes_or_new
+
+        ax = axes_or_new(ax)
+        name = "piston_height" if "piston_height" in self.dataset else "kinetic_energy"
+        unit, factor = ("mm", 1e3) if name == "piston_height" else ("J", 1.0)
+        ax.plot(self.dataset["time"], factor * self.dataset[name])
+        for one in self.stages[1:]:
+            ax.axvline(one.start, color="0.6", linewidth=0.8, linestyle=":")
+        ax.set(xlabel="time [s]", ylabel=f"{name.replace('_', ' ')} [{unit}]")
+        return ax
 
     def stage(self, name: str) -> StageResult:
         """The result of a stage by its name.
@@ -106,7 +139,7 @@ class Trajectory:
             raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
         name = stage or self.scene.output.record
         chosen = slice(None) if name is None else self._records_of(name)
-        time = data["time"].values[chosen]
+        time = joined(data["time"].values)[chosen]
         # Where the piston jumps, the same time stands twice: the later one counts.
         last = np.append(np.diff(time) > 0.0, True)
         columns = {
@@ -136,11 +169,16 @@ class Trajectory:
         """The records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._place(name))
-        times = self.dataset["time"].values
+        times = joined(self.dataset["time"].values)
         first = int(inside[0]) if len(inside) else len(times)
         if first > 0 and times[first - 1] == stage.start:
             first -= 1
         return slice(first, int(inside[-1]) + 1 if len(inside) else first + 1)
+
+    @property
+    def scalars(self) -> xarray.Dataset:
+        """What is recorded on ``time`` alone, for ``to_dataframe()`` and the like."""
+        return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
         """Method, steps, versions and timings of the run."""
@@ -185,12 +223,14 @@ def finished(
     """A trajectory from a run's data, with coordinates and attributes."""
     species = scene.grains.assignment()
     data = data.assign_coords(
+        time=("time", parted(data["time"].values), data["time"].attrs),
+        frame=("frame", np.arange(data.sizes["frame"]), {"long_name": "frame", "units": "1"}),
         grain=np.arange(scene.grains.count),
         axis=["x", "y"],
         species=("grain", species, {"long_name": "species of the grain", "units": "1"}),
         diameter=("grain", scene.grains.diameters(), {"long_name": "diameter", "units": "m"}),
     )
-    data = data.set_coords("frame_time")
+    data = data.set_coords([name for name in ("frame_time", "stage") if name in data])
     data.attrs = {
         "title": f"scene {scene.name}",
         "units": "SI",

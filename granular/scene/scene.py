@@ -255,6 +255,11 @@ class Scene(Section):
         """A scene from plain data; the unit D means the diameter of the first species."""
         return super().from_plain(plain, diameter or _first_diameter(plain))
 
+    def _repr_html_(self) -> str:
+        from granular.shared.html import preformatted
+
+        return preformatted(self.to_toml())
+
     def to_toml(self) -> str:
         """The scene as a TOML file's text; `load_scene` reads an equal scene from it."""
         import tomli_w

@@ -49,7 +49,7 @@ def _number(value: object) -> float:
     if not isinstance(value, bool | np.bool_):
         try:
             if not isinstance(value, str) or (value.isascii() and "_" not in value):
-                return float(value)  # type: ignore[arg-type]
+                return float(value)  # type: ignore[arg-type]  # what is no number raises
         except (TypeError, ValueError):
             pass
         except OverflowError:
@@ -248,7 +248,7 @@ class Many(Kind):
             assert self.section is not None
             return One(section=self.section).parse(item, diameter)
         if isinstance(item, tuple(self.kinds.values())):
-            return item  # type: ignore[return-value]
+            return item  # type: ignore[return-value]  # of a kind, by the line above
         if not isinstance(item, Mapping):
             raise FieldError(f"{quoted(item)} must be a table")
         if "kind" not in item:

@@ -98,7 +98,7 @@ def _choice(name: str) -> Any:
     sign = 1 if name == "max" else -1
     array_name = {"max": "maximum", "min": "minimum"}[name]
 
-    class Extreme(sympy.Function):  # type: ignore[misc]
+    class Extreme(sympy.Function):  # type: ignore[misc]  # SymPy is not typed
         nargs = 2
 
         def fdiff(self, place: int = 1) -> sympy.Expr:

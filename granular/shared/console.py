@@ -209,6 +209,20 @@ def changes_from(items: Sequence[str]) -> dict[str, Any]:
     return changes
 
 
+def in_unit(unit: str) -> Callable[[str], float]:
+    """What reads an option: a number in that SI unit, or a quantity with a unit of its own."""
+
+    def read(text: str) -> float:
+        from granular.scene.units import si_value
+
+        try:
+            return si_value(text, unit)
+        except GranularError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read
+
+
 def time_step(text: str) -> float | str:
     """A time step from the command line: seconds, a quantity, or a multiple of "auto".
 

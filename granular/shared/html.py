@@ -47,6 +47,11 @@ def _escaped(words: object) -> str:
     return html.escape(printable(words), quote=True)
 
 
+def preformatted(words: object) -> str:
+    """A text of many lines as HTML."""
+    return f"<pre>{_escaped(words)}</pre>"
+
+
 class Page:
     """An HTML page that grows from top to bottom."""
 
@@ -67,7 +72,7 @@ class Page:
         self._parts.append(f'<p class="note">{_escaped(words)}</p>')
 
     def preformatted(self, words: str) -> None:
-        self._parts.append(f"<pre>{_escaped(words)}</pre>")
+        self._parts.append(preformatted(words))
 
     def equation(self, mathml: str) -> None:
         """A formula as MathML, which browsers set without help."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,9 +37,15 @@ def plain_label(words: object) -> str:
 
 @contextlib.contextmanager
 def figure(
-    rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 3.4, **options: Any
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width: float = 7.2,
+    height: float = 3.4,
+    make: Callable[..., Figure] | None = None,
+    **options: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """A figure and its axes in the common look, without a window."""
+    """A figure and its axes in the common look, without a window unless ``make`` makes one."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.figure import Figure as Plain
@@ -56,8 +63,25 @@ def figure(
         "path.simplify_threshold": 0.2,
     }
     with mpl.rc_context(look):
-        drawing = Plain(figsize=(width, height), layout="constrained")
+        drawing = (make or Plain)(figsize=(width, height), layout="constrained")
         yield drawing, drawing.subplots(rows, columns, **options)
+
+
+def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
+    """The axes given, or those of a new figure.
+
+    A notebook, or a program that uses pyplot, shows the new figure; elsewhere it has no window.
+    """
+    if ax is not None:
+        return ax
+    make = None
+    if "matplotlib.pyplot" in sys.modules or "ipykernel" in sys.modules:
+        from matplotlib import pyplot
+
+        make = pyplot.figure
+    with figure(width=width, height=height, make=make) as (_, found):
+        new: Axes = found
+    return new
 
 
 def draw_bed(

@@ -51,7 +51,7 @@ def known_as(name: str) -> Callable[[M], M]:
     """
 
     def named(measure: M) -> M:
-        measure.known_as = name  # type: ignore[attr-defined]
+        measure.known_as = name  # type: ignore[attr-defined]  # functions may have any
         return measure
 
     return named

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
+import sys
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,6 +25,19 @@ def check(cases: list[dict[str, Any]], count: int) -> None:
 def test_some_random_scenes(tried: Any) -> None:
     words = ("--count", "20", "--seconds", "0.5")
     check(tried("scenes.py", *words, compiled=False), 20)
+
+
+def test_a_case_follows_from_its_number_alone() -> None:
+    """And not from the order that Python gives to the members of a set."""
+    code = "from scene_cases import Case; print([Case(1, number).plain for number in range(40)])"
+    here = Path(__file__).parent
+    paths = os.pathsep.join((str(here), str(here.parents[1])))
+
+    def drawn(order: str) -> str:
+        surroundings = os.environ | {"PYTHONPATH": paths, "PYTHONHASHSEED": order}
+        return subprocess.check_output([sys.executable, "-c", code], env=surroundings, text=True)
+
+    assert drawn("1") == drawn("2")
 
 
 @pytest.mark.long

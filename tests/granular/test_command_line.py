@@ -32,6 +32,12 @@ def test_scenes_and_show(command: Command) -> None:
     assert "packing fraction 0.2409" in done.stdout
 
 
+def test_run_says_that_nothing_is_kept(command: Command) -> None:
+    done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
+    assert "0 to 0.005 s" in done.stdout
+    assert done.stdout.splitlines()[-1] == "nothing is kept of the run; -o DIR keeps it"
+
+
 def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
     out = str(tmp_path / "run")
     first = command("granular", "run", "bed", *SMALL, "--t-end", "0.01", "-o", out, "--json")
@@ -43,6 +49,7 @@ def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
     )
     assert again.returncode == 0
     assert "0 to 0.02 s" in again.stdout
+    assert "nothing is kept" not in again.stdout
     assert "settle" not in again.stderr  # no progress bar
 
 
@@ -197,7 +204,7 @@ BAD = [
     ("granular run bed --threads many", "invalid int value"),
     ("granular run bed --threads 0", "whole number from 1"),
     ("granular run bed --t-end 0", "above 0 s"),
-    ("granular run bed --t-end nan", "above 0 s"),
+    ("granular run bed --t-end nan", "is not a quantity"),
     ("granular run bed --resume", "needs out"),
     ("granular run bed -o /proc/nowhere/run", "cannot be made"),
     ("granular run bed -o {long}", "File name too long"),
@@ -210,6 +217,8 @@ BAD = [
     ("granular run bed --dt 1e10", "longer than from record to record, output.scalars"),
     ("granular run bed --dt 1e-30", "1e+10 is the limit"),
     ("granular run bed --t-end 1e308", "up to 1e+30 s"),
+    ("granular run bed --t-end '5 kg'", "a quantity in s is wanted"),
+    ("reduced_models design --frequency '3 m' --damping 0.1 -o out", "in Hz is wanted"),
     ("granular run bed --set grains.species=[5] --set grains.species.0.diameter=1", "no parts"),
     ("granular export {stripped} --format gsd -o {here}/a.gsd", "position/zarr.json is missing"),
     ("granular export {flipped} --format extxyz -o {here}/a.xyz --quiet", "/0 is damaged"),

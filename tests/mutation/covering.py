@@ -32,6 +32,19 @@ _RUBBING = tuple(
 )
 """A lone grain over some hundred steps."""
 
+_OF_ONES_OWN = (
+    Stage(False, (_FORCES, _SMALL)),
+    Stage(
+        True,
+        ("tests/granular/effects/test_own.py", "tests/granular/effects/test_all_together.py"),
+    ),
+)
+"""Laws that users write, as formulas or in Python."""
+_OF_A_LONE_GRAIN = (
+    Stage(False, (_FORCES, _SMALL)),
+    Stage(True, ("tests/granular/effects/test_single_grain.py",)),
+)
+
 _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     "granular/effects/contact": (
         Stage(False, (_FORCES, _SMALL)),
@@ -45,6 +58,14 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics/test_walls.py", "tests/granular/scene/test_scene.py")),
     ),
+    "granular/effects/own": _OF_ONES_OWN,
+    "granular/effects/field": _OF_ONES_OWN,
+    "granular/effects/formula": _OF_ONES_OWN,
+    "granular/effects/pair_law": _OF_ONES_OWN,
+    "granular/effects/dimensions": _OF_ONES_OWN,
+    "granular/effects/eddy": _OF_A_LONE_GRAIN,
+    "granular/effects/gradient": _OF_A_LONE_GRAIN,
+    "granular/effects/wall_friction": _OF_A_LONE_GRAIN,
     "granular/effects": (
         Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),

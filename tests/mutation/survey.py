@@ -6,7 +6,8 @@
 
 Each fault goes into a temporary copy of the tree, where the quick tests that cover the file are run
 until one fails. A run that takes many times as long as without a fault counts as caught too: the
-fault makes it go on for ever. What is finished is in the file; Ctrl-C loses the fault at work only.
+fault makes it go on for ever. Seconds are those of the processor, whatever else it has to do. What
+is finished is in the file; Ctrl-C loses the fault at work only.
 Exit code: 0, or 1 with survivors.
 """
 
@@ -23,7 +24,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -40,6 +40,8 @@ KERNELS = (b"@compiled", b"@entry", b"@intrinsic", b"llvmlite")
 
 PATIENCE = 3.0
 """How many times as long as without a fault tests may take."""
+ASLEEP = 20.0
+"""And how many times that on the clock: what waits for ever takes no time of the processor."""
 
 
 class Outcome(NamedTuple):
@@ -178,7 +180,7 @@ def tried(fault: Fault, place: Place, book: Book, *, whole: bool) -> Outcome:
     """Plant a fault, run the tests that cover its file, and take it out again."""
     path = place.tree / fault.path
     source = path.read_text(encoding="utf-8")
-    begun, outcome = time.monotonic(), Outcome(False, "", 0.0)
+    begun, outcome = _processor_seconds(), Outcome(False, "", 0.0)
     for stage in (*stages(fault.path), *((WHOLE,) if whole else ())):
         limit = PATIENCE * _sound_seconds(stage, place, book) + 60.0
         try:
@@ -188,7 +190,7 @@ def tried(fault: Fault, place: Place, book: Book, *, whole: bool) -> Outcome:
             path.write_text(source, encoding="utf-8")
         if outcome.caught:
             break
-    return outcome._replace(seconds=time.monotonic() - begun)
+    return outcome._replace(seconds=_processor_seconds() - begun)
 
 
 def _sound_seconds(stage: Stage, place: Place, book: Book) -> float:
@@ -199,13 +201,13 @@ def _sound_seconds(stage: Stage, place: Place, book: Book) -> float:
     known = book.sound(stage)
     if known is not None:
         return known
-    begun = time.monotonic()
+    begun = _processor_seconds()
     with tempfile.TemporaryDirectory() as store:
         outcome = _run(stage, place.tree, store, None)
         shutil.copytree(store, place.store, dirs_exist_ok=True)
     if outcome.caught:
         raise SystemExit(f"without a fault {outcome.by} fails ({_key(stage)}); mend that first")
-    seconds = time.monotonic() - begun
+    seconds = _processor_seconds() - begun
     book.note_sound(stage, seconds)
     return seconds
 
@@ -217,6 +219,12 @@ def _run_with_fault(stage: Stage, place: Place, path: Path, limit: float) -> Out
         with tempfile.TemporaryDirectory() as store:
             return _run(stage, place.tree, store, limit)
     return _run(stage, place.tree, str(place.store), limit)
+
+
+def _processor_seconds() -> float:
+    """Of all processes that were started here and have ended."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
@@ -248,12 +256,15 @@ def _finished(
     command: list[str], tree: Path, environment: dict[str, str], limit: float | None, said: IO[str]
 ) -> int | None:
     """Exit code of a command; None, and all its children ended, where it takes too long."""
+    if limit is not None:
+        command = ["sh", "-c", 'ulimit -t "$0" && exec "$@"', str(int(limit)), *command]
     child = subprocess.Popen(
         command, cwd=tree, env=environment, stdout=said, stderr=subprocess.STDOUT,
         start_new_session=True,
     )  # fmt: skip
     try:
-        return child.wait(limit)
+        code = child.wait(None if limit is None else ASLEEP * limit)
+        return None if code in (-signal.SIGXCPU, -signal.SIGKILL) else code
     except subprocess.TimeoutExpired:
         return None
     finally:

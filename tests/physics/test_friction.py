@@ -232,6 +232,7 @@ def test_ledger_closes_to_second_order_with_friction(small_bed: Scene, drag: dic
     assert np.polyfit(np.log(steps), np.log(closures), 1)[0] == pytest.approx(2.0, abs=0.2)
 
 
+@pytest.mark.long  # quick: in tests/plain_python/test_small_runs.py
 def test_regularised_law_agrees_where_it_is_resolved() -> None:
     """Sliding far above the threshold, both schemes brake alike."""
     moving = {"arrangement.velocities": [[0.1, 0.0]]}

@@ -137,6 +137,22 @@ def test_ledger_closes_to_second_order(name: str) -> None:
     assert whole / half == pytest.approx(4.0, abs=0.1)
 
 
+def test_friction_of_the_source_brakes_alike_where_grains_slide_fast() -> None:
+    """Far above its threshold."""
+    speeds = []
+    for scheme in ("velocity", "regularised"):
+        alone = small(
+            **{
+                "grains.count": 1,
+                "effects": {"friction": {"load": 0.01, "scheme": scheme}},
+                "arrangement": {"positions": [["3 D", "3 D"]], "velocities": [[0.1, 0.0]]},
+            }
+        )
+        speeds.append(float(run(alone).dataset["velocity"].values[-1, 0, 0]))
+    assert 0.0 < speeds[0] < 0.1
+    assert speeds[0] == pytest.approx(speeds[1], rel=1e-6)
+
+
 LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}}
 """A list that is made anew while grains cross its radius."""
 

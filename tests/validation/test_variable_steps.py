@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from validation.hard_measures import energy_change
+import pytest
 
 from granular import Trajectory, simulate
 from validation.energy import EnergyRun, energy_study, variable_bounces
 from validation.exact import bounce
-from validation.hard_cases import head_on
+from validation.hard_cases import energy_change, head_on
 
 LIMIT = 1e-6
 
@@ -52,8 +52,12 @@ def test_ten_thousand_bounces_have_no_trend() -> None:
     assert np.abs(found.errors).max() < 0.01
 
 
+@pytest.mark.long
 def test_a_control_loses_energy_over_far_fewer_bounces() -> None:
-    """Negative control: the same test finds the trend of a method that has one."""
+    """Negative control: the same test finds the trend of a method that has one.
+
+    Quick: trends that are put into made series, in `test_trend`.
+    """
     scene = bounce.problem().scene
     time = 100.0 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / 2048, "output.frames": time}

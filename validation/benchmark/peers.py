@@ -141,7 +141,7 @@ def jax_forces(positions: np.ndarray) -> Callable[[], Any]:
     import jax
     import jax.numpy as jnp
 
-    jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
+    jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]  # JAX has no types here
     place = jnp.asarray(positions, dtype=jnp.float64)
 
     @jax.jit

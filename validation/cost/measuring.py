@@ -226,7 +226,7 @@ def deviation(
         return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
     off = np.array([np.ravel(a) - np.ravel(b) for a, b in zip(values, references, strict=True)])
     if quantity.relative:
-        off /= np.abs(np.mean(references, axis=0)).max()
+        off /= np.abs(np.mean([np.asarray(one) for one in references], axis=0)).max()
     mean = np.abs(off.mean(axis=0))
     worst = int(mean.argmax())
     return float(mean[worst]), float(off[:, worst].std(ddof=1) / math.sqrt(len(values)))
@@ -236,8 +236,11 @@ def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
     """Standard deviation of a quantity over starts, as an error."""
     if len(values) < 2 or quantity.of_start:
         return 0.0
-    spread = float(np.std(values, axis=0, ddof=1).max())
-    return spread / float(np.abs(np.mean(values, axis=0)).max()) if quantity.relative else spread
+    all_of_them = np.array([np.asarray(one) for one in values])
+    spread = float(all_of_them.std(axis=0, ddof=1).max())
+    if not quantity.relative:
+        return spread
+    return spread / float(np.abs(all_of_them.mean(axis=0)).max())
 
 
 def _timed(

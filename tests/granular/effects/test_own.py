@@ -185,6 +185,16 @@ def test_what_is_wrong_with_a_formula_is_told_in_a_line(field: Any, words: str) 
     assert "\n" not in str(told.value)
 
 
+def test_work_is_derived_where_the_time_is_in_a_formula() -> None:
+    still = {"energy": "k*y**2/2", "k": "1 N/m"}
+    turning = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
+    known = [
+        bed(field=[one]).effects.field.fields[0].definition.functions for one in (still, turning)
+    ]
+    assert "power" not in known[0]
+    assert "power" in known[1]
+
+
 def test_a_formula_that_jumps_is_refused() -> None:
     pytest.importorskip("sympy")
     jump = {"energy": "k*heaviside(y - h)", "k": "1 J", "h": "5 mm"}
@@ -261,18 +271,9 @@ def test_what_does_not_compile_is_told_in_a_line() -> None:
     assert "\n" not in str(told.value)
 
 
-def test_an_installed_package_brings_effects(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "laboratory_effects.py").write_text(FILE.format(factor=2.0, name="BenchSpring"))
-    about = tmp_path / "laboratory-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(
-        "[granular.effects]\nbench_spring = laboratory_effects:BenchSpring\n"
-        "gone_spring = laboratory_effects:GoneSpring\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
+def test_an_installed_package_brings_effects(installed: Callable[..., None]) -> None:
+    source = FILE.format(factor=2.0, name="BenchSpring")
+    installed("effects", source, {"bench_spring": "BenchSpring", "gone_spring": "Gone"})
     assert {"bench_spring", "gone_spring"} <= set(names())
     scene = load_scene("bed").replace(**{"effects.bench_spring.k": "3 N/m"})
     assert scene.to_plain()["effects"]["bench_spring"]["k"] == pytest.approx(3.0)
@@ -302,17 +303,8 @@ class BenchWall:
 """
 
 
-def test_an_installed_package_brings_laws_of_walls(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "laboratory_walls.py").write_text(WALL)
-    about = tmp_path / "laboratory-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(
-        "[granular.wall_laws]\nbench_wall = laboratory_walls:BenchWall\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
+def test_an_installed_package_brings_laws_of_walls(installed: Callable[..., None]) -> None:
+    installed("wall_laws", WALL, {"bench_wall": "BenchWall"})
     scene = load_scene("bed").replace(**{"effects.walls.left": {"law": "bench_wall", "k": "9 N/m"}})
     assert scene.to_plain()["effects"]["walls"]["left"]["law"] == "bench_wall"
     with pytest.raises(InputError, match="bench_wal"):

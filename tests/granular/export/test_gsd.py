@@ -50,7 +50,8 @@ def test_particles_lie_in_one_centred_box_in_single_precision(
     width, height = run.scene.cell.width, 0.03
     for k, frame in enumerate(frames):
         assert frame.configuration.dimensions == 2
-        np.testing.assert_allclose(frame.configuration.box, [width, height, 0, 0, 0, 0], rtol=1e-7)
+        box = [2 * width, 2 * height, 0, 0, 0, 0]
+        np.testing.assert_allclose(frame.configuration.box, box, rtol=1e-7)
         place = frame.particles.position
         wanted = run.dataset["position"].values[k, : frame.particles.N] - [width / 2, height / 2]
         np.testing.assert_allclose(place[:, :2], wanted, rtol=0, atol=1e-8)
@@ -72,7 +73,7 @@ def test_species_diameters_and_masses(run: Trajectory, frames: list[gsd.hoomd.Fr
 
 
 def test_bed_without_piston(run: Trajectory, tmp_path: Path) -> None:
-    """The box then holds all grains of all frames."""
+    """The box then holds all grains of all frames twice over."""
     import dataclasses
 
     scene = run.scene.replace(
@@ -83,5 +84,5 @@ def test_bed_without_piston(run: Trajectory, tmp_path: Path) -> None:
         str(to_gsd(dataclasses.replace(run, scene=scene), tmp_path / "a.gsd"))
     ) as file:
         top = np.nanmax(run.dataset["position"].values[..., 1])
-        assert file[0].configuration.box[1] == pytest.approx(top, rel=1e-6)
+        assert file[0].configuration.box[1] == pytest.approx(2.0 * top, rel=1e-6)
         assert "piston_height" not in file[0].log

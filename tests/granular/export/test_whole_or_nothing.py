@@ -8,11 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from granular.export import to_extxyz, to_gsd, to_source_files
+from granular.export import to_extxyz, to_gsd, to_source_files, to_tables, to_vtk
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
-WRITERS = {"bed.gsd": to_gsd, "bed.xyz": to_extxyz, "dat": to_source_files}
+WRITERS = {
+    "bed.gsd": to_gsd,
+    "bed.xyz": to_extxyz,
+    "dat": to_source_files,
+    "vtk": to_vtk,
+    "tables": to_tables,
+}
 Writer = Callable[..., object]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -80,21 +81,12 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
         add_methods([Method("pefrl", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 
 
-def test_an_installed_distribution_offers_methods(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "laboratory_methods.py").write_text(
+def test_an_installed_distribution_offers_methods(installed: Callable[..., None]) -> None:
+    source = (
         "from granular import Method\n"
         "lab = Method('lab-2', 2, kicks=(0.5, 0.5), drifts=(1,))\nno = 3\n"
     )
-    about = tmp_path / "laboratory-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(
-        "[granular.methods]\nlab-2 = laboratory_methods:lab\nno = laboratory_methods:no\n"
-        "gone = laboratory_methods:gone\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
+    installed("methods", source, {"lab-2": "lab", "no": "no", "gone": "gone"})
     assert method_named("lab-2").order == 2
     with pytest.raises(InputError, match=r"'no' is no granular\.Method"):
         method_named("no")

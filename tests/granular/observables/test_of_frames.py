@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -129,18 +130,9 @@ def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) 
     assert measure(run) == {"greatest_force": greatest_force(run).values[-1]}
 
 
-def test_an_installed_distribution_offers_observables(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "laboratory_observables.py").write_text(OWN + "no = 3\n")
-    about = tmp_path / "laboratory-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(
-        "[granular.observables]\nlab = laboratory_observables:greatest_force\n"
-        "no = laboratory_observables:no\ngone = laboratory_observables:gone\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
+def test_an_installed_distribution_offers_observables(installed: Callable[..., None]) -> None:
+    offered = {"lab": "greatest_force", "no": "no", "gone": "gone"}
+    installed("observables", OWN + "no = 3\n", offered)
     assert observable_named("lab").unit == "N"
     with pytest.raises(InputError, match="'no' is no granular Observable"):
         observable_named("no")

@@ -151,12 +151,37 @@ def test_piston_record(scene: Scene, tmp_path: Path) -> None:
     assert record.height[0] == pytest.approx(run.stage("lift").height)
     assert record.velocity[0] == 0.0
     assert len(run.piston("drop")) + len(record) <= run.dataset.sizes["time"]
+    assert repr(record).startswith(f"PistonRecord of {len(record)} samples from 0.0503 to ")
     record.to_csv(tmp_path / "record.csv")
     from granular import PistonRecord
 
     back = PistonRecord.from_csv(tmp_path / "record.csv")
     for name in ("time", "height", "velocity", "force"):
         assert np.array_equal(getattr(record, name), getattr(back, name))
+
+
+def test_a_run_is_at_home_in_xarray_and_pandas(scene: Scene, tmp_path: Path) -> None:
+    """Although the piston jumps, so that one time has two records."""
+    import xarray
+
+    run = simulate(scene, progress=False)
+    data, jump = run.dataset, run.stage("lift").start
+    near = data.sel(time=[jump - 1e-7, jump + 1e-7], method="nearest")
+    before, behind = near["piston_height"].values
+    assert behind - before == pytest.approx(run.stage("lift").height - run.stage("drop").height)
+    between = data["piston_height"].interp(time=0.5 * (data["time"][3:5].values))
+    assert np.isfinite(between).all()
+    table = run.scalars.to_dataframe()
+    assert table.index.is_unique
+    assert np.array_equal(table["piston_height"], data["piston_height"])
+    assert data.sel(frame=1)["frame_time"] == data["frame_time"][1]
+    data.to_netcdf(tmp_path / "run.nc")
+    with xarray.open_dataset(tmp_path / "run.nc") as back:
+        assert np.array_equal(back["time"], data["time"])
+    assert repr(run).startswith(f"Trajectory of scene {scene.name!r}, complete\n")
+    assert "lift to 0.0503 s (duration)" in repr(run)
+    assert "<pre>" in run._repr_html_()
+    assert run.plot().get_ylabel() == "piston height [mm]"
 
 
 def test_rest_is_detected(small_damper: Scene) -> None:

@@ -194,16 +194,8 @@ def test_other_programs_check_the_sums_too(directory: Path, tmp_path: Path) -> N
     copy = tmp_path / "run"
     shutil.copytree(directory, copy)
     plain = xarray.open_zarr(copy / "trajectory.zarr", chunks=None)
-    assert (
-        plain["greatest_speed"]
-        .load()
-        .equals(
-            load_trajectory(directory)
-            .dataset["greatest_speed"]
-            .drop_vars("time")
-            .assign_coords(time=plain["time"])
-        )
-    )
+    found = load_trajectory(directory).dataset["greatest_speed"]
+    np.testing.assert_array_equal(plain["greatest_speed"].values, found.values)
     chunk = copy / "trajectory.zarr" / "greatest_speed" / "c" / "1"
     content = bytearray(chunk.read_bytes())
     content[-1] ^= 1

@@ -28,6 +28,7 @@ def mixed(**changes: Any) -> Scene:
             "arrangement.height": "7 D",
             "effects.drag": None,
             "effects.friction": True,
+            "effects.walls": dict.fromkeys(("left", "right", "bottom", "top"), "infinite"),
         }
         | changes
     )
@@ -73,8 +74,7 @@ def brute(scene: Scene, place: np.ndarray) -> tuple[np.ndarray, float, np.ndarra
 
 @pytest.mark.parametrize("spread", [0.0, 0.1])
 def test_unlike_grains_follow_the_sums_over_pairs(spread: float) -> None:
-    sides = dict.fromkeys(("left", "right", "bottom", "top"), "infinite")
-    scene = mixed(**{"effects.walls": sides, "grains.spread": spread})
+    scene = mixed(**{"grains.spread": spread})
     place = scene.initial_motion()[0]
     found = evaluate(scene, place)
     force, energy, load = brute(scene, place)

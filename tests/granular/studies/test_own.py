@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -79,18 +80,9 @@ def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) ->
         read_own_file(tmp_path / "none.py")
 
 
-def test_installed_measures_are_found_by_entry_point(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "laboratory_measures.py").write_text("def swing(run): return {'a': 1}\nno = 3\n")
-    about = tmp_path / "laboratory-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: laboratory\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(
-        "[granular.measures]\nswing = laboratory_measures:swing\nno = laboratory_measures:no\n"
-        "gone = laboratory_measures:gone\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
+def test_installed_measures_are_found_by_entry_point(installed: Callable[..., None]) -> None:
+    source = "def swing(run): return {'a': 1}\nno = 3\n"
+    installed("measures", source, {name: name for name in ("swing", "no", "gone")})
     assert measure_named("swing").__module__ == "laboratory_measures"
     with pytest.raises(InputError, match="no function"):
         measure_named("no")

@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    time = np.linspace(0.0, 6.0, 1500)  # as in other tests: fits of one shape are compiled once
+    time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
     height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
     height += np.random.default_rng(3).normal(0.0, 3e-6, len(time))
     path = tmp_path_factory.mktemp("lab") / "lab.csv"
@@ -154,8 +154,8 @@ class MadeUp(Executor):
 def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch, law: str
 ) -> None:
-    time = np.linspace(0.0, 1.0, 500)
-    height = 0.02 + 1e-3 * np.exp(-2.0 * time) * np.cos(60.0 * time)
+    time = np.linspace(0.0, 1.0, 2000)
+    height = 0.02 + 1e-3 * np.exp(-2.0 * time) * np.cos(40.0 * time)
     swing = PistonRecord(time, height)
     monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
     made_up = MadeUp(*(faster(swing, by) for by in (1.03, 1.01, 0.99)))

@@ -32,7 +32,7 @@ def inside(model: ReducedModel, height: float, omega: float, damping: float) -> 
 @pytest.fixture(scope="module", params=[1e-4, 1e-6])
 def record(request: pytest.FixtureRequest) -> PistonRecord:
     """A swing about 59 mm, at two levels of noise."""
-    time = np.linspace(0.0, 6.0, 1500)
+    time = np.linspace(0.0, 2.0, 2000)
     height = 0.059 + 0.0012 * np.exp(-0.8 * time) * np.cos(21.8 * time)
     noise = np.random.default_rng(5).normal(0.0, request.param, len(time))
     return PistonRecord(time, height + noise)

@@ -1,0 +1,111 @@
+"""Parameters that stand beside a formula, each with its number and unit."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any, ClassVar, Self
+
+from granular.effects.dimensions import Dimension, dimension_of, unit_text
+from granular.scene.schema import FieldError, Kind, Section, declare, unknown
+from granular.scene.units import si_value, unit_size
+from granular.shared.errors import InputError, SceneError
+from granular.shared.grammar import names, parse
+from granular.shared.messages import quoted
+
+_UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
+
+
+@dataclasses.dataclass(frozen=True)
+class Values(Kind):
+    """Parameters by their names, each as a number and its SI unit: ``10.0 kg s^-2``."""
+
+    def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
+        found = {}
+        for name, given in dict(value).items():
+            try:
+                found[name] = _in_si(given, diameter)
+            except SceneError as error:
+                raise FieldError(str(error), name) from None
+        return tuple(sorted(found.items()))
+
+
+def _in_si(given: Any, diameter: float | None) -> str:
+    if isinstance(given, bool) or not isinstance(given, int | float | str):
+        raise FieldError(f"{quoted(given)} is no quantity; write a number and a unit, as '5 mm'")
+    match = _UNIT.fullmatch(str(given))
+    unit = match[1] if match is not None else ""
+    si = unit_text(tuple(map(Fraction, unit_size(unit or "1", diameter)[1])))
+    return f"{si_value(str(given), si, diameter)!r} {si}"
+
+
+class Parametric(Section):
+    """A section with a formula, whose parameters stand beside it.
+
+    Attributes
+    ----------
+    variables : mapping of str to Dimension
+        What the formula may hold without its being given.
+    written : str
+        The key of the formula.
+    unit : str
+        SI unit of its value.
+    values : pairs of str
+        The parameters, each with its number and SI unit; in a scene they stand beside the formula.
+    """
+
+    variables: ClassVar[Mapping[str, Dimension]] = {}
+    written: ClassVar[str] = ""
+    unit: ClassVar[str] = "1"
+
+    values: tuple[tuple[str, str], ...] = declare(Values(), default=())
+
+    @property
+    def formula(self) -> str:
+        """The formula's text."""
+        formula: str = getattr(self, self.written)
+        return formula
+
+    def parameter(self, name: str) -> tuple[float, Dimension]:
+        """Value in SI and dimension of a parameter."""
+        number, unit = dict(self.values)[name].split(" ", 1)
+        return float(number), tuple(map(Fraction, unit_size(unit)[1]))
+
+    @classmethod
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
+        if isinstance(plain, Mapping) and "values" not in plain:
+            known = {name: plain[name] for name in plain if name in cls.key_names()}
+            plain = known | {"values": {name: plain[name] for name in plain if name not in known}}
+        return super().from_plain(plain, diameter)
+
+    def to_plain(self) -> dict[str, Any]:
+        plain = super().to_plain()
+        del plain["values"]
+        return plain | dict(self.values)
+
+    def validate(self) -> None:
+        try:
+            self._check_formula()
+        except FieldError:
+            raise
+        except InputError as error:
+            raise FieldError(str(error), self.written) from None
+
+    def _check_formula(self) -> None:
+        tree, given = parse(self.formula), dict(self.values)
+        written = [name.text for name in names(tree)]
+        for name in written:
+            if name not in self.variables and name not in given:
+                known = (*self.variables, *given)
+                raise InputError(f"{unknown(name, known, 'name')}; or give it: {name} = ...")
+        for name in given:
+            if name in self.variables:
+                raise FieldError("is a variable; give the parameter another name", name)
+            if name not in written:
+                raise FieldError(f"the {self.written} has no {quoted(name)}; take it out", name)
+        dimensions = {name: self.parameter(name)[1] for name in given}
+        found = dimension_of(tree, dict(self.variables) | dimensions)
+        if found != tuple(map(Fraction, unit_size(self.unit)[1])):
+            raise InputError(f"it is in {unit_text(found)}, not in {self.unit}; check the units")

@@ -1,0 +1,129 @@
+"""Runs as tables: what is recorded in time, and the grains of every frame."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from granular.export.frames import BedFrame, bed_frames, opened
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
+from granular.shared.files import check_target, make_directory, replacing
+
+if TYPE_CHECKING:
+    import pandas
+
+Kind = Literal["csv", "parquet"]
+
+
+def to_tables(
+    run: Trajectory | str | Path, directory: str | Path, kind: Kind = "csv", *,
+    overwrite: bool = False, progress: bool = False,
+) -> tuple[Path, ...]:  # fmt: skip
+    """Write ``scalars`` and ``grains`` as tables, in SI and to the last bit.
+
+    ``scalars`` has a row a record: the time, heights, forces and energies. ``grains`` has a row a
+    grain of each frame: frame, time, grain and species (their places in the scene), position,
+    velocity and force (magnetic, weight and contact). A column's name holds its unit. Grains that
+    have left the cell are left out.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+    directory : path
+        Is made if it does not exist.
+    kind : str
+        ``"csv"`` or ``"parquet"``.
+    overwrite : bool
+        Whether files of these names may be replaced.
+    progress : bool
+        Whether to show a bar.
+
+    Returns
+    -------
+    tuple of Path
+        The two files.
+
+    Raises
+    ------
+    InputError
+        If a file exists or cannot be written, the run cannot be read, the kind is unknown, or the
+        library ``pyarrow`` that Parquet needs is missing.
+    """
+    if kind not in _WRITERS:
+        raise InputError(f"unknown kind of table {kind!r}; known are {', '.join(_WRITERS)}")
+    run, directory = opened(run), Path(directory)
+    tables = {"scalars": iter([_scalars(run)]), "grains": _grains(run, directory, progress)}
+    paths = {name: directory / f"{name}.{kind}" for name in tables}
+    make_directory(directory)
+    for path in paths.values():
+        check_target(path, overwrite)
+    with contextlib.ExitStack() as stack:
+        for name, parts in tables.items():
+            part = stack.enter_context(replacing(paths[name], overwrite))
+            _WRITERS[kind](part, parts)
+    return tuple(paths.values())
+
+
+def _scalars(run: Trajectory) -> pandas.DataFrame:
+    data = run.scalars
+    table = data.to_dataframe().reset_index()
+    units = {name: data[name].attrs.get("units", "1") for name in table.columns}
+    return table.rename(columns={name: _header(name, unit) for name, unit in units.items()})
+
+
+def _header(name: str, unit: str) -> str:
+    return name if unit == "1" else f"{name} [{unit}]"
+
+
+def _grains(run: Trajectory, directory: Path, progress: bool) -> Iterator[pandas.DataFrame]:
+    species = run.scene.grains.assignment()
+    for frame in bed_frames(run, bar=directory.name if progress else None):
+        yield _table(frame, species)
+
+
+def _table(frame: BedFrame, species: np.ndarray) -> pandas.DataFrame:
+    import pandas
+
+    columns: dict[str, Any] = {
+        "frame": frame.number,
+        "time [s]": frame.time,
+        "grain": frame.grains,
+        "species": species[frame.grains],
+    }
+    for name, unit in (("position", "m"), ("velocity", "m/s"), ("force", "N")):
+        for k, axis in enumerate("xy"):
+            columns[_header(f"{name}_{axis}", unit)] = getattr(frame, name)[:, k]
+    return pandas.DataFrame(columns)
+
+
+def _write_csv(path: Path, parts: Iterator[pandas.DataFrame]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        for k, table in enumerate(parts):
+            table.to_csv(file, index=False, header=k == 0, lineterminator="\n")
+
+
+def _write_parquet(path: Path, parts: Iterator[pandas.DataFrame]) -> None:
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise InputError(
+            "Parquet needs the library pyarrow; install it with: "
+            "pip install 'granular-damper[parquet]'"
+        ) from None
+    with contextlib.ExitStack() as stack:
+        writer = None
+        for table in parts:
+            rows = pyarrow.Table.from_pandas(table, preserve_index=False)
+            if writer is None:
+                writer = stack.enter_context(parquet.ParquetWriter(path, rows.schema))
+            writer.write_table(rows)
+
+
+_WRITERS = {"csv": _write_csv, "parquet": _write_parquet}

@@ -1,0 +1,115 @@
+"""VTK files, which ParaView reads: one of each frame, and a list of them with their times."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular.export.frames import BedFrame, bed_frames, in_space, opened
+from granular.observables.forces import grain_masses
+from granular.run.trajectory import Trajectory
+from granular.shared.errors import InputError
+from granular.shared.files import check_target, make_directory, replacing
+
+LIST = "bed.pvd"
+
+
+def to_vtk(
+    run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False,
+    progress: bool = False,
+) -> tuple[Path, ...]:  # fmt: skip
+    """Write the frames of a run as VTK files, in SI and double precision.
+
+    Open ``bed.pvd`` in ParaView, and draw the points as spheres scaled by ``radius``. Each frame is
+    an unstructured grid of points at z = 0 (``bed_00000.vtu``, ...) with ``velocity`` [m/s] and
+    ``force`` [N] (magnetic, weight and contact), both (k, 3), ``radius`` [m], ``mass`` [kg],
+    ``species`` and ``grain`` (their places in the scene). Grains that have left the cell are left
+    out.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+    directory : path
+        Is made if it does not exist.
+    overwrite : bool
+        Whether files of these names may be replaced.
+    progress : bool
+        Whether to show a bar.
+
+    Returns
+    -------
+    tuple of Path
+        The list, and the files of the frames.
+
+    Raises
+    ------
+    InputError
+        If a file exists or cannot be written, the run cannot be read, or the library ``meshio`` is
+        missing.
+
+    References
+    ----------
+    https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html
+    """
+    try:
+        import meshio
+    except ImportError:
+        raise InputError(
+            "VTK needs the library meshio; install it with: pip install 'granular-damper[export]'"
+        ) from None
+    run, directory = opened(run), Path(directory)
+    times = run.dataset["frame_time"].values
+    names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
+    paths = [directory / LIST, *(directory / name for name in names)]
+    make_directory(directory)
+    for path in paths:
+        check_target(path, overwrite)
+    unchanging = _unchanging(run)
+    with contextlib.ExitStack() as stack:
+        part = stack.enter_context(replacing(paths[0], overwrite))
+        part.write_text(_list_of(names, times), encoding="utf-8")
+        frames = bed_frames(run, bar=directory.name if progress else None)
+        for path, frame in zip(paths[1:], frames, strict=True):
+            part = stack.enter_context(replacing(path, overwrite))
+            meshio.write(part, _mesh(meshio, frame, unchanging), file_format="vtu")
+    return tuple(paths)
+
+
+def _unchanging(run: Trajectory) -> dict[str, np.ndarray]:
+    grains = run.scene.grains
+    return {
+        "radius": grains.diameters() / 2.0,
+        "mass": grain_masses(run),
+        "species": np.asarray(grains.assignment(), dtype=np.int64),
+    }
+
+
+def _mesh(meshio: Any, frame: BedFrame, unchanging: dict[str, np.ndarray]) -> Any:
+    data = {name: values[frame.grains] for name, values in unchanging.items()}
+    data |= {"grain": np.asarray(frame.grains, dtype=np.int64)}
+    data |= {"velocity": in_space(frame.velocity), "force": in_space(frame.force)}
+    points = np.arange(len(frame.grains))[:, None]
+    return meshio.Mesh(in_space(frame.position), [("vertex", points)], point_data=data)
+
+
+def _list_of(names: list[str], times: np.ndarray) -> str:
+    """The list of files that ParaView opens."""
+    lines = [
+        f'    <DataSet timestep="{time:.17g}" file="{name}"/>'
+        for name, time in zip(names, times, strict=True)
+    ]
+    return "\n".join(
+        [
+            '<?xml version="1.0"?>',
+            '<VTKFile type="Collection" version="0.1">',
+            "  <Collection>",
+            *lines,
+            "  </Collection>",
+            "</VTKFile>",
+            "",
+        ]
+    )

@@ -1,0 +1,34 @@
+"""Parts of a scene in words, for people to read."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from granular.scene.schema import Quantity, Section
+
+
+def words_of(section: Section, *, without: tuple[str, ...] = ()) -> str:
+    """What a section's fields hold, numbers with their units; empty where nothing is given."""
+    said = []
+    for field in dataclasses.fields(section):
+        value = getattr(section, field.name)
+        if value is None or value == () or field.name in without:
+            continue
+        if isinstance(value, tuple):
+            said.append("; ".join(map(_value, value)))
+            continue
+        kind = field.metadata["kind"]
+        unit = kind.unit if isinstance(kind, Quantity) and kind.unit != "1" else ""
+        said.append(f"{field.name} {_value(value)} {unit}".strip())
+    return ", ".join(said)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.12g}"  # 0.2 D is 0.0012 m, not 0.0012000000000000001
+    if isinstance(value, Section):
+        return words_of(value)
+    if isinstance(value, tuple):
+        return " = ".join(map(str, value))  # a parameter
+    return str(value)
