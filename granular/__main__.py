@@ -49,18 +49,18 @@ examples:
   %(prog)s bed --t-end 0.5 -o runs/bed
   %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
   %(prog)s damper --accuracy '1e-2 rest height'
-  %(prog)s damper -o runs/damper --resume     (goes on after Ctrl-C)""",
+  %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""",
     "export": """\
 examples:
-  %(prog)s runs/bed --format gsd -o bed.gsd          (for OVITO)
-  %(prog)s runs/bed --format extxyz -o bed.xyz       (text, for OVITO and ASE)
-  %(prog)s runs/bed --format vtk -o vtk              (ParaView: open vtk/bed.pvd)
-  %(prog)s runs/bed --format csv -o tables           (scalars.csv and grains.csv)
-  %(prog)s runs/bed --format source -o dat           (posPart.dat and the rest)
-  %(prog)s bed --format lammps -o deck               (also of a scene)""",
+  %(prog)s runs/bed --format gsd -o bed.gsd          # for OVITO
+  %(prog)s runs/bed --format extxyz -o bed.xyz       # text, for OVITO and ASE
+  %(prog)s runs/bed --format vtk -o vtk              # ParaView: open vtk/bed.pvd
+  %(prog)s runs/bed --format csv -o tables           # scalars.csv and grains.csv
+  %(prog)s runs/bed --format source -o dat           # posPart.dat and the rest
+  %(prog)s bed --format lammps -o deck               # also of a scene""",
     "sweep": """\
 example:
-  %(prog)s study.toml -o studies/mass      (again: goes on where it was)
+  %(prog)s study.toml -o studies/mass      # again: goes on where it was
 
 study.toml:
   scene = "damper"

@@ -29,6 +29,7 @@ from a lab record to its equation, judged on what it has not seen:
     "identify": """\
 examples:
   %(prog)s damper -o out
+  %(prog)s lab.csv --mass 7.5 -o out
   %(prog)s lab.csv --law all -o out
   %(prog)s lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
     "fit": """\
@@ -57,6 +58,11 @@ examples:
 examples:
   %(prog)s -o out              # those that come with the package
   %(prog)s --simulate -o out   # the study behind them, anew""",
+    "export": """\
+examples:
+  %(prog)s out/model.json -o damper.c
+  %(prog)s out/model.json -o damper_model.m      # MATLAB and Octave
+  %(prog)s out/model.json -o damper.fmu          # Simulink, Dymola, FMPy, ...""",
     "simulate": """\
 examples:
   %(prog)s model.json --until 3 -o motion.csv
@@ -64,7 +70,8 @@ examples:
 }
 _SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 _LAW = (
-    "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable)"
+    "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable); "
+    "without, those that can win"
 )
 
 
@@ -80,6 +87,7 @@ def parser(prog: str = PROG) -> Parser:
     _add_design(add("design", "choose mass, grains and drag for a wanted frequency and damping"))
     _add_maps(add("maps", "show frequency and damping over mass, grains, drag and mixture"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
+    _add_export(add("export", "write a saved model as code: Python, C, MATLAB, Modelica, FMU"))
     return top
 
 
@@ -88,6 +96,13 @@ def _add_identify(one: Parser) -> None:
     one.add_argument("-o", "--out", metavar="DIR", help="directory for report, models and run")
     one.add_argument("--law", dest="laws", action="append", metavar="LAW", help=_LAW)
     one.add_argument("--discover", metavar="METHOD", help="also discover one: sindy, operon, pysr")
+    one.add_argument(
+        "--input", dest="drive", metavar="COLUMN",
+        help="column of the record that drives the motion: all laws have it as their input",
+    )  # fmt: skip
+    one.add_argument(
+        "--mass", metavar="M", help="of what moves, for N/m and N s/m (a scene's piston has one)"
+    )
     one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
     one.add_argument(
         "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
@@ -214,6 +229,15 @@ def _add_simulate(one: Parser) -> None:
     add_output(one)
 
 
+def _add_export(one: Parser) -> None:
+    one.add_argument("model", metavar="MODEL", help="JSON file of a model")
+    one.add_argument(
+        "-o", "--out", metavar="FILE", required=True,
+        help="file to write; its ending says the language: .py, .c, .m, .mo or .fmu",
+    )  # fmt: skip
+    add_output(one)
+
+
 def main(arguments: Sequence[str], prog: str = PROG) -> None:
     """Run one command."""
     options: Any = parser(prog).parse_args(arguments)
@@ -229,6 +253,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         "design": commands.design_damper,
         "maps": commands.map_dampers,
         "simulate": commands.simulate_model,
+        "export": commands.export_model,
     }[options.command](options)
 
 

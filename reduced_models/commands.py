@@ -22,13 +22,12 @@ from reduced_models.records.sources import METHOD, RunOptions, prepared, record_
 _MOST_SAMPLES = 10**7
 
 
-def laws_from(names: Sequence[str] | None) -> tuple[str, ...]:
+def laws_from(names: Sequence[str]) -> tuple[str, ...]:
     """Laws to fit; "all" stands for those of the package."""
-    from reduced_models.identification.identification import LAWS as DEFAULT
     from reduced_models.laws.catalogue import LAWS
 
     found: list[str] = []
-    for name in names or DEFAULT:
+    for name in names:
         found += list(LAWS) if name == "all" else [name]
     return tuple(dict.fromkeys(found))
 
@@ -59,14 +58,17 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
 def identify_source(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
     from granular.own import import_own
+    from granular.scene.units import si_value
     from reduced_models.identification.identification import identify
 
     import_own(options.own_files)
     found = identify(
         options.source,
         options.out,
-        laws=laws_from(options.laws),
+        laws=None if options.laws is None else laws_from(options.laws),
         discovery=options.discover,
+        drive=options.drive,
+        mass=None if options.mass is None else si_value(options.mass, "kg"),
         changes=changes_from(options.changes),
         dt=time_step(options.dt),
         method=options.method,
@@ -115,12 +117,13 @@ def discover_source(options: Any) -> None:
 
 def compare_sources(options: Any) -> None:
     """Compare laws on the records of some sources."""
+    from reduced_models.identification.candidates import CANDIDATES
     from reduced_models.identification.comparison import compare
 
     target = prepared(options.out)
     table = compare(
         _records(options.sources, options),
-        laws_from(options.laws),
+        laws_from(options.laws or CANDIDATES),
         options.holdout,
         _records(options.held_out, options),
         starts=options.starts,
@@ -273,6 +276,14 @@ def simulate_model(options: Any) -> None:
         motion.to_csv(options.out)
         text += f"\nmotion: {options.out}"
     emit({"samples": len(motion), "end": last, "note": note}, text, options.json)
+
+
+def export_model(options: Any) -> None:
+    """Write a saved model as code."""
+    from reduced_models.models.model import load_model
+
+    what = load_model(options.model).export(options.out)
+    emit({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)
 
 
 def _records(sources: Sequence[str], options: Any) -> list[PistonRecord]:

@@ -50,16 +50,16 @@ how far to trust it, and what accuracy costs:
   %(prog)s cheapest damper "rest height" 0.01""",
     "report": """\
 examples:
-  %(prog)s damper --quick                (what accuracy and effects cost in one scene)
+  %(prog)s damper --quick                # what accuracy and effects cost in one scene
   %(prog)s mine.toml bed -o out/mine
-  %(prog)s --full -o out/validation      (goes on where it was stopped)""",
+  %(prog)s --full -o out/validation      # goes on where it was stopped""",
     **dict.fromkeys(_PARTS, "example:\n  %(prog)s --quick"),
     "benchmark": "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items()),
     "published": """\
 examples:
-  %(prog)s                  (shows the results that come with the package)
+  %(prog)s                  # shows the results that come with the package
   %(prog)s --quick -o out/published""",
-    "recovery": "example:\n  %(prog)s --full -o out/recovery     (260 fits, an hour)",
+    "recovery": "example:\n  %(prog)s --full -o out/recovery     # 260 fits, an hour",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:
@@ -69,7 +69,7 @@ mine.py:
   from granular import Method
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
-    "prices": "example:\n  %(prog)s -o prices.toml     (ten minutes)",
+    "prices": "example:\n  %(prog)s -o prices.toml     # ten minutes",
     "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
 }
 

@@ -26,7 +26,7 @@ h1 { font-size: 1.6rem; line-height: 1.2; margin: 0.6rem 0; }
 h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 1px solid var(--line); }
 p.lead { font-size: 1.05rem; }
 figure { margin: 1rem 0; }
-figure svg { width: 100%; height: auto; background: #ffffff; border-radius: 4px; }
+figure svg { width: 100%; max-width: 46rem; height: auto; background: #ffffff; border-radius: 4px; }
 figure img { max-width: 100%; height: auto; }
 figcaption, footer, .small { font-size: 0.87rem; opacity: 0.85; }
 .scroll { overflow-x: auto; }
@@ -35,9 +35,11 @@ th, td { padding: 0.25rem 0.8rem 0.25rem 0; text-align: left; border-bottom: 1px
   vertical-align: top; }
 th { font-weight: 600; }
 .equation { font-size: 1.25rem; padding: 0.6rem 0.8rem; background: var(--soft);
-  border-left: 4px solid var(--accent); overflow-x: auto; margin: 0.8rem 0; }
+  border-left: 4px solid var(--accent); overflow-x: auto; margin: 0.8rem 0; line-height: 2; }
 .note { background: var(--soft); border-left: 4px solid #d1495b; padding: 0.5rem 0.8rem; }
 pre { background: var(--soft); padding: 0.6rem 0.8rem; overflow-x: auto; font-size: 0.85rem; }
+@media (max-width: 30rem) { table { font-size: 0.8rem; } th, td { padding-right: 0.4rem; }
+  .equation { font-size: 1.05rem; padding: 0.5rem; } }
 footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6rem; }
 """
 
@@ -70,6 +72,11 @@ class Page:
     def note(self, words: str) -> None:
         """A paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escaped(words)}</p>')
+
+    def listing(self, items: Sequence[str]) -> None:
+        """A list of short texts."""
+        rows = "".join(f"<li>{_escaped(words)}</li>" for words in items)
+        self._parts.append(f"<ul>{rows}</ul>")
 
     def preformatted(self, words: str) -> None:
         self._parts.append(preformatted(words))

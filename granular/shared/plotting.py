@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 COLOURS = ("#20639b", "#d1495b", "#3a7d44", "#b8860b", "#6a4c93", "#2a9d8f", "#8d5524", "#555555")
 """Line colours, told apart also with colour-blind eyes when the line styles differ too."""
+READABLE = 13.5
+"""Size of letters [pt] that can be read on a phone, where a figure is half as wide."""
 STYLES = ("-", "--", "-.", ":")
 GREY = "#9aa5b1"
 _LONGEST_LABEL = 60
@@ -42,16 +44,20 @@ def figure(
     *,
     width: float = 7.2,
     height: float = 3.4,
+    size: float = 10.0,
     make: Callable[..., Figure] | None = None,
     **options: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """A figure and its axes in the common look, without a window unless ``make`` makes one."""
+    """A figure and its axes in the common look, without a window unless ``make`` makes one.
+
+    ``size`` is that of its letters [pt].
+    """
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.figure import Figure as Plain
 
     look: Any = {
-        "font.size": 10,
+        "font.size": size,
         "axes.grid": True,
         "grid.alpha": 0.25,
         "axes.spines.top": False,

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 __version__ = "0.1.0"
 
 
-def versions() -> dict[str, str]:
-    """Versions of the toolkit and what it computes with, and the kind of machine."""
+def versions(more: Sequence[str] = ()) -> dict[str, str]:
+    """Versions of the toolkit and what it computes with, and the kind of machine.
+
+    ``more`` are further distributions, of which those are named that are there.
+    """
     import importlib.metadata
     import platform
 
@@ -15,7 +20,7 @@ def versions() -> dict[str, str]:
         "machine": platform.machine(),
         "granular-damper": __version__,
     }
-    for name in ("numpy", "numba"):  # numba may be missing where nothing is simulated
+    for name in ("numpy", "numba", *more):  # numba may be missing where nothing is simulated
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

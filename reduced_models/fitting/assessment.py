@@ -158,7 +158,7 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
         notes=(
             *_notes(quality),
             *_bound_notes(parameters, training.bounds),
-            *_unit_notes(unknowns.amplitude, unknowns.speed),
+            *(() if record.angle else _unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
         provenance=provenance(record, training),
         hidden={
@@ -167,6 +167,7 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
             if each != 0.0
         },
         input_interpolation=grid.interpolation,
+        angle=record.angle,
     )
 
 

@@ -1,4 +1,4 @@
-"""Further runs of a scene that show what the time step and the random start do to a figure."""
+"""Further runs of a scene: what time step and random start do to a figure, and another lift."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
+    from granular.scene.scene import Scene
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
+LIFT_TIMES = 3.0
+"""Height of a lift that no law sees, over that of the scene: far enough that a law's shape counts.
+"""
 _RESOLVED = 1.0  # step times highest frequency up to which a method shows its order; half the limit
 
 
@@ -81,6 +85,18 @@ def seed_checks(run: Trajectory) -> list[RunCheck]:
     ]
 
 
+def held_out_lift(scene: Scene) -> RunCheck | None:
+    """The scene with a lift three times as high; None where not just one stage lifts."""
+    from granular.protocol.lift import Lift
+
+    lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
+    if len(lifts) != 1:
+        return None
+    return RunCheck(
+        "a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by}
+    )
+
+
 def checked_records(
     run: Trajectory, checks: Sequence[RunCheck], executor: Executor | None, progress: bool
 ) -> list[PistonRecord | Failure]:
@@ -101,7 +117,7 @@ def checked_records(
         method=settings["method"],
         executor=executor,
         progress=progress,
-        title="checks of step and seeds",
+        title="checks of step, seeds and lift",
     )
     return [
         _record_of(check, outcome) for check, outcome in zip(checks, study.outcomes, strict=True)

@@ -147,7 +147,9 @@ class Comparison:
             )  # fmt: skip
         return lines
 
-    def __str__(self) -> str:
+    @property
+    def table(self) -> str:
+        """The table for people, without the verdict."""
         rows = [self.header, *self.cells()]
         sound = [row for row in rows if row[-1]]
         widths = [max(len(row[k]) for row in sound) for k in range(len(self.header))]
@@ -156,7 +158,10 @@ class Comparison:
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
         ]
-        return "\n".join([*lines, "", self.verdict])
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return f"{self.table}\n\n{self.verdict}"
 
     def to_plain(self) -> dict[str, Any]:
         """Table and verdict as plain data."""
@@ -170,10 +175,10 @@ class Comparison:
 
     def plot(self) -> Figure:
         """Held-out errors of the laws, beside the noise and a piston at rest."""
-        from granular.shared.plotting import COLOURS, GREY, figure, plain_label
+        from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label
 
         sound = [row for row in self.rows if not row.failure][::-1]
-        with figure(height=1.4 + 0.35 * len(sound)) as (drawing, axes):
+        with figure(height=1.8 + 0.45 * len(sound), size=READABLE) as (drawing, axes):
             greatest = max(
                 [self.at_rest, *(row.error for row in sound if math.isfinite(row.error))]
             )
@@ -189,9 +194,10 @@ class Comparison:
                 if level > 1e-3 * min(row.error for row in sound):
                     axes.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
             axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")  # powers would be too small on a phone
             axes.set_xlabel("held-out error [% of the rms swing]")
             axes.grid(visible=False, axis="y")
-            axes.legend(loc="lower right")
+            drawing.legend(loc="outside upper right", ncols=2)
             return drawing
 
 
@@ -244,6 +250,27 @@ def compare(
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     return _ranked(rows, sound)
+
+
+def judged_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
+    """A comparison whose models are judged on further records that no fit has seen.
+
+    Each is predicted from an initial state that its first period tells; a law that cannot be is one
+    that blows up there.
+    """
+    rows = [_further(row, held_out) for row in table.rows if not row.failure]
+    return _ranked([*rows, *(row for row in table.rows if row.failure)], rows)
+
+
+def _further(row: Row, held_out: Sequence[PistonRecord]) -> Row:
+    judged = list(row.records)
+    for record in held_out:
+        try:
+            judged.append(roll_out(row.models[0], record))
+        except InputError:
+            judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
+    errors = [*row.stretches, *(one.relative for one in judged)]
+    return dataclasses.replace(row, records=tuple(judged), error=_pooled(errors))
 
 
 class _Entry(NamedTuple):

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.run.record import PistonRecord
 from reduced_models.identification.comparison import Comparison
+from reduced_models.identification.engineering import Quantity, engineering
 from reduced_models.identification.price import checked_price_text
+from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
-
-_UNITS = {"height": "m", "period": "s", "damping_ratio": ""}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,9 +63,19 @@ class IdentificationData:
     figures_law : str
         The law whose fit they come from.
     notes : tuple of str
-        What is to be doubted in the run or its checks.
+        What is to be doubted in the run or its checks, and what was not used.
     seconds : mapping of str to float
         Wall time of each part.
+    mass : float or None
+        Of what moves [kg], where it is known.
+    left_out : tuple of str
+        Laws that were not fitted, and why.
+    residuals : mapping of str to ResidualTests
+        Of each law, what it leaves over of the record.
+    advice : tuple of str
+        What to try where even the best law is poor.
+    lift : PistonRecord or None
+        A lift that no law has seen.
     """
 
     record: PistonRecord
@@ -75,6 +86,11 @@ class IdentificationData:
     figures_law: str
     notes: tuple[str, ...]
     seconds: Mapping[str, float]
+    mass: float | None = None
+    left_out: tuple[str, ...] = ()
+    residuals: Mapping[str, ResidualTests] = dataclasses.field(default_factory=dict)
+    advice: tuple[str, ...] = ()
+    lift: PistonRecord | None = None
 
     @property
     def best(self) -> ReducedModel:
@@ -83,9 +99,29 @@ class IdentificationData:
         return next(model for model in self.models if model.law.name == first)
 
     @property
+    def shown(self) -> ReducedModel:
+        """The model that the figures come from: the best one with a level of rest."""
+        return next((one for one in self.models if one.law.name == self.figures_law), self.best)
+
+    @property
+    def engineering(self) -> tuple[Quantity, ...]:
+        """Rest, frequency, damping, stiffness of the small swing, with intervals."""
+        return engineering(self.shown, self.record.angle, self.mass)
+
+    @property
     def verdict(self) -> str:
-        """Of the comparison, in plain words."""
-        return self.comparison.verdict
+        """Of the comparison, of a lift that no law has seen, and of the residuals, in words."""
+        words = [self.comparison.verdict]
+        if self.lift is not None:
+            words.append(lift_verdict(self.comparison))
+        tests = self.residuals.get(self.best.law.name)
+        if tests is not None and tests.structured:
+            share = f"{100 * tests.relative:.2g} %"
+            words.append(
+                f"What {self.best.law.name} leaves of the record is {share} of its swing, but no "
+                f"white noise ({tests.verdict})."
+            )
+        return " ".join(words)
 
     def to_plain(self) -> dict[str, Any]:
         """Figures, verdict and models as plain data."""
@@ -99,28 +135,62 @@ class IdentificationData:
             "notes": list(self.notes),
             "time_step": None if self.run is None else step_text(self.run),
             "seconds": dict(self.seconds),
+            "engineering": [one._asdict() for one in self.engineering],
+            "mass": self.mass,
+            "left_out": list(self.left_out),
+            "residuals": {name: one.to_plain() for name, one in self.residuals.items()},
+            "advice": list(self.advice),
         }
 
     def __str__(self) -> str:
-        lines = [*map(str, self.models), "", str(self.comparison)]
+        lines = [*map(str, self.models), "", self.comparison.table, "", self.verdict]
         if self.figures:
             lines.append(f"small swing about rest, by {self.figures_law}:")
-        lines += [f"  {_figure_text(name, figure)}" for name, figure in self.figures.items()]
+        lines += [f"  {one.name}: {one.text}  [{one.interval}]" for one in self.engineering]
+        lines += [
+            f"  {_checks_text(name, figure, self.shown)}"
+            for name, figure in self.figures.items()
+            if figure.step_error is not None or figure.seed_spread is not None
+        ]
         if self.run is not None:
             method = self.run.method.name
             lines.append(f"simulated with {method}, time step {step_text(self.run)}")
             height = self.figures.get("height")
             checked = (0.0, None, None) if height is None else height.checked()
             lines.append(checked_price_text(self.run, *checked))
+        lines += [f"left out: {words}" for words in self.left_out]
+        lines += [f"to try: {words}" for words in self.advice]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 
-def _figure_text(name: str, figure: Figure) -> str:
-    low, high = figure.interval
-    text = f"{name.replace('_', ' ')} {figure.value:.5g} {_UNITS[name]}".rstrip()
-    text += f"  [{low:.5g}, {high:.5g}]"
+def _checks_text(name: str, figure: Figure, model: ReducedModel) -> str:
+    unit = {"height": model.unit, "period": "s"}.get(name, "")
+    words = [f"{name.replace('_', ' ')} {figure.value:.5g} {unit}".rstrip()]
     if figure.step_error is not None:
-        text += f", step error {figure.step_error:.2g}"
+        words.append(f"step error {figure.step_error:.2g}")
     if figure.seed_spread is not None:
-        text += f", scatter over random starts {figure.seed_spread:.2g}"
-    return text
+        words.append(f"scatter over random starts {figure.seed_spread:.2g}")
+    return ", ".join(words)
+
+
+def lift_verdict(table: Comparison) -> str:
+    """Which law predicts the last held-out record best, and by how much."""
+    judged = sorted(
+        ((row.records[-1].relative, row.name) for row in table.rows if row.records),
+        key=lambda pair: pair[0],
+    )
+    (best, name), *others = judged
+    if math.isinf(best):
+        return "No law follows a lift three times as high, which none has seen."
+    words = (
+        f"A lift three times as high, which no law has seen, is predicted best by {name}, to "
+        f"{100 * best:.2g} % of its rms swing"
+    )
+    if others:
+        worse = [
+            f"{other} is {error / max(best, 1e-300):.2g} times worse"
+            if math.isfinite(error) else f"{other} blows up"
+            for error, other in others
+        ]  # fmt: skip
+        words += "; " + ", ".join(worse)
+    return words + "."

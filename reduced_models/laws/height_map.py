@@ -25,11 +25,11 @@ class HeightMap:
     def __str__(self) -> str:
         return self.text()
 
-    def text(self, digits: int = 5) -> str:
+    def text(self, digits: int = 5, name: str = "height", unit: str = "m") -> str:
         """The map in words, its numbers cut to so many digits."""
         sign = "-" if self.shift >= 0.0 else "+"
         shift, scale = f"{abs(self.shift):.{digits}g}", f"{self.scale:.{digits}g}"
-        return f"z = (height {sign} {shift} m)/({scale} m)"
+        return f"z = ({name} {sign} {shift} {unit})/({scale} {unit})"
 
     def to_law(self, height: Any) -> Any:
         """The coordinate z of the law at a height [m]."""

@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import sympy
 
 _MARKS = {"zddot": ("\\ddot{z}", "&#xa8;"), "zdot": ("\\dot{z}", "&#x2d9;")}
+
+
+_GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η",
+    "theta": "θ", "kappa": "κ", "lam": "λ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ",
+    "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω",
+    "Gamma": "Γ", "Delta": "Δ", "Theta": "Θ", "Lambda": "Λ", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ",
+    "Omega": "Ω",
+}  # fmt: skip
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
+
+
+def symbol(name: str) -> str:
+    """A parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
+    match = _NAME.fullmatch(name)
+    if match is None:
+        return name
+    return _GREEK.get(match[1], match[1]) + match[2].translate(_SUBSCRIPTS)
 
 
 def rounded(value: float, digits: int) -> float:
@@ -63,22 +83,25 @@ def latex(equation: sympy.Eq) -> str:
 
 
 def mathml(equation: sympy.Eq) -> str:
-    """An equation in z(t) as presentation MathML."""
+    """An equation in z(t) as presentation MathML, a formula a term: lines break between them."""
     from sympy.printing.mathml import MathMLPresentationPrinter
 
     printer = MathMLPresentationPrinter()
 
-    def side(expression: Any) -> str:
-        text = ""
+    def side(expression: Any) -> list[str]:
+        found: list[str] = []
         for term in _terms(expression):
             negative = term.could_extract_minus_sign()
-            if text or negative:
+            text = ""
+            if found or negative:
                 text += f"<mo>{'&#x2212;' if negative else '+'}</mo>"
             text += printer.doprint(-term if negative else term)
-        for name, (_, mark) in _MARKS.items():
-            dot = f"<mover><mi>z</mi><mo>{mark}</mo></mover>"
-            text = text.replace(f"<mi>{name}</mi>", dot)
-        return text
+            for name, (_, mark) in _MARKS.items():
+                dot = f"<mover><mi>z</mi><mo>{mark}</mo></mover>"
+                text = text.replace(f"<mi>{name}</mi>", dot)
+            found.append(text)
+        return found
 
-    body = f"<mrow>{side(equation.lhs)}<mo>=</mo>{side(equation.rhs)}</mrow>"
-    return f'<math display="block">{body}</math>'
+    left, (first, *others) = side(equation.lhs), side(equation.rhs)
+    terms = [*left, f"<mo>=</mo>{first}", *others]
+    return " ".join(f'<math displaystyle="true"><mrow>{term}</mrow></math>' for term in terms)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from reduced_models.laws.solution import Solution
 
+_METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 15
 """Of printed numbers; a double holds 15."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
@@ -65,6 +67,8 @@ class FittedLaw:
         Hidden states at the record's start, where they are not zero.
     input_interpolation : str
         What an input does between samples.
+    angle : bool
+        Whether the height is an angle: [rad] stands for [m] then.
     """
 
     law: Law
@@ -76,6 +80,26 @@ class FittedLaw:
     provenance: Mapping[str, str]
     hidden: Mapping[str, float]
     input_interpolation: Interpolation
+    angle: bool
+
+    @property
+    def unit(self) -> str:
+        """Of the coordinate."""
+        return "rad" if self.angle else "m"
+
+    @property
+    def coordinate(self) -> str:
+        """What the coordinate is called."""
+        return "angle" if self.angle else "height"
+
+    def unit_of(self, name: str) -> str:
+        """Of a parameter, of ``shift`` or of ``scale``."""
+        found = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
+        return _METRE.sub("rad", found) if self.angle else found
+
+    def map_text(self, digits: int) -> str:
+        """How z follows from the coordinate."""
+        return self.map.text(digits, self.coordinate, self.unit)
 
     @property
     def equation(self) -> sympy.Eq:
@@ -199,7 +223,8 @@ class FittedLaw:
         )  # fmt: skip
         if found.ending != "complete":
             raise InputError(_incomplete(self.law.name, times, found))
-        return PistonRecord(times, self.map.to_height(found.z), scale * found.velocity)
+        height, velocity = self.map.to_height(found.z), scale * found.velocity
+        return PistonRecord(times, height, velocity, angle=self.angle)
 
     def follow(self, record: PistonRecord) -> PistonRecord:
         """The motion at the times of a record, with its inputs, from the fitted initial state.

@@ -18,6 +18,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
+from reduced_models.models.exporting import write_code
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.schema import FORMAT, checked, read_model
 from reduced_models.records.inputs import Interpolation
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 SURE = 1e-4
 """Probability below which residuals are not taken for white noise."""
+_ANYTHING = 7.0  # of a logarithm: a factor of a thousand
 _MARGIN = 0.05  # of the range of heights seen
 _COLLOCATION = {
     "same": ", and so does a fit to accelerations",
@@ -51,14 +53,20 @@ class Direction:
     powers: Mapping[str, float]
     spread: float
 
+    @property
+    def open(self) -> bool:
+        """Whether nothing at all is known along it."""
+        return self.spread >= _ANYTHING
+
     def __str__(self) -> str:
-        moving = ", ".join(f"{name} by t^{power:.2g}" for name, power in self.powers.items())
-        sure = (
-            f"t is known to a factor of {math.exp(self.spread):.2g}"
-            if self.spread < 7
-            else ("t can be anything")
-        )
-        return f"the data do not notice when {moving} change together ({sure})"
+        *most, last = self.powers
+        names = f"{', '.join(most)} and {last}" if most else last
+        together = "can be rescaled together" if most else "can be rescaled"
+        if self.open:
+            words = f"not identifiable from this record: {names} {together}"
+            return f"{words} without changing the fit"
+        factor = f"{math.exp(self.spread):.2g}"
+        return f"hardly identifiable from this record: {names} {together} by a factor of {factor}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,6 +173,8 @@ class ReducedModel(FittedLaw):
         ``velocity`` and hidden states at the start.
     covariance : float64 (p, p)
         Of these, in their units.
+    angle : bool
+        Whether the height is an angle: [rad] stands for [m] then, in all that is said here.
     """
 
     law: Law
@@ -183,6 +193,7 @@ class ReducedModel(FittedLaw):
     input_interpolation: Interpolation = "spline"
     covariance_names: tuple[str, ...] = ()
     covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    angle: bool = False
 
     @property
     def correlation(self) -> np.ndarray:
@@ -268,6 +279,19 @@ class ReducedModel(FittedLaw):
         """Python source of a stand-alone module of the model, which needs NumPy alone."""
         return export.numpy_source(self)
 
+    def export(self, path: str | Path) -> str:
+        """Write the model as code, in the language that a file's ending names; says what it is.
+
+        ``.py`` (NumPy alone), ``.c`` (C99), ``.m`` (MATLAB and Octave), ``.mo`` (Modelica),
+        ``.fmu`` (FMI 2.0, co-simulation, compiled by the C compiler that is there).
+
+        Raises
+        ------
+        InputError
+            If the ending is another one, or the file cannot be written.
+        """
+        return write_code(self, Path(path))
+
     @property
     def text(self) -> str:
         """Equation, parameters, domain, provenance and LaTeX as text."""
@@ -281,27 +305,28 @@ class ReducedModel(FittedLaw):
         if least >= low - margin and most <= high + margin:
             return ""
         return (
-            f"the motion goes from {least:.4g} to {most:.4g} m, and the law {self.law.name!r} was "
-            f"fitted to heights from {low:.4g} to {high:.4g} m: read it as an extrapolation"
+            f"the motion goes from {least:.4g} to {most:.4g} {self.unit}, and the law "
+            f"{self.law.name!r} was fitted to {self.coordinate}s from {low:.4g} to {high:.4g} "
+            f"{self.unit}: read it as an extrapolation"
         )
 
     def __str__(self) -> str:
         lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
         if self.law.mapped:
-            lines.append(f"  {self.map.text(digits)}" + ("" if self.map.fitted else " (given)"))
+            lines.append(f"  {self.map_text(digits)}" + ("" if self.map.fitted else " (given)"))
         values = dict(self.parameters)
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}
         for name, value in values.items():
             low, high = self.intervals[name]
-            unit = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
+            unit = self.unit_of(name)
             lines.append(
                 f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]"
             )
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             lines.append(
-                f"  at rest: height {self.at_rest.height:.5g} m, period "
+                f"  at rest: {self.coordinate} {self.at_rest.height:.5g} {self.unit}, period "
                 f"{self.at_rest.period:.5g} s, damping ratio {self.at_rest.damping_ratio:.4g}"
             )
         quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
@@ -347,6 +372,7 @@ class ReducedModel(FittedLaw):
             "input_interpolation": self.input_interpolation,
             "covariance_names": list(self.covariance_names),
             "covariance": self.covariance.tolist(),
+            "angle": self.angle,
         }
 
     def save(self, path: str | Path) -> None:
@@ -381,6 +407,7 @@ class ReducedModel(FittedLaw):
             input_interpolation=data.get("input_interpolation", "spline"),
             covariance_names=tuple(data.get("covariance_names", ())),
             covariance=np.array(data.get("covariance", np.zeros((0, 0))), dtype=np.float64),
+            angle=data.get("angle", False),
         )
 
 

@@ -212,6 +212,7 @@ _MODEL = _shape(
         "provenance": _table(_text()),
         "hidden": _table(_number()),
         "input_interpolation": _one_of(INTERPOLATIONS),
+        "angle": _flag,
         "covariance_names": _list(_text(200)),
         "covariance": _list(_list(_number())),
     },

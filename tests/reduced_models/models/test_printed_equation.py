@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from typing import Any
 
 import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import ReducedModel, fit
+from reduced_models import HeightMap, ReducedModel, fit
+from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.printing import rounded
+from reduced_models.laws.small_swing import swing_of_equation
 
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
 
@@ -78,6 +82,32 @@ def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
     alpha, stiffness, force = map(float, found.groups())
     z = force / stiffness
     inside(model, shift + scale * z, math.sqrt(stiffness), alpha * (z**2 - 2.0 * z))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name for name in LAWS if name != "bouc-wen"],  # two equations, printed one by one
+)
+@pytest.mark.parametrize("level", [0.01, 1e-5])
+def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:
+    """Level, period and damping ratio of the printed equation lie within their intervals."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = fit(made(name, seed=1, level=level), name)
+    rest = model.at_rest
+    assert rest is not None
+    digits = max(5, model.printed_digits)
+    printed = HeightMap(rounded(model.map.shift, digits), rounded(model.map.scale, digits))
+    swing = swing_of_equation(model.printed_equation, printed.to_law(rest.height))
+    assert swing is not None
+    figures = {
+        "height": printed.to_height(swing.z), "period": swing.period,
+        "damping_ratio": swing.damping_ratio,
+    }  # fmt: skip
+    for key, value in figures.items():
+        low, high = rest.intervals[key]
+        slack = 1e-6 * abs(getattr(rest, key)) + 1e-12
+        assert low - slack <= value <= high + slack, key
 
 
 def test_few_digits_where_little_is_known(made: Any) -> None:

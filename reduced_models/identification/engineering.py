@@ -1,0 +1,192 @@
+"""A fitted law in an engineer's words: frequency, damping, stiffness, and how they change.
+
+All is of the small swing about rest but for `at_amplitudes`. Stiffness and damping are those of a
+mass on a spring with a dashpot that swings alike, m z'' + c z' + k z = 0; where no mass is known
+they are per kilogram, and of an angle per unit of the moment of inertia.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import GranularError
+from reduced_models.models.model import ReducedModel
+from reduced_models.models.response import HarmonicCycle
+
+SHARES = (1.0, 0.5, 0.25, 0.1)
+"""Amplitudes that are looked at, over the greatest one of the record."""
+_MOST_DIGITS = 8
+_UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
+
+
+class Quantity(NamedTuple):
+    """A number with its interval.
+
+    Attributes
+    ----------
+    name, symbol, unit : str
+    value, low, high : float
+        In that unit.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def digits(self) -> int:
+        """Decimals that the interval is worth: its half-width has two of them."""
+        return decimals(self.value, self.low, self.high)
+
+    @property
+    def text(self) -> str:
+        """The number and its unit."""
+        return f"{fixed(self.value, self.digits)} {self.unit}".rstrip()
+
+    @property
+    def interval(self) -> str:
+        """The interval, without the unit."""
+        if not (math.isfinite(self.low) and math.isfinite(self.high)):
+            return "open"
+        return f"{fixed(self.low, self.digits)} to {fixed(self.high, self.digits)}"
+
+
+def decimals(value: float, low: float, high: float) -> int:
+    """Decimals of a number that has an interval; negative ones are zeros before the point."""
+    half = 0.5 * (high - low)
+    size = max(abs(value), 1e-300)
+    finest = _MOST_DIGITS - 1 - math.floor(math.log10(size))
+    if not math.isfinite(half):
+        return 3 - math.floor(math.log10(size))
+    if half <= 0.0:
+        return finest
+    return min(1 - math.floor(math.log10(half)), finest)
+
+
+def fixed(value: float, digits: int) -> str:
+    """A number with so many decimals, in powers of ten where it is very large or small."""
+    size = abs(value)
+    if value and not 1e-4 <= size < 1e7:
+        return f"{value:.{max(0, digits + math.floor(math.log10(size)))}e}"
+    return f"{round(value, digits):.{max(0, digits)}f}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Units:
+    """What the coordinate and its forces are shown in.
+
+    Attributes
+    ----------
+    length : str
+    scale : float
+        Of a coordinate in SI, into that.
+    stiffness, damping : str
+    inertia : float
+        Times the law's stiffness and damping.
+    """
+
+    length: str
+    scale: float
+    stiffness: str
+    damping: str
+    inertia: float
+
+
+def units_of(angle: bool, mass: float | None) -> Units:
+    """Those of a height or an angle, for a mass [kg] (or moment of inertia) that may be known."""
+    if angle:
+        return Units("°", 180.0 / math.pi, "N m/rad per kg m²", "N m s/rad per kg m²", 1.0)
+    if mass is None:
+        return Units("mm", 1e3, "N/m per kg", "N s/m per kg", 1.0)
+    return Units("mm", 1e3, "N/m", "N s/m", mass)
+
+
+def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Quantity, ...]:
+    """Figures of the small swing about rest; none where the law has no level of rest."""
+    rest = model.at_rest
+    if rest is None:
+        return ()
+    units = units_of(angle, mass)
+    low_height, high_height = rest.intervals["height"]
+    shortest, longest = rest.intervals["period"]
+    ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
+    omega = 2.0 * math.pi / rest.period
+    share = 0.5 * (longest - shortest) / rest.period  # of the frequency, half its interval
+    found = [
+        Quantity(
+            "level of rest", "z", units.length,
+            *(units.scale * each for each in (rest.height, low_height, high_height)),
+        ),
+        Quantity("natural frequency", "f", "Hz", *_inverse(rest.period, shortest, longest)),
+        Quantity("damping ratio", "ζ", "%", 100.0 * ratio, 100.0 * least, 100.0 * most),
+    ]  # fmt: skip
+    if 0.0 < ratio < _UNDERDAMPED:
+        found += [
+            _of(damped_frequency(rest.period, ratio), share, "damped frequency", "f_d", "Hz"),
+            _through(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
+            _through(lambda one: 0.5 / one, ratio, most, least, "quality factor", "Q", ""),
+        ]
+    wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
+    found += [
+        _of(units.inertia * omega**2, 2.0 * share, "stiffness", "k", units.stiffness),
+        _of(
+            units.inertia * 2.0 * ratio * omega, math.hypot(share, wide), "damping", "c",
+            units.damping,
+        ),
+    ]  # fmt: skip
+    return tuple(found)
+
+
+def damped_frequency(period: float, ratio: float) -> float:
+    """Of a swing with that undamped period [s] and damping ratio [Hz]."""
+    return math.sqrt(1.0 - ratio**2) / period
+
+
+def _decrement(ratio: float) -> float:
+    """Logarithm of two amplitudes a period apart."""
+    return 2.0 * math.pi * ratio / math.sqrt(1.0 - ratio**2)
+
+
+def _inverse(value: float, low: float, high: float) -> tuple[float, float, float]:
+    return 1.0 / value, 1.0 / high if high else math.inf, 1.0 / low if low > 0.0 else math.inf
+
+
+def _of(value: float, share: float, name: str, symbol: str, unit: str) -> Quantity:
+    half = abs(value) * share if math.isfinite(share) else math.inf
+    return Quantity(name, symbol, unit, value, value - half, value + half)
+
+
+def _through(
+    function: Callable[[float], float], ratio: float, low: float, high: float, name: str,
+    symbol: str, unit: str,
+) -> Quantity:  # fmt: skip
+    """A function of the damping ratio that grows, or of its ends the other way round."""
+    ends = [function(each) if 0.0 < each < _UNDERDAMPED else math.inf for each in (low, high)]
+    return Quantity(name, symbol, unit, function(ratio), *ends)
+
+
+def at_amplitudes(model: ReducedModel, record: PistonRecord) -> list[HarmonicCycle]:
+    """Cycles about rest, from the greatest amplitude of the record down to a tenth of it."""
+    if model.at_rest is None or model.law.inputs:
+        return []
+    farthest = max(abs(edge - model.at_rest.height) for edge in _ends(record))
+    found = []
+    for share in SHARES:
+        try:
+            cycle = model.cycle(share * farthest)
+        except GranularError:
+            continue
+        if cycle.stiffness > 0.0:
+            found.append(cycle)
+    return found
+
+
+def _ends(record: PistonRecord) -> tuple[float, float]:
+    return float(record.height.min()), float(record.height.max())

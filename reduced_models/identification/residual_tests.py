@@ -1,0 +1,94 @@
+"""Whether what a model leaves over of its record is noise, or a law that is missing something."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from reduced_models.models.model import ReducedModel
+
+SURE = 1e-3
+"""Probability below which residuals are no white noise."""
+LOUD = 3.0
+"""Power about a frequency, over that of the frequencies about it, which is a line."""
+_BAND = 0.15  # half-width of a line, of the swing's frequency
+_NEAR = 0.45  # half-width of what it is compared with
+_ROUNDING = 1e-5  # of the swing: less is the solver's and the file's rounding
+
+
+@dataclasses.dataclass(frozen=True)
+class ResidualTests:
+    """What a model leaves over.
+
+    Attributes
+    ----------
+    rms : float
+        In the record's unit.
+    relative : float
+        Over the rms swing.
+    whiteness, signs : float
+        Probabilities that white noise is correlated as much, and that it changes its sign as
+        seldom, or as often (tests of Ljung & Box, and of Wald & Wolfowitz).
+    swing, double : float
+        Power about the swing's frequency, and about twice it, over that of the frequencies about
+        them: about 1 for noise of any smooth spectrum. 1 where the law does not swing.
+    """
+
+    rms: float
+    relative: float
+    whiteness: float
+    signs: float
+    swing: float
+    double: float
+
+    @property
+    def structured(self) -> bool:
+        """Whether something is left that is surely no white noise, and no rounding."""
+        return self.relative > _ROUNDING and min(self.whiteness, self.signs) < SURE
+
+    @property
+    def verdict(self) -> str:
+        """In plain words."""
+        if self.relative <= _ROUNDING:
+            return "rounding"
+        if not self.structured:
+            return "noise"
+        if self.swing > LOUD and self.swing >= self.double:
+            return "wrong: it swings with the motion"
+        if self.double > LOUD:
+            return "wrong: it swings at twice the frequency"
+        return "not white: the law is wrong, or the noise is coloured"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Figures and verdict as plain data."""
+        return {**dataclasses.asdict(self), "verdict": self.verdict}
+
+
+def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
+    """Those of a model on the record that it was fitted to."""
+    left = record.height - model.follow(record).height
+    rms = math.sqrt(float((left**2).mean()))
+    swing, double = 1.0, 1.0
+    if model.at_rest is not None and rms > 0.0:
+        swing, double = (_line(record.time, left, k / model.at_rest.period) for k in (1.0, 2.0))
+    quality = model.quality
+    return ResidualTests(
+        rms, rms / float(record.height.std()), quality.whiteness, quality.signs, swing, double
+    )
+
+
+def _line(time: np.ndarray, left: np.ndarray, frequency: float) -> float:
+    """Mean power in a band about a frequency, over that beside the band."""
+    count = len(time)
+    even = np.interp(np.linspace(time[0], time[-1], count), time, left)
+    power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count)) ** 2
+    lines = np.fft.rfftfreq(4 * count, float(time[-1] - time[0]) / (count - 1)) / frequency
+    inside = np.abs(lines - 1.0) <= _BAND
+    beside = (np.abs(lines - 1.0) <= _NEAR) & ~inside
+    if not inside.any() or not beside.any() or lines[-1] < 1.0 + _NEAR:
+        return 1.0
+    return float(power[inside].mean() / max(float(power[beside].mean()), 1e-300))

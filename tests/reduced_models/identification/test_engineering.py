@@ -1,0 +1,88 @@
+"""A law in an engineer's words: textbook numbers, and digits that follow the intervals."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from reduced_models import load_model
+from reduced_models.fitting.diagnostics import diagnostics
+from reduced_models.identification.engineering import Quantity, decimals, engineering, fixed
+from reduced_models.identification.residual_tests import residual_tests
+from reduced_models.models.fitted_law import AtRest
+
+SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+
+
+def test_a_textbook_oscillator() -> None:
+    """7.5 kg, 3000 N/m, 30 N s/m: omega = 20 rad/s, ratio = 0.1."""
+    intervals = {
+        "height": (0.0589, 0.0593),
+        "period": (0.313, 0.3153),
+        "damping_ratio": (0.09, 0.11),
+    }
+    model = dataclasses.replace(
+        load_model(SAVED), at_rest=AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, intervals)
+    )
+    known = {one.name: one for one in engineering(model, angle=False, mass=7.5)}
+    assert known["stiffness"].value == pytest.approx(3000.0)
+    assert known["stiffness"].unit == "N/m"
+    assert known["damping"].value == pytest.approx(30.0)
+    assert known["natural frequency"].value == pytest.approx(20.0 / (2.0 * math.pi))
+    assert known["damped frequency"].value == pytest.approx(20.0 * math.sqrt(0.99) / (2 * math.pi))
+    assert known["logarithmic decrement"].value == pytest.approx(0.2 * math.pi / math.sqrt(0.99))
+    assert known["quality factor"].value == pytest.approx(5.0)
+    assert known["quality factor"].low == pytest.approx(0.5 / 0.11)
+    assert known["level of rest"].text == "59.10 mm"
+    assert known["damping ratio"].interval == "9.0 to 11.0"
+    for one in known.values():
+        assert one.low <= one.value <= one.high
+    angle = {one.name: one for one in engineering(model, angle=True, mass=None)}
+    assert angle["level of rest"].unit == "°"
+    assert not any("mm" in one.unit or one.unit == "N/m" for one in angle.values())
+    assert engineering(dataclasses.replace(model, at_rest=None), angle=False, mass=None) == ()
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "text"),
+    [
+        (59.1078561, 59.1077, 59.1080, "59.10786"), (3.4726, 3.2, 3.7, "3.47"),
+        (12345.6, 12000.0, 12700.0, "12350"), (0.0361588, 0.0361, 0.0362, "0.036159"),
+        (2.0, 2.0, 2.0, "2.0000000"), (5.0, -math.inf, math.inf, "5.000"),
+    ],
+)  # fmt: skip
+def test_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
+    assert fixed(value, decimals(value, low, high)) == text
+    shown = Quantity("x", "x", "", value, low, high)
+    assert low <= float(shown.text) <= high
+    assert shown.interval == "open" or math.isfinite(float(shown.interval.split(" to ")[0]))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (lambda t: 0.0 * t, "rounding"),
+        (lambda t: np.random.default_rng(0).normal(0.0, 1e-5, len(t)), "noise"),
+        (lambda t: 1e-5 * np.cos(21.0 * t), "wrong: it swings with the motion"),
+        (lambda t: 1e-5 * np.cos(42.0 * t), "wrong: it swings at twice the frequency"),
+        (lambda t: 1e-5 * np.cos(2.0 * t), "not white"),
+    ],
+)
+def test_structure_is_called_wrong_though_it_is_small(error, words: str) -> None:  # type: ignore[no-untyped-def]
+    """One per cent of the swing at the right places."""
+    from reduced_models import fit
+
+    time = np.linspace(0.0, 6.0, 1500)
+    swing = 1.2e-3 * np.exp(-0.05 * time) * np.cos(21.0 * time)
+    model = fit(PistonRecord(time, 0.059 + swing), "linear", starts=2)
+    moved = PistonRecord(time, 0.059 + swing + error(time))
+    left = moved.height - model.follow(moved).height
+    seen = diagnostics(time, left, np.gradient(swing, time), 2.0 * math.pi / 21.0)
+    quality = dataclasses.replace(model.quality, whiteness=seen.whiteness, signs=seen.signs)
+    found = residual_tests(dataclasses.replace(model, quality=quality), moved)
+    assert found.verdict.startswith(words)

@@ -1,0 +1,70 @@
+"""A glance at the laws: the true one is never left out, and those far off are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models.identification.candidates import (
+    CANDIDATES,
+    candidates,
+    driven_law,
+    unused_columns,
+)
+from reduced_models.identification.screening import screened
+from reduced_models.laws.catalogue import LAWS
+
+
+@pytest.mark.parametrize(
+    "level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))]
+)
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_the_true_law_is_never_left_out(name: str, level: float, made: Any) -> None:
+    found = screened(made(name, level=level), [LAWS[each] for each in CANDIDATES])
+    assert not found.hopeless(name)
+    assert found.misfits[name] < 3.0 * max(found.least, 1.0)
+
+
+def test_laws_that_are_far_off_are_left_out_and_said_to_be(made: Any) -> None:
+    found = candidates(made("duffing"))
+    names = [law.name for law in found.laws]
+    assert names == ["linear", "polynomial-spring", "duffing"]
+    assert len(found.left_out) == len(CANDIDATES) - len(names)
+    assert any("--law coulomb" in words for words in found.left_out)
+
+
+def test_a_record_without_its_law_asks_for_a_discovery(made: Any) -> None:
+    """Hysteresis is none of the laws, and more terms explain it better; a linear swing is one."""
+    assert candidates(made("bouc-wen", level=0.0)).screening.incomplete
+    assert not candidates(made("linear")).screening.incomplete
+
+
+def test_what_cannot_be_looked_at_is_fitted() -> None:
+    """A record of half a swing tells nothing at a glance."""
+    time = np.linspace(0.0, 1.0, 24)
+    found = candidates(PistonRecord(time, 0.06 + 0.001 * np.cos(3.0 * time)))
+    assert len(found.laws) >= 1
+    assert found.laws[0].name == "linear"
+
+
+def test_a_column_that_drives() -> None:
+    time = np.linspace(0.0, 6.0, 600)
+    record = PistonRecord(
+        time, 0.06 + 0.001 * np.cos(20.0 * time),
+        extra={"u": np.sin(3.0 * time), "still": np.zeros(600), "load cell": time},
+    )  # fmt: skip
+    assert unused_columns(record, (LAWS["linear"],)) == ("u", "load cell")
+    law = driven_law(LAWS["linear"], record, "u")
+    assert law.inputs == ("u",)
+    assert set(law.parameters) == {"lam", "omega", "g0", "gain"}
+    assert unused_columns(record, (law,)) == ("load cell",)
+    for name, words in (
+        ("w", "no column 'w'; further columns: 'u'"), ("still", "is zero everywhere"),
+        ("load cell", "rename it"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            driven_law(LAWS["linear"], record, name)

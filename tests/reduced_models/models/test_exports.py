@@ -1,0 +1,174 @@
+"""Models as code in other languages: the same motion, and no text of a user's in the code."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import importlib.util
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular.shared.errors import InputError
+from reduced_models import ReducedModel, load_model
+from reduced_models.laws.catalogue import law_named
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.law import law_from_text
+from reduced_models.models.export_c import c_source
+from reduced_models.models.export_matlab import matlab_source
+from reduced_models.models.export_modelica import modelica_source
+from reduced_models.models.export_parts import comment, safe_names
+
+SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+TIMES = np.linspace(0.0, 2.0, 101)
+LAWS = {
+    "linear": ({"lam": 0.8, "omega": 21.0, "g0": 26.0}, (0.062, 0.0), HeightMap()),
+    "power-law-spring": (
+        {"lam": 0.8, "weight": 11.0, "rest": 0.059, "power": 2.54}, (0.061, 0.01), HeightMap(),
+    ),
+    "van-der-pol-like": (
+        {"alpha": 4.0, "omega": 21.0, "g0": -20.0}, (0.061, 0.0), HeightMap(0.06, 0.02, True),
+    ),
+    "quadratic-drag": ({"c": 90.0, "omega": 21.0, "g0": 26.0}, (0.062, -0.02), HeightMap()),
+    "bouc-wen": (
+        {"omega": 21.0, "friction": 0.1, "rho": 2000.0, "sigma": 0.8, "g0": 26.0}, (0.061, 0.0),
+        HeightMap(),
+    ),
+}  # fmt: skip
+
+
+def model_of(name: str) -> ReducedModel:
+    """A law with numbers, as a model."""
+    parameters, initial, height_map = LAWS[name]
+    return dataclasses.replace(
+        load_model(SAVED), law=law_named(name), parameters=parameters, initial=initial,
+        map=height_map, at_rest=None, hidden={}, provenance={},
+    )  # fmt: skip
+
+
+def with_step(model: ReducedModel) -> ReducedModel:
+    """With a level of rest, of which exports take the period."""
+    at_rest = load_model(SAVED).at_rest
+    assert at_rest is not None
+    period = 2.0 * np.pi / 21.0
+    return dataclasses.replace(model, at_rest=dataclasses.replace(at_rest, period=period))
+
+
+def close(found: np.ndarray, model: ReducedModel) -> bool:
+    """Whether heights at `TIMES` are the model's own to 1e-6 of the swing."""
+    ours = model.simulate(TIMES).height
+    swing = float(np.abs(ours - ours[-1]).max())
+    return bool(np.abs(found - ours).max() < 1e-6 * swing)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+@pytest.mark.parametrize("name", LAWS)
+def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
+    model = with_step(model_of(name))
+    model.export(tmp_path / "model.c")
+    done = subprocess.run(
+        ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC",
+         str(tmp_path / "model.c"), "-o", str(tmp_path / "model.so"), "-lm"],
+        check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    heights, numbers = np.empty_like(TIMES), ctypes.POINTER(ctypes.c_double)
+    ctypes.CDLL(str(tmp_path / "model.so")).model_simulate(
+        TIMES.ctypes.data_as(numbers), len(TIMES), None, None, heights.ctypes.data_as(numbers)
+    )
+    assert close(heights, model)
+
+
+@pytest.mark.skipif(shutil.which("octave") is None, reason="there is no octave")
+@pytest.mark.parametrize("name", ["linear", "power-law-spring", "van-der-pol-like"])
+def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
+    model = with_step(model_of(name))
+    model.export(tmp_path / "damper.m")
+    program = "h = damper(linspace(0, 2, 101)); printf('%.17g\\n', h)"
+    done = subprocess.run(
+        ["octave", "--no-gui", "--quiet", "--norc", "--eval", program],
+        check=False, capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert close(np.array(done.stdout.split(), dtype=float), model)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+@pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
+@pytest.mark.parametrize("name", ["linear", "power-law-spring", "bouc-wen"])
+def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
+    import fmpy
+    from fmpy.validation import validate_fmu
+
+    model = with_step(model_of(name))
+    model.export(tmp_path / "damper.fmu")
+    assert validate_fmu(str(tmp_path / "damper.fmu")) == []
+    found = fmpy.simulate_fmu(str(tmp_path / "damper.fmu"), stop_time=2.0, output_interval=0.02)
+    np.testing.assert_allclose(found["time"], TIMES, atol=1e-12)
+    assert close(found["height"], model)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_modelica_text_declares_all_that_it_names(name: str) -> None:
+    """No Modelica program was at hand to run it: its names and brackets are looked at."""
+    text = modelica_source(model_of(name))
+    code = re.sub(r'//.*|"[^"\n]*"', "", text)
+    known = {
+        "model", "parameter", "Real", "unit", "start", "fixed", "true", "protected", "equation",
+        "der", "end", "DamperModel", "abs", "sign", "tanh", "e",
+    }  # fmt: skip
+    declared = set(re.findall(r"Real (\w+)", code))
+    assert set(re.findall(r"[A-Za-z_]\w*", code)) <= known | declared
+    assert code.count("(") == code.count(")")
+    assert "**" not in code
+
+
+HOSTILE = (
+    "*/ #error x", "//\\", "??/", "\n#include <x>", '"; system("x")', "%}", "\u2028x", "\x00",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+@pytest.mark.parametrize("source", [c_source, matlab_source, modelica_source])
+def test_words_of_a_user_stay_in_comments(
+    words: str, source: Callable[[ReducedModel], str]
+) -> None:
+    model = model_of("linear")
+    plain = source(dataclasses.replace(model, provenance={"data": "x"}))
+    law = dataclasses.replace(model.law, name=words, source=words)
+    hostile = source(dataclasses.replace(model, law=law, provenance={"data": words}))
+    assert hostile.isascii()
+    assert hostile.count("\n") == plain.count("\n")
+    kept = [line for line in hostile.splitlines() if line in plain.splitlines()]
+    changed = [line for line in hostile.splitlines() if line not in kept]
+    assert all(re.match(r"\s*(/\*.*\*/$|//|%|model DamperModel \")", line) for line in changed)
+    assert all("\\" not in line and "*/" not in line[:-2] for line in changed)
+
+
+def test_names_in_any_alphabet_and_words_of_a_language() -> None:
+    assert safe_names("p_", ("double", "λ", "lambda", "end", "k_1")) == (
+        "p_double", "p_lamda", "p_lambda", "p_end", "p_k_1",
+    )  # fmt: skip
+    assert len(set(safe_names("p_", ("α", "alpha")))) == 2
+    law = law_from_text("z'' + double*z' + λ*max(z, 0) = end")
+    model = dataclasses.replace(
+        model_of("linear"), law=law, parameters={"double": 1.0, "λ": 400.0, "end": 0.0}
+    )
+    assert "p_double" in c_source(model)
+    assert "fmax(" in c_source(model)
+    assert comment("a\\") == "a/"
+
+
+def test_a_wrong_ending_or_name_is_said(tmp_path: Path) -> None:
+    model = model_of("linear")
+    with pytest.raises(InputError, match=r"give one of \.py, \.c, \.m, \.mo, \.fmu"):
+        model.export(tmp_path / "model.exe")
+    for name in ("2nd.m", "a-b.m", "end.m", "x y.mo"):
+        with pytest.raises(InputError, match="cannot be a function's name"):
+            model.export(tmp_path / name)
+    assert not list(tmp_path.iterdir())
