@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.console import (
     Parser,
+    add_changes,
     add_import,
     add_output,
     add_run,
@@ -87,6 +88,10 @@ mine.py:
   @observable("N", "greatest force on a grain")
   def greatest_force(frame):
       return np.nanmax(np.linalg.norm(frame.forces, axis=1))""",
+    "warm-up": """\
+examples:
+  %(prog)s                    (all packaged scenes; for images and continuous integration)
+  %(prog)s damper my-bed.toml --set effects.friction=true""",
     "render": """\
 examples:
   %(prog)s runs/bed -o bed.png --colour force
@@ -126,7 +131,17 @@ def parser(prog: str = PROG) -> Parser:
     _add_export(add("export", "write a run for other programs"))
     _add_render(add("render", "draw a still or a movie of a run"))
     _add_sweep(add("sweep", "run a scene under many changes, from a study's file"))
+    _add_warm_up(add("warm-up", "compile what scenes need, once and for all later starts"))
     return top
+
+
+def _add_warm_up(one: Parser) -> None:
+    one.add_argument(
+        "scenes", metavar="SCENE", nargs="*", help="names or TOML files (all packaged scenes)"
+    )
+    add_changes(one)
+    add_import(one)
+    add_output(one)
 
 
 def _add_sweep(one: Parser) -> None:
@@ -197,7 +212,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
     options = parser(prog).parse_args(arguments)
     commands = {
         "scenes": _scenes, "show": _show, "run": _run, "export": _export, "render": _render,
-        "sweep": _sweep, "observe": _observe,
+        "sweep": _sweep, "observe": _observe, "warm-up": _warm_up,
     }  # fmt: skip
     commands[options.command](options)
 
@@ -380,6 +395,29 @@ def _render_movie(options: Any) -> None:
         progress=not options.quiet,
     )
     emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+
+
+def _warm_up(options: Any) -> None:
+    from granular.compiled.cache import cache_folder
+    from granular.own import import_own
+    from granular.run.warm_up import warm_up
+    from granular.scene.loading import load_scene, scene_names
+
+    import_own(options.own_files)
+    changes = changes_from(options.changes)
+    scenes = [load_scene(name).replace(**changes) for name in options.scenes or scene_names()]
+    seconds = warm_up(scenes)
+    folder = cache_folder()
+    if folder is None:
+        raise InputError(
+            "there is no folder to keep compiled code in; name one of your own in NUMBA_CACHE_DIR"
+        )
+    lines = [f"{name}: {time:.1f} s" for name, time in seconds.items()]
+    emit(
+        {"seconds": seconds, "folder": str(folder)},
+        "\n".join([*lines, f"compiled code is in {folder}"]),
+        options.json,
+    )
 
 
 def _sweep(options: Any) -> None:

@@ -12,10 +12,12 @@ from typing import Any, NoReturn, TypeVar, overload
 
 import numba
 import numpy as np
+from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
 from granular.compiled.cache import KernelCache
+from granular.compiled.linking import EntryCompiler, InnerCompiler
 from granular.compiled.source import PACKAGE
 
 __all__ = ["Array", "compiled", "entry"]
@@ -50,8 +52,7 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     parallel : bool
         Run its ``prange`` loops on Numba's threads.
     inline : bool
-        Put the code into every caller. A call that passes the whole state writes some 200 words;
-        several of them in a step took 30 % of the time of 92 grains.
+        Put the code into every caller, for what is met at every step and is short.
 
     Raises
     ------
@@ -61,7 +62,9 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     if function is None:
         return functools.partial(compiled, parallel=parallel, inline=inline)
     bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    kernel = _kernel(function, parallel=parallel, forceinline=inline, **bare)
+    # Code on threads is reached by its address, so it stands by itself.
+    compiler = Compiler if parallel else InnerCompiler
+    kernel = _kernel(function, compiler, parallel=parallel, forceinline=inline, **bare)
     if isinstance(kernel, CPUDispatcher):  # a plain function where compiling is switched off
         kernel.__class__ = InnerKernel
     return kernel
@@ -83,11 +86,14 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
     """
     if function is None:
         return functools.partial(entry, inline=inline)
-    return _kernel(getattr(function, "py_func", function), forceinline=inline)
+    plain = getattr(function, "py_func", function)
+    return _kernel(plain, EntryCompiler, forceinline=inline, no_cfunc_wrapper=True)
 
 
-def _kernel(function: Any, **options: bool) -> Any:
-    kernel = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"}, **options)(function)
+def _kernel(function: Any, compiler: type[Compiler], **options: bool) -> Any:
+    kernel = numba.njit(
+        error_model="numpy", nogil=True, fastmath={"contract"}, pipeline_class=compiler, **options
+    )(function)
     # What stands elsewhere is not in the digest of the sources, and is compiled in every process.
     if isinstance(kernel, CPUDispatcher) and function.__module__.startswith(f"{PACKAGE.name}."):
         kernel._cache = KernelCache(function, kernel.targetoptions)

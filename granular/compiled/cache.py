@@ -24,9 +24,9 @@ from typing import Any
 import llvmlite
 import numba
 from numba.core.caching import _Cache
-from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
+from granular.compiled.linking import rebuilt
 from granular.compiled.source import PACKAGE, raw_digest, source_files, syntax_digest
 from granular.shared.caches import own_folder, read_sealed, toolkit_cache, write_sealed
 
@@ -112,7 +112,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         if body is None:
             return None
         types, payload = pickle.loads(body)
-        return CompileResult._rebuild(target_context, *payload) if types == sig else None
+        return rebuilt(target_context, payload) if types == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a form."""

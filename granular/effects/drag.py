@@ -18,6 +18,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from granular.compiled import Array, compiled, entry
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.compensation import speed_up
@@ -53,6 +55,18 @@ class Drag(Effect):
         return DragLaw(self.decay_rate(setting.scales))
 
 
+class LastFlow(NamedTuple):
+    """The flow over the last span.
+
+    Attributes
+    ----------
+    values : float64 (7,)
+        The span [tau], what `flow` returned for it, and exp(-c span) - 1.
+    """
+
+    values: np.ndarray
+
+
 class DragLaw(NamedTuple):
     """Drag as the kernels take it.
 
@@ -64,23 +78,27 @@ class DragLaw(NamedTuple):
 
     rate: float
 
+    def room(self, size: int, count: int) -> LastFlow:
+        """Room for the last flow: steps of one length have one, and exponentials take long."""
+        return LastFlow(np.full(7, np.nan))
+
     @staticmethod
     @compiled(inline=True)
     def kick(
-        law: DragLaw, room: None, place: int, span: float, state: State, constants: Constants,
+        law: DragLaw, room: LastFlow, place: int, span: float, state: State, constants: Constants,
         opening: bool,
     ) -> int:  # fmt: skip
         """Force and drag together, exactly."""
         _kick(
-            state.rounding, law.rate, span, state, constants.grains, constants.masses,
-            LOSSES + place,
+            state.rounding, room.values, law.rate, span, state, constants.grains,
+            constants.masses, LOSSES + place,
         )  # fmt: skip
         return 0
 
     @staticmethod
     @compiled
     def slow(
-        law: DragLaw, room: None, place: int, slopes: Array, span: float, state: State,
+        law: DragLaw, room: LastFlow, place: int, slopes: Array, span: float, state: State,
         constants: Constants,
     ) -> int:  # fmt: skip
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
@@ -96,11 +114,14 @@ class DragLaw(NamedTuple):
 
 @compiled(inline=True)
 def _kick(
-    rounding: Array | None, rate: float, span: float, state: State, count: int,
+    rounding: Array | None, last: Array, rate: float, span: float, state: State, count: int,
     masses: Array | None, loss_entry: int,
 ) -> None:  # fmt: skip
-    decay, gain, a, b, c = flow(rate, span)
-    loss = math.expm1(-rate * span)
+    if last[0] != span:
+        last[0] = span
+        last[1], last[2], last[3], last[4], last[5] = flow(rate, span)
+        last[6] = math.expm1(-rate * span)
+    decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(count):
         mass = 1.0
         if masses is not None:

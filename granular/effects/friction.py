@@ -181,6 +181,10 @@ class FrictionLaw(NamedTuple):
         return 0
 
 
+Flow = tuple[float, float, float, float, float]
+"""Of `granular.effects.drag.flow`."""
+
+
 @compiled
 def normal_force(law: FrictionLaw, load: Array, i: int) -> float:
     """Normal force [F*] on a grain, from its sum over 1/r^3."""
@@ -211,12 +215,21 @@ def _enter_drag(entry: int | None, state: State, energy: float) -> None:
         state.ledger[entry] += energy
 
 
-@compiled
+@compiled(inline=True)
+def _length(x: float, y: float) -> float:
+    """Of a vector whose squares neither overflow nor matter where they vanish.
+
+    ``hypot`` heeds both, and took a third of a step.
+    """
+    return math.sqrt(x * x + y * y)
+
+
+@compiled(inline=True)
 def _push_grain(
-    entry: int | None, rate: float, span: float, share: float, state: State, i: int, mass: float
+    entry: int | None, flow: Flow, share: float, state: State, i: int, mass: float
 ) -> None:
     """Kick and drag of one grain under a share of its force."""
-    decay, gain, a, b, c = drag.flow(rate, span)
+    decay, gain, a, b, c = flow
     ax, ay = share * state.fx[i] / mass, share * state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
     state.vx[i] = decay * vx + gain * ax
@@ -227,25 +240,25 @@ def _push_grain(
 
 @compiled
 def _start_grain(
-    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
-) -> None:
+    law: FrictionLaw, rate: float, span: float, flow: Flow, state: State, i: int, mass: float,
+    load: float,
+) -> None:  # fmt: skip
     """A grain at rest: it stays, or starts to slide along the force on it."""
-    force = math.hypot(state.fx[i], state.fy[i])
+    force = _length(state.fx[i], state.fy[i])
     if force <= law.static * load:
         return
     share = 1.0 - law.dynamic * load / force
-    _push_grain(law.drag, rate, span, share, state, i, mass)
-    _, gain, _, _, _ = drag.flow(rate, span)
-    way = drag.way(rate, span, gain, 0.0, share * force / mass)
+    _push_grain(law.drag, flow, share, state, i, mass)
+    way = drag.way(rate, span, flow[1], 0.0, share * force / mass)
     state.ledger[law.entry] += law.dynamic * load * way
 
 
-@compiled
+@compiled(inline=True)
 def _rub_grain(
     law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float
 ) -> None:
     """A sliding grain loses speed, and stops where it has no more."""
-    speed = math.hypot(state.vx[i], state.vy[i])
+    speed = _length(state.vx[i], state.vy[i])
     left = sliding(speed, law.dynamic * load * span / mass)
     state.vx[i] *= left
     state.vy[i] *= left
@@ -254,18 +267,19 @@ def _rub_grain(
 
 @compiled
 def _slide_grain(
-    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
-) -> None:
+    law: FrictionLaw, rate: float, span: float, flow: Flow, state: State, i: int, mass: float,
+    load: float,
+) -> None:  # fmt: skip
     """Force, drag and friction together, friction against the mean direction of the motion.
 
     One after the other, as fast grains take them, they would give a creeping grain more energy in
     each step than it has.
     """
-    decay, gain, a, b, c = drag.flow(rate, span)
+    decay, gain, a, b, c = flow
     ax, ay = state.fx[i] / mass, state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
     ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
-    length = math.hypot(ux, uy)
+    length = _length(ux, uy)
     if length == 0.0:
         _turn_grain(law, rate, span, state, i, mass, load)
         return
@@ -291,11 +305,12 @@ def _turn_grain(
     law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
 ) -> None:
     """A grain that comes to rest within the span; the force may set it off for what is left."""
-    speed = math.hypot(state.vx[i], state.vy[i])
+    speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
     _stop_grain(law, rate, state, i, mass, load)
-    _start_grain(law, rate, max(span - spent, 0.0), state, i, mass, load)
+    left = max(span - spent, 0.0)
+    _start_grain(law, rate, left, drag.flow(rate, left), state, i, mass, load)
 
 
 @compiled
@@ -304,27 +319,31 @@ def _kick_with_friction(
     masses: Array | None, opening: bool,
 ) -> None:  # fmt: skip
     assert state.load is not None
+    flow = drag.flow(rate, span)
     for i in range(constants.grains):
         mass = 1.0
         if masses is not None:
             mass = masses[i]
         load = normal_force(law, state.load, i)
-        if state.vx[i] == 0.0 and state.vy[i] == 0.0:
-            _start_grain(law, rate, span, state, i, mass, load)
-        elif _sticks(law, span, state, i, mass, load):
+        speed = _length(state.vx[i], state.vy[i])
+        if speed == 0.0:
+            _start_grain(law, rate, span, flow, state, i, mass, load)
+        elif _sticks(law, span, speed, state, i, mass, load):
             _stop_grain(law, rate, state, i, mass, load)
-        elif _slow(law, span, state, i, mass, load):
-            _slide_grain(law, rate, span, state, i, mass, load)
+        elif _slow(law, span, speed, state, i, mass, load):
+            _slide_grain(law, rate, span, flow, state, i, mass, load)
         elif opening:
-            _push_grain(law.drag, rate, span, 1.0, state, i, mass)
+            _push_grain(law.drag, flow, 1.0, state, i, mass)
             _rub_grain(law, span, state, i, mass, load)
         else:
             _rub_grain(law, span, state, i, mass, load)
-            _push_grain(law.drag, rate, span, 1.0, state, i, mass)
+            _push_grain(law.drag, flow, 1.0, state, i, mass)
 
 
-@compiled
-def _sticks(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
+@compiled(inline=True)
+def _sticks(
+    law: FrictionLaw, span: float, speed: float, state: State, i: int, mass: float, load: float
+) -> bool:
     """Whether the force, and friction with it, stop the grain in the span, and friction holds it.
 
     A grain must not be carried through rest to the other side, where dynamic friction would let go
@@ -332,9 +351,8 @@ def _sticks(law: FrictionLaw, span: float, state: State, i: int, mass: float, lo
     """
     vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
     against = -(vx * fx + vy * fy)
-    if against <= 0.0 or math.hypot(fx, fy) > law.static * load:
+    if against <= 0.0 or _length(fx, fy) > law.static * load:
         return False
-    speed = math.hypot(vx, vy)
     return speed * mass <= span * (against / speed + law.dynamic * load)
 
 
@@ -343,7 +361,7 @@ def _stop_grain(
     law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float
 ) -> None:
     """Stop a grain; friction and drag take their shares, the rest becomes potential energy."""
-    speed = math.hypot(state.vx[i], state.vy[i])
+    speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load
     way = drag.stopping_way(rate, speed, (friction + against) / mass)
@@ -352,15 +370,16 @@ def _stop_grain(
     state.vx[i] = state.vy[i] = 0.0
 
 
-@compiled
-def _slow(law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float) -> bool:
+@compiled(inline=True)
+def _slow(
+    law: FrictionLaw, span: float, speed: float, state: State, i: int, mass: float, load: float
+) -> bool:
     """Whether the force and twice the friction would stop the grain in the span.
 
     Force and friction must then act together, or a grain that is pushed on would be stopped for
     good: the static friction that then holds it is greater.
     """
     vx, vy = state.vx[i], state.vy[i]
-    speed = math.hypot(vx, vy)
     against = max(-(vx * state.fx[i] + vy * state.fy[i]) / speed, 0.0)
     return speed * mass < span * (against + 2.0 * law.dynamic * load)
 
@@ -372,20 +391,20 @@ def _kick_regularised(
 ) -> None:  # fmt: skip
     """The source's law: friction as one more force, from the velocity before the kick."""
     assert state.load is not None
+    decay, gain, a, b, c = drag.flow(rate, span)
     for i in range(constants.grains):
         mass = 1.0
         if masses is not None:
             mass = masses[i]
         load = normal_force(law, state.load, i)
-        force = math.hypot(state.fx[i], state.fy[i])
+        force = _length(state.fx[i], state.fy[i])
         vx, vy = state.vx[i], state.vy[i]
-        speed = math.hypot(vx, vy)
+        speed = _length(vx, vy)
         if force <= law.static * load and speed < threshold:
             rx, ry = -state.fx[i], -state.fy[i]
         else:
             brake = law.dynamic * load / (speed + threshold)
             rx, ry = -brake * vx, -brake * vy
-        decay, gain, a, b, c = drag.flow(rate, span)
         ax, ay = (state.fx[i] + rx) / mass, (state.fy[i] + ry) / mass
         state.vx[i] = decay * vx + gain * ax
         state.vy[i] = decay * vy + gain * ay

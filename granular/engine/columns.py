@@ -91,6 +91,11 @@ def energies(rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.concatenate(terms, axis=1).sum(axis=1))
 
 
+def energy(row: np.ndarray) -> float:
+    """Energy of grains and piston in one record."""
+    return float(energies(row[None])[0])
+
+
 def losses(rows: np.ndarray) -> np.ndarray:
     """Energy lost up to each record (r,)."""
     return np.asarray(rows[:, _middle(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from granular.compiled import Array, compiled, entry
+from granular.compiled import Array, compiled
 from granular.engine.compensation import speed_up
 from granular.engine.constants import Constants, moments_of
 from granular.engine.state import State
 from granular.pairs.far_field import FarForces, find_far_forces
 
 
-@entry(inline=True)
+@compiled(inline=True)
 def find_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
     """Find the far field at the present places; 1 where its mesh has no room for them."""
     if far is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import sum_over
+from granular.compiled.reference import by_reference
 from granular.effects.dipole import ENERGY
 from granular.engine.constants import Constants, moments_of, over_mass
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
@@ -67,7 +68,7 @@ _add_forces = sum_over("add_forces", "state constants time")
 _measure = sum_over("measure", "state constants time stiffness energies", backward=True)
 
 
-@entry(inline=True)
+@compiled(inline=True)
 def compute_forces(state: State, constants: Constants, time: float) -> int:
     """Overwrite the forces on the grains and the walls, at a time [tau].
 
@@ -83,7 +84,7 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
     return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
 
 
-@entry
+@compiled
 def measure_forces(
     state: State, constants: Constants, time: float, measurement: Measurement
 ) -> int:
@@ -98,7 +99,7 @@ def measure_forces(
     return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
 
 
-@entry
+@compiled
 def kinetic_energy(state: State, constants: Constants) -> tuple[float, float]:
     """Kinetic energy of the grains [F* D], and the square of the greatest speed."""
     fastest = 0.0
@@ -118,7 +119,7 @@ def _mass_sum(state: State, masses: Array | None) -> float:
     return lane_sum(state.scratch)
 
 
-@entry
+@compiled
 def potential_energies(
     state: State, constants: Constants, time: float, measurement: Measurement, energies: Array
 ) -> float:
@@ -135,3 +136,21 @@ def potential_energies(
     energies[:] = 0.0
     _measure(constants.acting.laws, state.rooms, state, constants, time, stiffness, energies)
     return ENERGY * measurement.extremes[0] + far_energy(state.far_forces)
+
+
+@entry
+def evaluate_forces(
+    state: State, constants: Constants, measurement: Measurement, energies: Array
+) -> tuple[int, float, float]:
+    """Overwrite all forces, and fill ``energies`` with that of each law, at time 0.
+
+    Returns
+    -------
+    tuple of (int, float, float)
+        Zero while every grain is where it can be; energy of the pairs, and of motion [F* D].
+    """
+    state, constants = by_reference(state), by_reference(constants)
+    measurement = by_reference(measurement)
+    outside = measure_forces(state, constants, 0.0, measurement)
+    pairs = potential_energies(state, constants, 0.0, measurement, energies)
+    return outside, pairs, kinetic_energy(state, constants)[0]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
+from granular.compiled.reference import by_reference
 from granular.effects.walls import TOP
 from granular.engine import columns
 from granular.engine.constants import Constants
@@ -71,7 +72,7 @@ class Watch(NamedTuple):
     floor: float
 
 
-@entry
+@compiled
 def measure(
     time: float,
     state: State,
@@ -203,14 +204,9 @@ def _make_tick(
             else:
                 state.clock[SHORTEST] = min(state.clock[SHORTEST], h)
                 state.clock[LONGEST] = max(state.clock[LONGEST], h)
-        if last:
-            outside = make_step(
-                plan.tableau, plan, h, time, window.start, state, constants, motion, measurement
-            )
-        else:
-            outside = make_step(
-                plan.tableau, plan, h, time, window.start, state, constants, motion, None
-            )
+        outside = make_step(
+            plan.tableau, plan, h, time, window.start, state, constants, motion, measurement, last
+        )
         if every is not None and step == span_end:
             if not last:
                 outside += find_far_field(state.far_forces, state, constants)
@@ -236,7 +232,7 @@ def advance(
     watch: Watch,
     rows: Array,
 ) -> tuple[int, int, int]:
-    """Advance tick by tick.
+    """Advance tick by tick; no ticks are a look at the present moment alone.
 
     Parameters
     ----------
@@ -248,6 +244,31 @@ def advance(
     tuple of int
         Status; ticks made; records written.
     """
+    return _advance(
+        by_reference(window), by_reference(pace), by_reference(plan), by_reference(state),
+        by_reference(constants), by_reference(motion), by_reference(measurement),
+        by_reference(watch), rows,
+    )  # fmt: skip
+
+
+@compiled
+def _look(
+    window: Window, state: State, constants: Constants, motion: Motion, measurement: Measurement,
+    row: Array,
+) -> int:  # fmt: skip
+    time = window.start + state.clock[TIME]
+    outside = measure_forces(state, constants, time, measurement)
+    measure(time, state, constants, motion, measurement, row)
+    return OUTSIDE if outside > 0 else RUNNING
+
+
+@compiled
+def _advance(
+    window: Window, pace: Pace, plan: Plan, state: State, constants: Constants, motion: Motion,
+    measurement: Measurement, watch: Watch, rows: Array,
+) -> tuple[int, int, int]:  # fmt: skip
+    if window.ticks == 0:
+        return _look(window, state, constants, motion, measurement, rows[0]), 0, 0
     kept = 0
     for tick in range(window.first, window.first + window.ticks):
         outside = _make_tick(
@@ -283,3 +304,20 @@ def advance(
         if row[columns.STIFFEST] * pace.h > watch.stiff:
             return STIFF, done - window.first, kept
     return RUNNING, window.ticks, kept
+
+
+def look(
+    start: float, plan: Plan, state: State, constants: Constants, motion: Motion,
+    measurement: Measurement, row: Array,
+) -> bool:  # fmt: skip
+    """Find forces and a record of the present moment; whether a grain is where none can be.
+
+    In a stage that began at ``start`` [tau]. It is a call of the loop without ticks: a kernel of
+    its own would be compiled besides.
+    """
+    status, _, _ = advance(
+        Window(start, 0.0, math.inf, 0, 0), Pace(1.0, 1.0, 1, 1, 1, 0), plan, state, constants,
+        motion, measurement,
+        Watch(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf), row[None],
+    )  # fmt: skip
+    return bool(status == OUTSIDE)

@@ -109,7 +109,7 @@ def _move_to_stage(
 @compiled
 def runge_kutta_step(
     tableau: Array, slopes: Slopes, h: float, time: float, start: float, state: State,
-    constants: Constants, motion: Motion, measurement: Measurement | None,
+    constants: Constants, motion: Motion, measurement: Measurement, measuring: bool,
 ) -> int:  # fmt: skip
     """See `granular.engine.step.make_step`; the work and the losses are integrated alike.
 
@@ -132,7 +132,7 @@ def runge_kutta_step(
     _move_to_stage(tableau[stages], slopes, h, end, state, count, motion)
     if not motion.free:
         state.ledger[WORK] += piston_energy(state, constants, start + end) - before
-    if measurement is not None:
+    if measuring:
         outside += measure_forces(state, constants, start + end, measurement)
     else:
         outside += compute_forces(state, constants, start + end)

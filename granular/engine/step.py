@@ -68,7 +68,7 @@ def drift_grains(rounding: Array | None, span: float, state: State, count: int) 
 @compiled(inline=True)
 def make_step(
     tableau: Array | None, plan: Plan, h: float, time: float, start: float, state: State,
-    constants: Constants, motion: Motion, measurement: Measurement | None,
+    constants: Constants, motion: Motion, measurement: Measurement, measuring: bool,
 ) -> int:  # fmt: skip
     """Make one step, from ``time`` in the stage, which began at ``start`` [tau].
 
@@ -76,17 +76,19 @@ def make_step(
     ----------
     tableau
         That of the plan.
+    measuring : bool
+        Whether the last forces are measured.
 
     Returns
     -------
     int
-        Zero while every grain is where it can be; the last forces are measured if asked.
+        Zero while every grain is where it can be.
     """
     outside = 0
     if tableau is not None:
         assert state.slopes is not None
         outside = runge_kutta_step(
-            tableau, state.slopes, h, time, start, state, constants, motion, measurement
+            tableau, state.slopes, h, time, start, state, constants, motion, measurement, measuring
         )
     else:
         stage = time
@@ -107,7 +109,7 @@ def make_step(
                 drift_grains(state.rounding, span, state, constants.grains)
                 drift_piston(span, state, constants, motion, stage, start)
                 last = k == stages - 1
-                if last and measurement is not None:
+                if last and measuring:
                     outside += measure_forces(state, constants, start + stage, measurement)
                 elif not last or kicks[stages] != 0.0 or kicks[0] != 0.0:
                     outside += compute_forces(state, constants, start + stage)

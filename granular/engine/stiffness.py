@@ -9,6 +9,7 @@ import math
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import greatest_over, sum_over
+from granular.compiled.reference import by_reference
 from granular.effects.dipole import head_on_stiffness
 from granular.engine.constants import Constants
 from granular.engine.state import Measurement, State
@@ -20,6 +21,12 @@ _against_piston = sum_over("against_piston", "state constants slopes")
 
 @entry
 def collision_frequency(constants: Constants, speed: float) -> float:
+    """See `highest_collision`."""
+    return highest_collision(by_reference(constants), speed)
+
+
+@compiled
+def highest_collision(constants: Constants, speed: float) -> float:
     """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
 
     Two grains of this speed meet head-on, or one of them meets a wall: their energy fixes the
@@ -60,4 +67,4 @@ def stiffest_mode(
         _against_piston(constants.acting.laws, state.rooms, state, constants, slopes)
         total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
-    return max(math.sqrt(highest), collision_frequency(constants, speed))
+    return max(math.sqrt(highest), highest_collision(constants, speed))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from granular.compiled import compiled, entry
+from granular.compiled.reference import by_reference
 from granular.engine.constants import Constants, Sides, moments_of
 from granular.engine.state import HEIGHT, SPEED, State
 from granular.pairs.density import step_density
@@ -55,6 +56,7 @@ def open_density(
     longest : float
         Longest step [tau].
     """
+    state, constants = by_reference(state), by_reference(constants)
     state.clock[SQUARE] = speed * speed
     state.clock[LEAST] = fraction / longest
     density, rate = _density(state, constants)

@@ -22,6 +22,10 @@ LEAST_KNOTS, MOST_KNOTS = 64, 2**17
 class Course(Parametric, Stage):
     """A stage with a formula of time."""
 
+    @property
+    def tabled(self) -> bool:
+        return True
+
     def course(self, duration: float, height: float | None) -> tuple[np.ndarray, np.ndarray]:
         """Knots (k,) [s], and the values and slopes there (2, k) in SI, from t = 0 to the end."""
         given = [self.parameter(name)[0] for name, _ in self.values]

@@ -32,6 +32,10 @@ class Follow(Stage):
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must increase from 0, with at least two values", "times")
 
+    @property
+    def tabled(self) -> bool:
+        return True
+
     def span(self, height: float) -> float | None:
         return self.times[-1]
 

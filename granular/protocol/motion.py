@@ -7,14 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.compiled import compiled, entry
+from granular.compiled import Array, compiled, entry
 
 STRAIGHT, DESCENT, SINE, TABLE, SPLINE = range(5)
-_NO_TABLE = np.zeros(2)
+_NONE = np.zeros(2)
 
 
 class Motion(NamedTuple):
-    """How the piston moves during a stage. One type for all kinds, so that all share one code.
+    """How the piston moves during a stage.
+
+    All kinds of a protocol are one type, so that they share one code; only without tables and
+    splines there is none for these.
 
     Attributes
     ----------
@@ -37,9 +40,9 @@ class Motion(NamedTuple):
         Amplitude and mean of the outer force on a free piston [F*].
     limit : float
         Force on the piston that ends the stage [F*].
-    times : float64 (k,)
+    times : float64 (k,) or None
         Of the table, or the knots of the spline, equally far from each other [tau].
-    heights : float64 (k,) or (2 k,)
+    heights : float64 (k,) or (2 k,), or None
         Of the table [D]; of a spline the values, and behind them their slopes.
     """
 
@@ -54,23 +57,31 @@ class Motion(NamedTuple):
     push: float = 0.0
     bias: float = 0.0
     limit: float = math.inf
-    times: np.ndarray = _NO_TABLE
-    heights: np.ndarray = _NO_TABLE
+    times: np.ndarray | None = None
+    heights: np.ndarray | None = None
 
 
-@entry(inline=True)
+@entry
 def path(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
+    return _path(motion.times, motion.heights, motion, time)
+
+
+@compiled
+def _path(
+    times: Array | None, heights: Array | None, motion: Motion, time: float
+) -> tuple[float, float]:
     if motion.kind == DESCENT:
         return _descent(motion, time)
     if motion.kind == SINE:
         phase = motion.omega * time
         height = motion.start + motion.reach * math.sin(phase)
         return height, motion.reach * motion.omega * math.cos(phase)
-    if motion.kind == TABLE:
-        return _table(motion, time)
-    if motion.kind == SPLINE:
-        return _spline(motion, time)
+    if times is not None and heights is not None:
+        if motion.kind == TABLE:
+            return _table(times, heights, time)
+        if motion.kind == SPLINE:
+            return _spline(times, heights, time)
     return motion.start + motion.speed * time, motion.speed
 
 
@@ -85,10 +96,22 @@ def _descent(motion: Motion, time: float) -> tuple[float, float]:
 
 
 @compiled
-def _table(motion: Motion, time: float) -> tuple[float, float]:
+def _row_before(times: Array, time: float) -> int:
+    """The last row that is not behind a time, by bisection; -1 where there is none."""
+    low, high = 0, times.size
+    while low < high:
+        middle = (low + high) // 2
+        if times[middle] <= time:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
+@compiled
+def _table(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Straight lines from row to row; behind the last row its height."""
-    times, heights = motion.times, motion.heights
-    k = np.searchsorted(times, time, "right") - 1
+    k = _row_before(times, time)
     if k >= times.size - 1:
         return heights[-1], 0.0
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
@@ -96,18 +119,23 @@ def _table(motion: Motion, time: float) -> tuple[float, float]:
 
 
 @compiled
-def _spline(motion: Motion, time: float) -> tuple[float, float]:
+def _spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Value and slope of the cubic spline; behind its ends what they are."""
-    count = motion.times.size
-    h = motion.times[1]
+    count = times.size
+    h = times[1]
     k = min(max(int(time / h), 0), count - 2)
     s = min(max(time / h - k, 0.0), 1.0)
-    low, high = motion.heights[k], motion.heights[k + 1]
-    rise, left, right = high - low, h * motion.heights[count + k], h * motion.heights[count + k + 1]
+    low, high = heights[k], heights[k + 1]
+    rise, left, right = high - low, h * heights[count + k], h * heights[count + k + 1]
     bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
     return low + s * (left + s * (bend + s * twist)), (
         left + s * (2.0 * bend + 3.0 * s * twist)
     ) / h
+
+
+def tabled(motion: Motion) -> Motion:
+    """The same motion, of the type that motions by tables and splines are of."""
+    return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 
 def greatest_speed(
@@ -120,7 +148,8 @@ def greatest_speed(
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
         if motion.kind == SPLINE:
-            outer += float(np.abs(motion.heights[: motion.times.size]).max())
+            times, heights = _rows(motion)
+            outer += float(np.abs(heights[: times.size]).max())
         pull = gravity + outer / mass
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
     if motion.kind == DESCENT:
@@ -129,10 +158,18 @@ def greatest_speed(
     if motion.kind == SINE:
         return motion.reach * motion.omega
     if motion.kind == TABLE:
-        return float(np.abs(np.diff(motion.heights) / np.diff(motion.times)).max())
+        times, heights = _rows(motion)
+        return float(np.abs(np.diff(heights) / np.diff(times)).max())
     if motion.kind == SPLINE:
-        return float(np.abs(motion.heights[motion.times.size :]).max())
+        times, heights = _rows(motion)
+        return float(np.abs(heights[times.size :]).max())
     return abs(motion.speed)
+
+
+def _rows(motion: Motion) -> tuple[Array, Array]:
+    assert motion.times is not None
+    assert motion.heights is not None
+    return motion.times, motion.heights
 
 
 def drive_frequency(motion: Motion) -> float:
@@ -140,11 +177,12 @@ def drive_frequency(motion: Motion) -> float:
     if motion.kind == DESCENT:
         return motion.steepness / motion.span
     if motion.kind == TABLE:
-        return 1.0 / float(np.diff(motion.times).min())
+        return 1.0 / float(np.diff(_rows(motion)[0]).min())
     if motion.kind == SPLINE:
-        slopes = motion.heights[motion.times.size :]
+        times, heights = _rows(motion)
+        slopes = heights[times.size :]
         fastest = float(np.abs(slopes).max())
-        bend = float(np.abs(np.diff(slopes)).max()) / float(motion.times[1])
+        bend = float(np.abs(np.diff(slopes)).max()) / float(times[1])
         return bend / fastest if fastest > 0.0 else 0.0
     return motion.omega
 
@@ -152,6 +190,13 @@ def drive_frequency(motion: Motion) -> float:
 @compiled
 def outer_force(motion: Motion, time: float) -> float:
     """Force from outside on a free piston, upwards [F*]."""
-    if motion.kind == SPLINE:
-        return _spline(motion, time)[0]
+    return _outer_force(motion.times, motion.heights, motion, time)
+
+
+@compiled
+def _outer_force(times: Array | None, heights: Array | None, motion: Motion, time: float) -> float:
+    if times is not None and heights is not None and motion.kind == SPLINE:
+        return _spline(times, heights, time)[0]
+    if motion.push == 0.0:
+        return motion.bias
     return motion.bias + motion.push * math.sin(motion.omega * time)

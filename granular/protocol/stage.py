@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from granular.protocol.motion import Motion
+from collections.abc import Sequence
+
+from granular.protocol.motion import Motion, tabled
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError, Section, choice, quantity, text
 
@@ -24,6 +26,11 @@ class Stage(Section):
     @property
     def needs_piston(self) -> bool:
         return True
+
+    @property
+    def tabled(self) -> bool:
+        """Whether its motion is a table or a spline."""
+        return False
 
     @property
     def needs_mass(self) -> bool:
@@ -85,3 +92,9 @@ class Timed(Stage):
         if self.duration is None and self.until is not None:
             return REST_LIMIT
         return self.duration
+
+
+def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
+    """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
+    motion = stage.motion(height, scales)
+    return tabled(motion) if any(one.tabled for one in protocol) else motion

@@ -8,7 +8,7 @@ import numpy as np
 
 from granular.effects.walls import SIDES, TOP
 from granular.engine.far import total_force
-from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.forces import evaluate_forces
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.state import State, new_measurement, new_state
 from granular.engine.system import System, natural_system, own_code_compiles
@@ -84,16 +84,13 @@ def evaluate(
         constants.acting,
         METHODS["stormer-verlet"],
     )
-    measurement = new_measurement(state)
+    measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
     with unfinite_as(_misplaced), own_code_compiles(scene):
-        outside = measure_forces(state, constants, 0.0, measurement)
+        outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
     force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise _misplaced()
-    energies = np.zeros(len(constants.acting.laws))
-    potential = potential_energies(state, constants, 0.0, measurement, energies)
     potential += float(energies[::-1].sum())
-    kinetic, _ = kinetic_energy(state, constants)
     wall_forces = state.wall_forces * scales.force
     return Evaluation(
         force=force * scales.force,

@@ -14,8 +14,7 @@ from granular.engine import columns
 from granular.engine.checkpoint import Progress, entries_of_former, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.failures import countless, misplaced, restless, unbalanced
-from granular.engine.far import find_far_field, hold_far_field
-from granular.engine.forces import compute_forces, measure_forces
+from granular.engine.far import hold_far_field
 from granular.engine.ledger import Ledger, is_coarse
 from granular.engine.loop import (
     DEPARTED,
@@ -31,7 +30,7 @@ from granular.engine.loop import (
     Watch,
     Window,
     advance,
-    measure,
+    look,
 )
 from granular.engine.state import (
     HEIGHT,
@@ -58,7 +57,7 @@ from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, open_densit
 from granular.methods import Method
 from granular.protocol import Stage
 from granular.protocol.motion import Motion, drive_frequency, greatest_speed, path
-from granular.protocol.stage import Timed
+from granular.protocol.stage import Timed, stage_motion
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
 from granular.shared.errors import RunError, StoreError
@@ -147,11 +146,11 @@ class Run:
             values[:] = values[state.label[: len(values)]]
         self.constants = self.constants._replace(grains=memory["grains"])
         if self.progress.begun:
-            self.motion = self._stage.motion(self.progress.height, self.system.scales)
+            height, scales = self.progress.height, self.system.scales
+            self.motion = stage_motion(self.scene.protocol, self._stage, height, scales)
         # What is not kept follows from the positions; what is kept has the bits of the pass that
         # made it, which may have been a measuring one.
-        compute_forces(state, self.constants, self.time)
-        find_far_field(state.far_forces, state, self.constants)
+        self._look(_PLACE)
         put_arrays(state, kept)
         self._check_end()
 
@@ -225,8 +224,8 @@ class Run:
 
     def _look(self, remedy: str) -> np.ndarray:
         """Forces and a record of the present moment."""
-        outside = measure_forces(self.state, self.constants, self.time, self.measurement)
-        measure(self.time, self.state, self.constants, self.motion, self.measurement, self._row)
+        moved = self.progress.start, self.plan, self.state, self.constants, self.motion
+        outside = look(*moved, self.measurement, self._row)
         self._row[columns.TURNED] = self.seen[TURNED]
         if outside:
             raise self.misplaced(remedy)
@@ -243,7 +242,7 @@ class Run:
         if by:
             self._jump(by / scales.length)
         progress.height = float(self.state.piston[HEIGHT]) * scales.length
-        self.motion = stage.motion(progress.height, scales)
+        self.motion = stage_motion(self.scene.protocol, stage, progress.height, scales)
         if not self.motion.free:
             self._take_hold(path(self.motion, 0.0)[1])
         row = self._look(_PLACE)
@@ -263,14 +262,10 @@ class Run:
             self.ledger = Ledger.opened(row, coarse=is_coarse(self.scene))
 
     def _jump(self, by: float) -> None:
-        before = self._energy(self._look(_PLACE))
+        before = columns.energy(self._look(_PLACE))
         self.state.piston[HEIGHT] += by
         moved = f"stage {self._stage.name!r} sets the piston into the bed; let it end higher"
-        self.state.ledger[WORK] += self._energy(self._look(moved)) - before
-
-    @staticmethod
-    def _energy(row: np.ndarray) -> float:
-        return float(columns.energies(row[None])[0])
+        self.state.ledger[WORK] += columns.energy(self._look(moved)) - before
 
     def _take_hold(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
@@ -474,9 +469,9 @@ class Run:
 
     def _let_go(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self._energy(self._look(self.shorter))
+        before = columns.energy(self._look(self.shorter))
         self.constants = take_out(self.state, self.constants)
-        self.state.ledger[WORK] += self._energy(self._look(self.shorter)) - before
+        self.state.ledger[WORK] += columns.energy(self._look(self.shorter)) - before
 
     def _set_steps(self, frequency: float) -> None:
         if self.plan.fraction is None:

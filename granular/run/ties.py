@@ -8,18 +8,25 @@ from __future__ import annotations
 
 import numpy as np
 
+LEAST = 1e-18
+"""Between two records of one time near zero [s], where numbers of double precision lie denser."""
+
 
 def parted(times: np.ndarray) -> np.ndarray:
     """Times (m,) [s] as stored, as times that grow."""
     found = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(found) <= 0.0):
-        found[k + 1] = np.nextafter(found[k], np.inf)
+        found[k + 1] = found[k] + _apart(found[k])
     return found
 
 
 def joined(times: np.ndarray) -> np.ndarray:
     """Times (m,) [s] that grow, as they are stored."""
     found = np.array(times, dtype=np.float64)
-    for k in np.flatnonzero(found[1:] == np.nextafter(found[:-1], np.inf)):
+    for k in np.flatnonzero(np.diff(found) <= 2.0 * _apart(found[:-1])):
         found[k + 1] = found[k]
     return found
+
+
+def _apart(times: np.ndarray) -> np.ndarray:
+    return np.maximum(np.spacing(times), LEAST)

@@ -13,6 +13,7 @@ PARTS = {
     "memory": "peak memory against N",
     "start": "cold and warm start",
     "package": "size of the wheel, and what imports take",
+    "study": "a sweep over small dampers, and how far it fills the cores",
     "protocol": "the published compression of 368 grains, from start to end",
     "fits": "fits of laws: cold, later, and again",
 }

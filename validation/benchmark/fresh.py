@@ -18,6 +18,12 @@ from validation.benchmark.process import finished
 WORDS = ("-m", "granular", "run", "bed", "--t-end", "0.01", "--dt", "2.5e-5", "--quiet")
 """A short run of the packaged bed on the command line: 400 steps."""
 
+_FIRST_STEP = """
+import sys
+from granular import load_scene, simulate
+simulate(load_scene(sys.argv[1]), t_end=1e-6, progress=False)
+"""
+
 
 def peak_memory(count: int, method: str) -> list[dict[str, Any]]:
     """Largest memory [bytes] of a process that makes and advances a bed."""
@@ -33,6 +39,9 @@ def starts() -> list[dict[str, Any]]:
             "import granular": _seconds(("-c", "import granular"), {}),
             "cold run: everything is compiled": _seconds(WORDS, store),
             "warm run: compiled code is on disk": _seconds(WORDS, store),
+            "first step of a damper: everything is compiled": _seconds(
+                ("-c", _FIRST_STEP, "damper"), {"NUMBA_CACHE_DIR": f"{cache}/other"}
+            ),
         }
     return [{"start": name, "seconds": seconds} for name, seconds in timed.items()]
 

@@ -122,6 +122,12 @@ SHEETS: dict[str, Sheet] = {
         "The wheel, and imports in processes of their own",
         (_plain("what"), _number("bytes", ".0f", "kB", 1e-3), _number("seconds", ".0f", "ms", 1e3)),
     ),
+    "study": Sheet(
+        "A sweep over masses and starts of small dampers, in processes",
+        (_plain("cases"), _plain("grains"), _plain("cores"),
+         _number("seconds", ".1f", "wall time [s]"), _number("run alone", ".2f", "a run alone [s]"),
+         _number("filled", ".2f", "share of the cores' time that is runs"), _plain("failed")),
+    ),
     "protocol": Sheet(
         "The published protocol, 368 grains: relaxation 5 T, compression, expansion, relaxation",
         (_plain("seed"), _number("speed", ".4g", "speed [m/s]"),

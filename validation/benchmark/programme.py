@@ -120,6 +120,13 @@ def _protocol(full: bool) -> _Work:
         yield {"seed": seed, "speed": speed}, partial(compression, seed, speed)
 
 
+def _study(full: bool) -> _Work:
+    from validation.benchmark.study import study_times
+
+    cases = 200 if full else 20
+    yield {"cases": cases}, partial(study_times, cases)
+
+
 def _fits(full: bool) -> _Work:
     from validation.benchmark.fits import TRUTHS, fits
 
@@ -133,7 +140,7 @@ _WORK: dict[str, Callable[[bool], _Work]] = {
     "threads": _threads,
     "effects": _effects, "absent": _absent, "own": _own, "memory": _memory, "start": _start,
     "package": _package,
-    "protocol": _protocol, "fits": _fits,
+    "protocol": _protocol, "fits": _fits, "study": _study,
 }  # fmt: skip
 
 

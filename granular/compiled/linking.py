@@ -1,0 +1,152 @@
+"""Kernels that only kernels call are linked into their callers, and turned into code only there.
+
+Numba optimises every function and writes its machine code, also where its code is put into a caller
+and optimised there again, level by level; that took most of the time of a first start. Here a
+kernel that only kernels call stays as it was lowered, and an entry takes in all kernels below it at
+once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import binding
+from numba import _dynfunc
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult
+
+
+def _with_all_below(libraries: list[Any]) -> list[Any]:
+    """Libraries and those that they link, each once, callers before what they call."""
+    found: dict[Any, None] = {}
+
+    def enter(library: Any) -> None:
+        if library not in found:
+            if isinstance(library, LinkedLibrary):
+                for below in library._linking_libraries:
+                    enter(below)
+            found[library] = None
+
+    for library in libraries:
+        enter(library)
+    return list(found)[::-1]
+
+
+class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code of a kernel that is to be linked, neither optimised as a whole nor turned into code."""
+
+    _linking_libraries: list[Any]
+    _shared_module: Any
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for one in self._final_module.functions:
+            if not one.is_declaration and one.linkage == binding.Linkage.external:
+                one.linkage = "linkonce_odr"
+        self._finalize_dynamic_globals()
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        self._finalized = True
+
+    def own_module(self) -> Any:
+        self._ensure_finalized()
+        return self._final_module
+
+    def _get_module_for_linking(self) -> Any:
+        """Own code with all that it calls."""
+        self._ensure_finalized()
+        if self._shared_module is None:
+            whole = self._final_module.clone()
+            for library in _with_all_below(self._linking_libraries):
+                whole.link_in(_module(library), preserve=True)
+            self._shared_module = whole
+        return self._shared_module
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        return self.name, "linked", self._get_module_for_linking().as_bitcode()
+
+
+class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code of a kernel that Python calls, with all kernels below it."""
+
+    _linking_libraries: list[Any]
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for library in _with_all_below(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(_module(library), preserve=True)
+        self._linking_libraries = []
+        super().finalize()
+
+
+def _module(library: Any) -> Any:
+    if isinstance(library, LinkedLibrary):
+        return library.own_module()
+    return library._get_module_for_linking()
+
+
+class InnerCompiler(Compiler):  # type: ignore[misc]
+    """Numba's compiler, up to what is to be linked."""
+
+    def define_pipelines(self) -> Any:
+        state = self.state
+        if not state.flags.auto_parallel.enabled:
+            codegen = state.targetctx.codegen()
+            state.library = LinkedLibrary(codegen, state.func_id.func_qualname)
+            state.flags.no_compile = True
+        return super().define_pipelines()
+
+    def _compile_core(self) -> Any:
+        result = super()._compile_core()
+        library = result.library
+        if isinstance(library, LinkedLibrary):
+            entry = _entry_point(library, result.fndesc, result.environment)
+            result = result._replace(entry_point=entry)
+            result.target_context.insert_user_function(entry, result.fndesc, [library])
+        return result
+
+
+class EntryCompiler(Compiler):  # type: ignore[misc]
+    """Numba's compiler, with a library that takes in all kernels below."""
+
+    def define_pipelines(self) -> Any:
+        state = self.state
+        codegen = state.targetctx.codegen()
+        state.library = EntryLibrary(codegen, state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+def _entry_point(library: Any, fndesc: Any, env: Any) -> Any:
+    """What stands for the kernel in Numba's tables; not to be called."""
+    name = fndesc.qualname.split(".")[-1]
+    return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
+
+
+def rebuilt(context: Any, payload: tuple[Any, ...]) -> Any:
+    """A compiled form from what was kept of it."""
+    (name, kind, data), fndesc, env, signature, *rest = payload
+    if kind != "linked":
+        return CompileResult._rebuild(context, *payload)
+    library = LinkedLibrary(context.codegen(), name)
+    library._final_module = binding.parse_bitcode(data)
+    library.finalize()
+    library._shared_module = library._final_module
+    return CompileResult(
+        target_context=context,
+        typing_context=context.typing_context,
+        library=library,
+        environment=env,
+        entry_point=_entry_point(library, fndesc, env),
+        fndesc=fndesc,
+        type_annotation=rest[2],
+        signature=signature,
+        objectmode=False,
+        lifted=rest[1],
+        typing_error=None,
+        call_helper=None,
+        metadata=None,
+        reload_init=rest[3],
+        referenced_envs=rest[4],
+    )

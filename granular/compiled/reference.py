@@ -1,0 +1,122 @@
+"""Named tuples that kernels hand on by reference.
+
+A named tuple of some forty arrays is some two hundred numbers for a processor, and Numba hands on
+every one of them at every call: calls cost more than they do, and each takes as long to compile as
+a page of code. `by_reference` puts a named tuple in one place and gives its address. Kernels read
+its fields as before; a field that is a named tuple is read by reference, too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, TypeVar
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import intrinsic, lower_getattr_generic, models, register_model
+
+T = TypeVar("T")
+
+
+class Reference(types.Type):  # type: ignore[misc]
+    """Address of a named tuple; its name is short, since it is a part of names of kernels."""
+
+    def __init__(self, whole: Any) -> None:
+        self.whole = whole
+        digest = hashlib.sha256(str(whole).encode()).hexdigest()[:12]
+        super().__init__(name=f"{whole.instance_class.__name__}.{digest}")
+
+    @property
+    def mangling_args(self) -> tuple[str, tuple[()]]:
+        return self.name, ()
+
+    def field(self, name: str) -> tuple[int, Any] | None:
+        """Place of a field, and what reading it gives."""
+        if name not in self.whole.fields:
+            return None
+        place = self.whole.fields.index(name)
+        return place, _referred(self.whole.types[place])
+
+
+def _referred(kind: Any) -> Any:
+    return Reference(kind) if _is_named_tuple(kind) else kind
+
+
+def _is_named_tuple(kind: Any) -> bool:
+    return isinstance(kind, types.BaseNamedTuple) and len(kind.types) > 0
+
+
+@register_model(Reference)
+class _ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Reference) -> None:
+        whole = manager.lookup(kind.whole).get_data_type()
+        super().__init__(manager, kind, whole.as_pointer())
+
+
+@infer_getattr
+class _ReferenceFields(AttributeTemplate):  # type: ignore[misc]
+    key = Reference
+
+    def generic_resolve(self, kind: Reference, name: str) -> Any:
+        found = kind.field(name)
+        return None if found is None else found[1]
+
+
+@lower_getattr_generic(Reference)
+def _read_field(context: Any, builder: Any, kind: Reference, value: Any, name: str) -> Any:
+    found = kind.field(name)
+    assert found is not None
+    place, read = found
+    pointer = cgutils.gep_inbounds(builder, value, 0, place)
+    if isinstance(read, Reference):
+        return pointer
+    block, before = builder.block, len(builder.block.instructions)
+    result = context.data_model_manager[read].load_from_data_pointer(builder, pointer)
+    # Fields never change, whatever is written to arrays: they are read once, before a loop.
+    never = builder.module.add_metadata([])
+    for instruction in block.instructions[before:]:
+        if isinstance(instruction, ir.LoadInstr):
+            instruction.set_metadata("invariant.load", never)
+    return impl_ret_borrowed(context, builder, read, result)
+
+
+def _put(context: Any, builder: Any, kind: Any, value: Any, pointer: Any) -> None:
+    """Write a value field by field."""
+    if _is_named_tuple(kind):
+        for place, one in enumerate(kind.types):
+            part = builder.extract_value(value, place)
+            _put(context, builder, one, part, cgutils.gep_inbounds(builder, pointer, 0, place))
+    else:
+        builder.store(context.data_model_manager[kind].as_data(builder, value), pointer)
+
+
+def _same(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    return impl_ret_borrowed(context, builder, signature.return_type, values[0])
+
+
+@intrinsic
+def _by_reference(typing: Any, whole: Any) -> Any:
+    if not _is_named_tuple(whole):
+        return whole(whole), _same
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        room = context.data_model_manager[whole].get_data_type()
+        pointer = cgutils.alloca_once(builder, room)
+        _put(context, builder, whole, values[0], pointer)
+        # Behind what the optimiser cannot look through, the fields are as they are now.
+        kind = ir.FunctionType(pointer.type, [pointer.type])
+        return builder.asm(kind, "", "=r,0,~{memory}", [pointer], side_effect=True)
+
+    return Reference(whole)(whole), generate
+
+
+def _itself(whole: T) -> T:
+    return whole
+
+
+by_reference = _itself if numba.config.DISABLE_JIT else _by_reference
+"""The address of a named tuple, good until the kernel returns; of anything else, that itself."""
