@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.console import (
     Parser,
+    add_accuracy,
     add_changes,
     add_import,
     add_output,
@@ -48,6 +49,7 @@ example:
 examples:
   %(prog)s bed --t-end 0.5 -o runs/bed
   %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
+  %(prog)s damper --accuracy '1e-2 rest height'
   %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""",
     "export": """\
 examples:
@@ -126,6 +128,7 @@ def parser(prog: str = PROG) -> Parser:
     )
     one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
     add_run(one)
+    add_accuracy(one)
     add_output(one)
     _add_observe(add("observe", "observables of every frame of a run, as a table"))
     _add_export(add("export", "write a run for other programs"))
@@ -275,17 +278,22 @@ def _run(options: Any) -> None:
         resume=options.resume,
         threads=options.threads,
         progress=not options.quiet,
+        accuracy=options.accuracy,
     )
     emit(*_outcome(run), options.json)
 
 
 def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
+    from granular.run.price import price_text
     from granular.run.summary import run_figures, run_text
 
-    text = run_text(run)
+    figures = run_figures(run) | {"price": price_text(run)}
+    lines = [run_text(run)]
     if run.path is None:
-        text += "\nnothing is kept of the run; -o DIR keeps it"
-    return run_figures(run), text
+        lines.append("nothing is kept of the run; -o DIR keeps it")
+    if "accuracy" in figures:
+        lines.append(f"chosen for {figures['accuracy']}")
+    return figures, "\n".join([*lines, figures["price"]])
 
 
 def _observe(options: Any) -> None:

@@ -5,9 +5,9 @@ from .cost import work_precision as work_precision
 from .exact import exact_problem as exact_problem
 from .exact import exact_problems as exact_problems
 from .hard_cases import catalogue as catalogue
+from .hard_cases import energy_change as energy_change
 from .hard_cases import head_on as head_on
 from .hard_cases import near_limit as near_limit
-from .hard_measures import energy_change as energy_change
 from .order import ConvergenceResult as ConvergenceResult
 from .order import convergence as convergence
 from .order import convergence_table as convergence_table

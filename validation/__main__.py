@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granular.shared.console import (
     Parser,
@@ -23,6 +23,9 @@ from granular.shared.errors import InputError
 from validation.benchmark import PARTS
 from validation.published.command import add_published, run_published
 
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
 PROG = "python -m validation"
 
 REPORT = "out/validation"
@@ -32,6 +35,7 @@ METHOD_REPORT = "out/method"
 """The same, of a user's own methods."""
 
 _PARTS = {
+    "glance": "what accuracy and effects cost in the packaged damper and in a compression",
     "convergence": "orders of convergence against exact solutions",
     "source-experiment": "the source's test of its method, with and without rounding",
     "energy": "energy over long runs, tested for trends",
@@ -44,7 +48,11 @@ _EXAMPLES = {
 how far to trust it, and what accuracy costs:
   %(prog)s report
   %(prog)s cheapest damper "rest height" 0.01""",
-    "report": "example:\n  %(prog)s --full -o out/validation     # goes on where it was stopped",
+    "report": """\
+examples:
+  %(prog)s damper --quick                # what accuracy and effects cost in one scene
+  %(prog)s mine.toml bed -o out/mine
+  %(prog)s --full -o out/validation      # goes on where it was stopped""",
     **dict.fromkeys(_PARTS, "example:\n  %(prog)s --quick"),
     "benchmark": "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items()),
     "published": """\
@@ -61,6 +69,7 @@ mine.py:
   from granular import Method
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
+    "prices": "example:\n  %(prog)s -o prices.toml     # ten minutes",
     "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
 }
 
@@ -68,7 +77,13 @@ mine.py:
 def parser(prog: str = PROG) -> Parser:
     """The command line's grammar; ``prog`` is what the user types before a command."""
     top, add = command_parser(prog, "Prove the toolkit's numbers.", _EXAMPLES)
-    _add_measuring(add("report", "all parts: report.html, and report.json beside it"), REPORT)
+    whole = add("report", "all parts: report.html, and report.json beside it")
+    whole.add_argument(
+        "scenes", metavar="SCENE", nargs="*",
+        help="only what accuracy and effects cost, in these scenes: packaged names, or TOML files",
+    )  # fmt: skip
+    add_changes(whole)
+    _add_measuring(whole, REPORT)
     for name, words in _PARTS.items():
         _add_measuring(add(name, words), None)
     _add_benchmark(add("benchmark", "speed, side by side"))
@@ -82,7 +97,15 @@ def parser(prog: str = PROG) -> Parser:
     one.add_argument("tolerance", type=float, help="error that is allowed, such as 0.01")
     one.add_argument("--t-end", type=float, metavar="S", help="stop each run at this time [s]")
     add_output(one)
+    _add_prices(add("prices", "measure anew the table that accuracies are promised from"))
     return top
+
+
+def _add_prices(one: argparse.ArgumentParser) -> None:
+    one.add_argument(
+        "-o", "--out", metavar="FILE", help="write it here; into the package if not given"
+    )
+    add_output(one)
 
 
 def _add_method(one: argparse.ArgumentParser) -> None:
@@ -143,6 +166,8 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         run_published(options)
     elif options.command == "benchmark":
         _benchmark(options)
+    elif options.command == "prices":
+        _prices(options)
     elif options.command == "recovery":
         _recovery(options)
     elif options.command == "silverbox":
@@ -159,12 +184,26 @@ def _measure(options: Any) -> None:
     names = tuple(_PARTS) if options.command == "report" else (options.command,)
     progress = not options.quiet
     if options.out is not None:
-        found = report(options.out, full=options.full, parts=names, progress=progress)
+        found = report(
+            options.out, full=options.full, parts=names, scenes=_scenes(options), progress=progress
+        )
     else:
         part = part_named(options.command)
         results = {part.name: measured(part, None, full=options.full, progress=progress)}
         found = summary(results) | {"parts": results}
     emit(found, _text(found, options.out), options.json)
+
+
+def _scenes(options: Any) -> list[Scene]:
+    """The scenes that a report is asked for."""
+    from granular.scene.loading import load_scene
+
+    if options.command != "report":
+        return []
+    changes = changes_from(options.changes)
+    if changes and not options.scenes:
+        raise InputError("--set changes a scene; name one, such as: report damper")
+    return [load_scene(one).replace(**changes) for one in options.scenes]
 
 
 def _text(found: dict[str, Any], out: str | None) -> str:
@@ -220,6 +259,14 @@ def _history(options: Any) -> None:
     read(path)  # before minutes are spent
     entries = add(path, measured())
     emit(entries[-1], history_table(entries).text(), options.json)
+
+
+def _prices(options: Any) -> None:
+    from validation.prices import prices, prices_text
+
+    path = None if options.out is None else Path(options.out)
+    found = prices(path, progress=not options.quiet)
+    emit(found, prices_text(found), options.json)
 
 
 def _recovery(options: Any) -> None:

@@ -19,6 +19,9 @@ from granular.shared.errors import GranularError
 
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
+BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
+"""What a step that is too long may end in."""
+
 OVERLAP = "less than a diameter"
 """Part of the warning that two grains overlap where no contact is: physics, not accuracy."""
 
@@ -80,6 +83,8 @@ class Outcome:
         Whether the case may end like this.
     seconds : float
         Wall time, the compilation of a new kind of scene included.
+    measured : str
+        What the error is of, with its unit.
     """
 
     case: str
@@ -91,6 +96,7 @@ class Outcome:
     said: str
     allowed: bool
     seconds: float
+    measured: str = ""
 
     def to_plain(self) -> dict[str, Any]:
         """The outcome as plain data; None for an error that was not measured."""
@@ -132,7 +138,7 @@ def outcome(
     )
     return Outcome(
         case.name, method, str(dt), kind, error, case.limit, said, allowed,
-        time.perf_counter() - begun,
+        time.perf_counter() - begun, case.accurate,
     )  # fmt: skip
 
 

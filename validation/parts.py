@@ -109,11 +109,14 @@ def _key(part: Part, piece: Piece) -> str:
     return f"{part.name}-{digest(content, KEY_LENGTH)}"
 
 
-_SHOWING = ("sections.py", "printing.py", "report.py", "table.py", "html.py", "plotting.py")
+_SHOWING = ("printing.py", "report.py", "table.py", "html.py", "plotting.py", "picture.py")
 """Files that only show what was measured."""
 
-_OWN = ("benchmark", "published")
-"""Folders with measurements of their own, on which no part depends."""
+_OWN = ("benchmark", "published", "recovery", "sections")
+"""Folders with measurements of their own, on which no part depends, or that only show."""
+
+_NEEDED = ("engine.py",)
+"""Files of those folders that a part times steps with."""
 
 
 @cache
@@ -126,7 +129,8 @@ def sources() -> str:
     for package in (granular, validation):
         assert package.__file__ is not None
         for path in sorted(Path(package.__file__).parent.rglob("*.py")):
-            if path.name not in _SHOWING and path.parent.name not in _OWN:
+            own = path.parent.name in _OWN and path.name not in _NEEDED
+            if path.name not in _SHOWING and not own:
                 found.update(path.read_bytes())
     return found.hexdigest()
 

@@ -9,7 +9,9 @@ from validation.energy import summary as energy_table
 from validation.order import ConvergenceResult, convergence_table
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain
-from validation.sections import choices, stability_table, studies
+from validation.sections.cost import choices, studies
+from validation.sections.glance import advice_table, effect_table, hard_row
+from validation.sections.stability import stability_table
 from validation.source_experiment import SourceExperiment
 
 
@@ -42,7 +44,23 @@ def _stability(results: Sequence[Plain]) -> str:
     return stability_table([Outcome.from_plain(one) for one in results]).text()
 
 
+def _glance(results: Sequence[Plain]) -> str:
+    lines = []
+    for one in results:
+        if "studies" in one:
+            found = studies([one])
+            lines += [f"{found[0].scene}: what accuracy costs", advice_table(found).text(), ""]
+        elif "effects" in one:
+            plain = one["effects"]
+            lines += [f"{plain['scene']}: what its effects cost", effect_table(plain).text(), ""]
+        else:
+            outcomes = [Outcome.from_plain(row) for row in one["outcomes"]]
+            lines.append(hard_row(outcomes).text())
+    return "\n".join(lines)
+
+
 _TEXTS = {
+    "glance": _glance,
     "convergence": _convergence,
     "source-experiment": _source,
     "energy": _energy,

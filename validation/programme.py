@@ -287,7 +287,7 @@ def stability_pieces(full: bool) -> list[Piece]:
 
 def _varied(case: HardCase, times: float) -> HardCase:
     """The case with other settings than its own, which may end it, but never silently."""
-    from validation.hard_cases import BROKEN
+    from validation.outcomes import BROKEN
 
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True,
@@ -295,7 +295,18 @@ def _varied(case: HardCase, times: float) -> HardCase:
     )  # fmt: skip
 
 
+# The first screen --------------------------------------------------------------------------------
+
+
+def glance_pieces(full: bool) -> Sequence[Piece]:
+    """The packaged damper, and the compression with dry friction."""
+    from validation.glance import glance_part
+
+    return glance_part([load_scene("damper"), compression_scene()], hard=False).pieces(full)
+
+
 PARTS: Sequence[Part] = (
+    Part("glance", glance_pieces),
     Part("convergence", convergence_pieces),
     Part("source-experiment", source_pieces),
     Part("energy", energy_pieces),

@@ -29,6 +29,9 @@ class MeasuredQuantity:
         Whether its error is relative to its value; otherwise it is taken as it is.
     exact : float or None
         The value it should have, where that is known; an error itself should be 0.
+    of_start : bool
+        Whether each random start has a value of its own, as places do: then the scatter of the
+        values says nothing.
     """
 
     name: str
@@ -36,6 +39,7 @@ class MeasuredQuantity:
     measure: Callable[[Trajectory], float | np.ndarray]
     relative: bool = True
     exact: float | None = None
+    of_start: bool = False
 
     def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
         """Greatest error against a reference."""
@@ -117,8 +121,8 @@ def _mean_distance(run: Trajectory) -> float:
 QUANTITIES = {
     one.name: one
     for one in (
-        MeasuredQuantity("energy", "1", _energy, relative=False, exact=0.0),
-        MeasuredQuantity("positions", "D", _positions, relative=False),
+        MeasuredQuantity("energy", "1", _energy, relative=False, exact=0.0, of_start=True),
+        MeasuredQuantity("positions", "D", _positions, relative=False, of_start=True),
         MeasuredQuantity("rest height", "m", _rest_height),
         MeasuredQuantity("period", "s", _period),
         MeasuredQuantity("damping ratio", "1", _damping_ratio),

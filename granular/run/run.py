@@ -73,7 +73,6 @@ which the exact flow of drag carries at any step."""
 REST_TOLERANCE = 1e-4
 """Rest where the stage gives no tolerance [D], [D/tau]."""
 
-
 _PLACE = "place the grains apart from each other, inside the walls and below the piston"
 
 
@@ -363,10 +362,7 @@ class Run:
             self._call(min(ticks, self._call_ticks))
         else:
             left = self._rest_of_stage()
-            if left > 0.0:
-                self._short_tick(left)
-            else:
-                self._record_between()
+            self._short_tick(left)
             between = progress.ticks % self.pace.frames_every != 0
             self._end_stage("duration", new_frame=between or left > 0.0)
 
@@ -483,6 +479,10 @@ class Run:
 
     def _short_tick(self, left: float) -> None:
         """The rest of a stage that is no whole tick, in steps that are a little shorter."""
+        if not left > 0.0:  # the end falls on a tick, which may lie between two records
+            if self.progress.ticks % self.pace.every:
+                self._keep(self._look(self.shorter)[None])
+            return
         pace, reached = self.pace, float(self.state.clock[TIME])
         steps = max(1, math.ceil(left / pace.h - 1e-6))
         watch = self._watch()._replace(rest=-1.0, stiff=math.inf)
@@ -512,15 +512,10 @@ class Run:
             self._short_tick(left)
             self._frame(self.t_end)
             return self.t_end
-        self._record_between()
+        self._short_tick(0.0)
         if self.progress.ticks % self.pace.frames_every:
             self._frame()
         return self.time
-
-    def _record_between(self) -> None:
-        """Record an end that falls on a tick between two records."""
-        if self.progress.ticks % self.pace.every:
-            self._keep(self._look(self.shorter)[None])
 
     def _end_stage(self, reason: str, *, new_frame: bool) -> None:
         progress, stage = self.progress, self._stage

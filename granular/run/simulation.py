@@ -23,6 +23,7 @@ from granular.engine.system import System, natural_system, own_code_compiles
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
 from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.run.accuracy import accurate
 from granular.run.allowed import check_end, check_method, check_step
 from granular.run.checkpoint import read_checkpoint
 from granular.run.directory import is_run
@@ -59,6 +60,7 @@ def simulate(
     resume: bool = False,
     threads: int | None = None,
     progress: bool = True,
+    accuracy: str | None = None,
 ) -> Trajectory:
     """Run a scene.
 
@@ -85,6 +87,10 @@ def simulate(
         The result has the same bits for any number. Without: as many as pay off.
     progress : bool
         Show a progress bar on standard error.
+    accuracy : str, optional
+        Instead of ``dt`` and ``method``: an error and the quantity it is of, such as "1e-3 rest
+        height"; step, method and sum over pairs are then chosen from the stored table of prices
+        (see `granular.run.accuracy`), and told in the run's ``settings()["accuracy"]``.
 
     Returns
     -------
@@ -93,7 +99,8 @@ def simulate(
     Raises
     ------
     InputError
-        If an argument or the scene cannot be run, or ``out`` is in use.
+        If an argument or the scene cannot be run, ``out`` is in use, or an accuracy cannot be
+        promised.
     RunError
         If the run cannot be trusted any more; its ``trajectory`` attribute holds what was
         computed before.
@@ -101,6 +108,12 @@ def simulate(
         On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds what
         was computed.
     """
+    told: dict[str, Any] = {}
+    if accuracy is not None:
+        if dt != "auto" or method != "stormer-verlet":
+            raise InputError("accuracy chooses dt and method; give either it or them")
+        scene, dt, method, words = accurate(scene, accuracy)
+        told = {"accuracy": words}
     plan = method_of(method)
     step = checked_step(dt, scene)
     check_method(plan, step, scene)
@@ -110,7 +123,7 @@ def simulate(
     count = _thread_count(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
     _set_threads(count)
-    settings = _settings(scene, dt, plan)
+    settings = _settings(scene, dt, plan) | told
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)

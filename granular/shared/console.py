@@ -164,6 +164,14 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, help="number of threads (same bits for any)")
 
 
+def add_accuracy(parser: argparse.ArgumentParser) -> None:
+    """An accuracy instead of a step and a method."""
+    parser.add_argument(
+        "--accuracy", metavar="TEXT",
+        help="choose dt, method and sum over pairs for this error, such as '1e-3 rest height'",
+    )  # fmt: skip
+
+
 def add_import(parser: argparse.ArgumentParser) -> None:
     """Code of the user's own."""
     parser.add_argument(

@@ -38,7 +38,8 @@ th { font-weight: 600; }
   border-left: 4px solid var(--accent); overflow-x: auto; margin: 0.8rem 0; line-height: 2; }
 .note { background: var(--soft); border-left: 4px solid #d1495b; padding: 0.5rem 0.8rem; }
 pre { background: var(--soft); padding: 0.6rem 0.8rem; overflow-x: auto; font-size: 0.85rem; }
-@media (max-width: 30rem) { table { font-size: 0.8rem; } th, td { padding-right: 0.4rem; }
+@media (max-width: 30rem) { table { font-size: 0.72rem; } pre { white-space: pre-wrap; }
+  th, td { padding-right: 0.25rem; hyphens: auto; }
   .equation { font-size: 1.05rem; padding: 0.5rem; } }
 footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6rem; }
 """

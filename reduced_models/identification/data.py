@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from granular.run.record import PistonRecord
 from reduced_models.identification.comparison import Comparison
 from reduced_models.identification.engineering import Quantity, engineering
+from reduced_models.identification.price import checked_price_text
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
@@ -38,6 +39,10 @@ class Figure:
     interval: tuple[float, float]
     step_error: float | None = None
     seed_spread: float | None = None
+
+    def checked(self) -> tuple[float, float | None, float | None]:
+        """The value, its step error, and its scatter over starts."""
+        return self.value, self.step_error, self.seed_spread
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,6 +155,9 @@ class IdentificationData:
         if self.run is not None:
             method = self.run.method.name
             lines.append(f"simulated with {method}, time step {step_text(self.run)}")
+            height = self.figures.get("height")
+            checked = (0.0, None, None) if height is None else height.checked()
+            lines.append(checked_price_text(self.run, *checked))
         lines += [f"left out: {words}" for words in self.left_out]
         lines += [f"to try: {words}" for words in self.advice]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])

@@ -66,7 +66,10 @@ def _made() -> str:
 
 def _table(page: Page, table: Comparison) -> None:
     page.section("The laws compared")
-    page.table(table.header, table.cells())
+    header, cells = table.header, table.cells()
+    if not any(row.blow_ups for row in table.rows):
+        header, cells = header[:-1], [row[:-1] for row in cells]
+    page.table(header, cells)
     page.text(
         "Errors are root mean squares of record minus roll-out over what the law has not seen, in "
         f"rms swings; a piston that stays at rest would score {100 * table.at_rest:.3g} %, and the "

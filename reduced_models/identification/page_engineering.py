@@ -19,7 +19,7 @@ _BY_RATIO = ("damping ratio", "logarithmic decrement", "quality factor")
 
 def engineering_words(found: IdentificationData) -> str:
     """The answer in one paragraph."""
-    known = {one.name: one for one in found.engineering}
+    known = {one.name: _as_sure(one, found.figures) for one in found.engineering}
     if not known:
         return found.verdict
     what = "The angle" if found.record.angle else "The piston"
@@ -40,6 +40,13 @@ def engineering_words(found: IdentificationData) -> str:
         )
     best = found.comparison.rows[0]
     return f"{words} {_best_words(best.name, best.error)}{_amplitude_words(found)}"
+
+
+def _as_sure(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
+    """A figure whose interval is no narrower than its step error and scatter."""
+    errors = [_error(one, figures, name) for name in ("step_error", "seed_spread")]
+    wide = max([0.5 * (one.high - one.low), *(float(each) for each in errors if each)])
+    return one._replace(low=one.value - wide, high=one.value + wide)
 
 
 def _best_words(name: str, error: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -10,13 +11,10 @@ from granular.shared.html import Page
 from validation.cost import USUAL, Point, Setting, WorkPrecision
 from validation.order import ConvergenceResult, Slope
 from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome
-from validation.sections import (
-    choices,
-    convergence_holds,
-    slopes,
-    source_section,
-    stability_matrix,
-)
+from validation.sections.convergence import convergence_holds, slopes
+from validation.sections.cost import choices
+from validation.sections.source import source_section
+from validation.sections.stability import stability_matrix
 from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExperiment, SourceRun
 
 
@@ -73,7 +71,7 @@ def test_slopes_stand_in_rows_by_order() -> None:
 
 def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> Outcome:
     said = "EnergyError: step 3: off" if kind == STOPPED else ""
-    return Outcome(case, "stormer-verlet", dt, kind, error, 0.1, said, allowed, 1.0)
+    return Outcome(case, "stormer-verlet", dt, kind, error, 0.1, said, allowed, 1.0, "distance [D]")
 
 
 def test_outcomes_stand_in_a_row_a_case() -> None:
@@ -82,10 +80,20 @@ def test_outcomes_stand_in_a_row_a_case() -> None:
         ended("drop", "auto*4", DEGRADED, 0.5, allowed=False),
         ended("drop", "auto/4", ACCURATE, 0.0),
     ])  # fmt: skip
-    assert found.header == ("case", "its own settings", "auto*4", "auto/4")
+    assert found.header == (
+        "case", "error of what [unit]", "accurate up to",
+        "its own settings", "dt = auto*4", "dt = auto/4",
+    )  # fmt: skip
     assert found.rows == (
-        ("drop", "0.2", "degraded and said so (!)", "0"),
-        ("limit", "EnergyError", "", ""),
+        (
+            "drop",
+            "distance [D]",
+            "1e-01",
+            "accurate: 0.02",
+            "degraded and said so: 0.5 (!)",
+            "accurate: 0",
+        ),
+        ("limit", "distance [D]", "1e-01", "stopped: EnergyError", "", ""),
     )
 
 
@@ -93,13 +101,13 @@ def test_choices_say_their_share_of_the_default_time() -> None:
     coarse = Point(Setting("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
     usual = Point(Setting(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
     study = WorkPrecision("bed", "energy", "1", None, (coarse, usual), 0.0, "the value 0")
-    good, none = choices([study]).rows
-    assert good[2:] == ("1 %", "stormer-verlet", "auto*4", "0.005", "1", "0.25")
+    good, _, none = choices([study]).rows
+    assert good[2:] == ("1 %", "stormer-verlet", "auto*4", "0.005", "1", "1", "0.25")
     assert none[2:4] == ("1e-6", "none reaches it")
-    (_, below) = choices(
-        [WorkPrecision("bed", "energy", "1", None, (coarse, usual), 1e-3, "")]
-    ).rows
-    assert below[3] == "below the scatter of starts"
+    exact = dataclasses.replace(usual, error=0.0)
+    scattered = WorkPrecision("bed", "energy", "1", None, (coarse, exact), 1e-3, "")
+    (_, below, _) = choices([scattered]).rows
+    assert below[3:] == ("any: starts scatter by 0.001", "auto", "0", "4", "16", "4")
 
 
 def test_source_section_tells_slope_scatter_and_peaks() -> None:

@@ -10,8 +10,7 @@ import pytest
 from granular import Trajectory, simulate
 from validation.energy import EnergyRun, energy_study, variable_bounces
 from validation.exact import bounce
-from validation.hard_cases import head_on
-from validation.hard_measures import energy_change
+from validation.hard_cases import energy_change, head_on
 
 LIMIT = 1e-6
 

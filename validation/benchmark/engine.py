@@ -41,10 +41,10 @@ def bed_of(count: int, changes: dict[str, Any]) -> Scene:
 class EngineSteps:
     """A run of the engine whose bare steps can be called: one tick without records."""
 
-    def __init__(self, scene: Scene, threads: int = 1) -> None:
+    def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
         method = method_named("stormer-verlet")
         system = natural_system(scene, threads=threads, method=method)
-        self.threads = threads
+        self.threads, self.step = threads, step
         self.run = Run(scene, system, method, Step(), None)
         self.run.begin_stage()
         self.watch = self.run._watch()._replace(stiff=math.inf, rest=-1.0)
@@ -53,7 +53,7 @@ class EngineSteps:
     def make(self, steps: int) -> None:
         """That many steps, and the look at their end."""
         numba.set_num_threads(self.threads)
-        pace = Pace(steps * STEP, STEP, 1, 1, steps, 0)
+        pace = Pace(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
         advance(
             Window(0.0, 0.0, math.inf, 0, 1), pace, run.plan, run.state, run.constants,

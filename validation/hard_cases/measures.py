@@ -1,17 +1,14 @@
-"""What is measured in hard cases, and the small beds that many of them start from."""
+"""What is measured in hard cases."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from granular.run.trajectory import Trajectory
-from granular.scene.loading import load_scene
 from granular.scene.scales import Scales
-from granular.scene.scene import Scene
 from validation.exact import Problem
 
 LEDGER = "residual of the energy ledger over the energy turned over"
@@ -78,19 +75,3 @@ def momentum_change(run: Trajectory) -> float:
     scale = np.abs(momenta[0]).sum()
     lost = np.abs(momenta[-1].sum(axis=0) - momenta[0].sum(axis=0)).max() / scale
     return max(float(lost), energy_change(run))
-
-
-# Scenes -----------------------------------------------------------------------------------------
-
-
-def few_grains(name: str, **changes: Any) -> Scene:
-    """A packaged scene cut down to 23 grains."""
-    size = {
-        "grains.count": 23,
-        "cell.width": "15 D",
-        "piston.height": "6 D",
-        "arrangement.height": "5.5 D",
-    }
-    if name == "damper":
-        size["piston.mass"] = 1.0
-    return load_scene(name).replace(**{**size, **changes})

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from granular.run.evaluation import evaluate
 from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from validation.hard_measures import FAIR, LEDGER, few_grains, ledger
+from validation.hard_cases.measures import FAIR, LEDGER, ledger
+from validation.hard_cases.small_beds import few_grains
 from validation.outcomes import HardCase
 
 
@@ -46,9 +50,55 @@ def _flight() -> Scene:
     )
 
 
+def _with_list(radius: float) -> Scene:
+    """A bed of 92 grains whose list is made anew as its grains move."""
+    return load_scene("bed").replace(
+        **{
+            "grains.count": 92,
+            "cell.width": "30 D",
+            "piston.height": "12 D",
+            "arrangement.height": "11 D",
+            "effects.drag": None,
+            "pairs": {"method": "verlet-list", "cut_off": f"{radius} D", "skin": "0.5 D"},
+        }
+    )
+
+
+MANY = 100_000
+
+
+def _many() -> Scene:
+    """The packaged bed with 1e5 grains at the same packing, by the mesh."""
+    scale = (MANY / 368.0) ** 0.5
+    return load_scene("bed").replace(
+        **{
+            "grains.count": MANY,
+            "cell.width": f"{60.0 * scale} D",
+            "piston.height": f"{20.0 * scale} D",
+            "arrangement.height": f"{20.0 * scale - 1.0} D",
+            "pairs.method": "mesh",
+            "output": {"scalars": 1e-4, "frames": 1e-3},
+        }
+    )
+
+
 def sum_cases() -> tuple[HardCase, ...]:
     """Hard cases of lists and of the far field."""
+    lists = tuple(
+        HardCase(
+            f"list of pairs within {radius} D",
+            "the list takes pairs in and leaves others out as the bed moves [D, 5.2]",
+            partial(_with_list, radius), ledger, LEDGER, FAIR, 0.05, 1.0,
+            errors=("EnergyError",), may_degrade=True,
+        )
+        for radius in (6.26, 7.26)
+    )  # fmt: skip
     return (
+        *lists,
+        HardCase(
+            "1e5 grains by the mesh", "the levels of a mesh 270 times as large as a small bed's",
+            _many, ledger, LEDGER, FAIR, 2e-4, 2e-3,
+        ),
         HardCase(
             "fast grain across a skin in a step",
             "a grain crosses its lists' skin with every step, and the radius of those it passes",

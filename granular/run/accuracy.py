@@ -1,0 +1,179 @@
+"""Method, step and sum over pairs for an accuracy that is asked for, by the stored table."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from granular.engine.step_size import Step, multiple
+from granular.methods.named import method_named
+from granular.run.allowed import is_allowed
+from granular.run.prices import Prices, Rung, prices_of, table
+from granular.run.time_step import checked_step
+from granular.scene.scene import Scene
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+MARGIN = 1.5
+"""What a bound of the table is multiplied by: scenes differ."""
+
+FLOORS = 3.0
+"""A single run cannot be promised to fewer standard deviations of its random start than this."""
+
+FARTHEST = 4.0
+"""How much shorter than the table's shortest step a step may be, by the order of its method."""
+
+MESH_ERROR = 5e-4
+"""What the mesh leaves of a bed's forces at rest; the tests of the benchmark hold it to that."""
+
+_ASKED = re.compile(r"\s*(?P<value>[0-9.eE+-]+)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*")
+
+
+class Chosen(NamedTuple):
+    """What a scene is to be run with.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the sum over pairs that was chosen.
+    dt, method : str
+    words : str
+        What was chosen, and by what.
+    """
+
+    scene: Scene
+    dt: str
+    method: str
+    words: str
+
+
+def asked(text: str) -> tuple[float, str]:
+    """Tolerance and quantity of a text such as "1e-4 rest height" or "1 % piston force".
+
+    Raises
+    ------
+    InputError
+        If it is none, or the table has no such quantity.
+    """
+    names = sorted({name for one in table() for name in one.floors})
+    match = _ASKED.fullmatch(text) if isinstance(text, str) else None
+    try:
+        value = float(match["value"]) if match else math.nan
+    except ValueError:
+        value = math.nan
+    if match is None or not 0.0 < value < math.inf:
+        raise InputError(
+            f"accuracy = {quoted(text)}; give an error above 0 and a quantity, such as "
+            "'1e-3 rest height' or '1 % piston force'"
+        )
+    if match["quantity"] not in names:
+        raise InputError(unknown(match["quantity"], names, "quantity"))
+    return value * (0.01 if match["percent"] else 1.0), match["quantity"]
+
+
+def accurate(scene: Scene, text: str) -> Chosen:
+    """The cheapest method and step that the table promises an accuracy of, and a sum that keeps it.
+
+    Raises
+    ------
+    InputError
+        If the text is none, or neither the table nor the scatter of starts allows the promise.
+    """
+    tolerance, quantity = asked(text)
+    prices = prices_of(scene, quantity)
+    if prices is None:
+        raise InputError(
+            f"accuracy = {quoted(text)}: the table of prices holds no scene like {scene.name!r} "
+            "with this quantity; measure it: python -m validation cheapest"
+        )
+    floor = prices.floor(quantity, scene.grains.count)
+    if tolerance < FLOORS * floor:
+        raise InputError(
+            f"accuracy = {quoted(text)}: random starts scatter by {floor:.2g}, so no single run "
+            f"can be promised below {FLOORS * floor:.2g}; ask for that, or average "
+            f"{math.ceil((2.0 * floor / tolerance) ** 2):d} starts (arrangement.seed)"
+        )
+    found = min(_ways(scene, prices, quantity, tolerance), default=None)
+    if found is None:
+        least = min(one.bounds[quantity] for one in prices.rungs)
+        raise InputError(
+            f"accuracy = {quoted(text)}: the least error that the table of prices holds is "
+            f"{MARGIN * least:.2g}, with its margin; ask for that, or measure: python -m "
+            "validation cheapest"
+        )
+    _, dt, method, bound = found
+    summed, how = _summed(scene, quantity, tolerance, text)
+    scatter = f", starts scatter by {floor:.1g}" if floor else ""
+    words = (
+        f"{quantity} to {tolerance:g}: {method}, dt {dt}, {how}; the step errs by at most "
+        f"{bound:.1g}{scatter} ({prices.name}, {prices.starts} starts, {prices.date})"
+    )
+    return Chosen(summed, dt, method, words)
+
+
+def _ways(
+    scene: Scene, prices: Prices, quantity: str, tolerance: float
+) -> Iterator[tuple[float, str, str, float]]:
+    """Price, step, method and bound of each method that reaches the tolerance."""
+    for method in dict.fromkeys(one.method for one in prices.rungs):
+        rungs = sorted(
+            (one for one in prices.rungs if one.method == method), key=lambda one: one.fraction
+        )
+        fraction = _fraction(rungs, quantity, tolerance / MARGIN)
+        if fraction is None:
+            continue
+        dt = _step(scene, fraction)
+        if not is_allowed(scene, dt, method):
+            continue
+        near = min(rungs, key=lambda one: abs(math.log(one.fraction / fraction)))
+        order = method_named(method).order
+        scale = (fraction / near.fraction) ** order
+        bound = near.bounds[quantity] * (scale if quantity in near.clear else max(1.0, scale))
+        yield near.seconds * near.fraction / fraction, dt, method, bound
+
+
+def _fraction(rungs: list[Rung], quantity: str, tolerance: float) -> float | None:
+    """The longest step times highest frequency that keeps a tolerance; None where none does.
+
+    Between two steps of the table, and below its shortest, by the method's order; beyond its
+    longest never.
+    """
+    held = [one for one in rungs if one.bounds[quantity] <= tolerance]
+    order = method_named(rungs[0].method).order
+    if not held:
+        finest = rungs[0]
+        shorter = (tolerance / finest.bounds[quantity]) ** (1.0 / order)
+        clear = quantity in finest.clear and shorter * FARTHEST >= 1.0
+        return shorter * finest.fraction if clear else None
+    best = held[-1]
+    if best is rungs[-1] or not best.bounds[quantity] > 0.0:
+        return best.fraction
+    if quantity not in rungs[rungs.index(best) + 1].clear:
+        return best.fraction  # what the next one errs is scatter, and follows no order
+    longer = (tolerance / best.bounds[quantity]) ** (1.0 / order)
+    return min(best.fraction * longer, rungs[rungs.index(best) + 1].fraction)
+
+
+def _step(scene: Scene, fraction: float) -> str:
+    """That step as a multiple of the scene's automatic one, rounded down to hundredths."""
+    step: Step = checked_step("auto", scene)
+    factor = min(fraction / step.fraction, step.longest)
+    if factor < 1.0:
+        return f"auto/{math.ceil(100.0 / factor - 1e-6) / 100.0:g}"
+    return multiple(math.floor(100.0 * factor + 1e-6) / 100.0)
+
+
+def _summed(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[Scene, str]:
+    """The scene with a sum over pairs that keeps the tolerance, and its name."""
+    method = scene.pair_method
+    if method in ("cut-off", "verlet-list"):
+        raise InputError(
+            f"accuracy = {quoted(text)}: pairs.method = {method!r} leaves pairs out, which no step "
+            "mends; take 'auto'"
+        )
+    if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:
+        return scene.replace(**{"pairs.method": "direct"}), "direct sum"
+    return scene, "sum by the mesh" if method == "mesh" else "direct sum"

@@ -1,0 +1,114 @@
+"""Accuracies that are asked for: what is chosen, promised and refused; prices of runs in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+
+from granular import Scene, damper, load_scene, simulate
+from granular.run.accuracy import FLOORS, MARGIN, accurate, asked
+from granular.run.price import price_text
+from granular.run.prices import Prices, prices_of, table
+from granular.run.time_step import checked_step
+from granular.shared.errors import InputError
+
+
+def of_table(one: Prices) -> Scene:
+    """A scene that the table's entry stands for."""
+    changes: dict[str, object] = {"grains.count": one.grains, "cell.width": "60 D"}
+    if "rest height" in one.floors:
+        changes |= {
+            "piston.mass": 7.5,
+            "protocol": [{"kind": "free", "name": "drop", "until": "rest"}],
+        }
+    if one.kind == "friction":
+        changes |= {"effects.drag": None, "effects.friction": {}}
+    return load_scene("bed").replace(**changes)
+
+
+def promises() -> Iterator[object]:
+    for one in table():
+        for quantity in one.floors:
+            yield pytest.param(one, quantity, id=f"{one.name}: {quantity}")
+
+
+@pytest.mark.parametrize(("prices", "quantity"), promises())
+def test_what_is_chosen_holds_and_is_not_dear(prices: Prices, quantity: str) -> None:
+    """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
+    scene = of_table(prices)
+    assert prices_of(scene, quantity) is prices
+    chosen = 0
+    for tolerance in (10.0 ** (-k / 4) for k in range(29)):
+        holding = [one for one in prices.rungs if one.bounds[quantity] <= tolerance]
+        if tolerance < FLOORS * prices.floors[quantity]:
+            with pytest.raises(InputError, match="random starts scatter"):
+                accurate(scene, f"{tolerance} {quantity}")
+            continue
+        if tolerance < MARGIN * min(one.bounds[quantity] for one in prices.rungs):
+            continue  # shorter than the table's shortest step, or refused
+        found = accurate(scene, f"{tolerance} {quantity}")
+        chosen += 1
+        fraction = checked_step(found.dt, scene).fraction
+        same = [one for one in prices.rungs if one.method == found.method]
+        near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
+        if holding:
+            price = near.seconds * near.fraction / fraction
+            assert price <= 1.5 * min(one.seconds for one in holding)
+        if fraction <= near.fraction:
+            assert near.bounds[quantity] <= tolerance or quantity in near.clear
+    assert chosen
+
+
+def test_accuracies_are_read() -> None:
+    assert asked("1e-4 rest height") == (1e-4, "rest height")
+    assert asked(" 1 %  piston force") == (0.01, "piston force")
+    for text, said in (
+        ("rest height", "give an error above 0"), ("0 rest height", "above 0"),
+        ("1e-3 rest heigth", "did you mean 'rest height'"), ("nan energy", "above 0"),
+        ("1e999 energy", "above 0"), ("-1 energy", "above 0"), ("", "above 0"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            asked(text)
+
+
+def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
+    with pytest.raises(InputError, match=r"random starts scatter by .*average \d+ starts"):
+        accurate(damper(), "1e-7 rest height")
+    with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
+        accurate(bed.replace(**{"effects.contact": {"modulus": 1e7}}), "1 % piston force")
+    with pytest.raises(InputError, match="leaves pairs out"):
+        accurate(bed.replace(**{"pairs.method": "cut-off"}), "10 % piston force")
+    with pytest.raises(InputError, match="either it or them"):
+        simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
+
+
+def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -> None:
+    large = bed.replace(
+        **{"grains.count": 2000, "cell.width": "150 D", "piston.height": "60 D",
+           "arrangement.height": "58 D"}
+    )  # fmt: skip
+    assert large.pair_method == "mesh"
+    rough, fine = (accurate(large, f"{one} rest height") for one in (0.2, 8e-4))
+    assert (rough.scene.pair_method, fine.scene.pair_method) == ("mesh", "direct")
+    assert "sum by the mesh" in rough.words
+    assert "direct sum" in fine.words
+
+
+def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
+    scene = small_bed.replace(**{"grains.count": 22})
+    run = simulate(scene, t_end=0.002, accuracy="1e-3 energy", progress=False)
+    words = run.settings()["accuracy"]
+    assert words.startswith("energy to 0.001: ")
+    assert run.settings()["dt"] in words
+    assert price_text(run).startswith("price: ")
+    assert "by the step" in price_text(run)
+    assert "twice as fine" in price_text(run)
+
+
+def test_price_without_a_like_scene_is_the_energy_s() -> None:
+    run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
+    error = run.settings()["ledger_residual"]
+    assert f"energy to {error:.1g} by the step" in price_text(run)
+    assert f", {error / 4.0:.1g}" in price_text(run)

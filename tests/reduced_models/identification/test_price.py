@@ -1,0 +1,17 @@
+"""The line on what an identified run cost and risks."""
+
+from __future__ import annotations
+
+from granular import load_scene, simulate
+from granular.run.price import price_text
+from reduced_models.identification.price import checked_price_text
+
+
+def test_the_step_check_is_told_where_there_was_one() -> None:
+    run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
+    told = checked_price_text(run, 0.06, 1.2e-6, None)
+    assert "rest height to 2e-05 by the step check; twice as fine: " in told
+    scattered = checked_price_text(run, 0.06, 1.2e-6, 6e-5)
+    assert "starts scatter it by 0.001" in scattered
+    assert "no better where the starts decide" in scattered
+    assert checked_price_text(run, 0.06, None, None) == price_text(run)

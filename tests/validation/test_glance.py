@@ -1,0 +1,90 @@
+"""The first screen: what it measures for a small scene, and what it shows."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from granular import Scene
+from granular.shared.html import Page
+from validation.cost import Point, Setting, WorkPrecision
+from validation.effect_costs import NOTHING, agree, effect_costs
+from validation.glance import planned, quantities_of
+from validation.report import page, summary
+from validation.sections.glance import advice_table, effect_table, glance_section
+
+
+def study(floor: float) -> WorkPrecision:
+    points = (
+        Point(Setting("stormer-verlet", "auto*8"), 2e-3, 1.0, 100, None, 1e-4, 5),
+        Point(Setting("stormer-verlet", "auto*4"), 5e-4, 2.0, 200, None, 1e-5, 5),
+    )
+    return WorkPrecision("damper", "period", "1", None, points, floor, "finer")
+
+
+def result(holds: bool) -> list[dict[str, object]]:
+    fresh = {"scene": "damper", "quantity": "period", "level": "1 %", "setting": "a",
+             "error": 0.1, "holds": holds}  # fmt: skip
+    return [{"studies": [study(1e-4).to_plain()], "fresh": [fresh], "starts": 5}]
+
+
+def test_quantities_follow_the_stages(bed: Scene, damper: Scene) -> None:
+    assert quantities_of(damper) == ("rest height", "period", "damping ratio", "energy")
+    assert quantities_of(bed) == ("piston force", "mean distance", "energy")
+    alone = bed.replace(**{"piston": None, "effects.walls.top": None})
+    assert quantities_of(alone) == ("energy", "positions")
+
+
+def test_advice_is_a_row_a_quantity() -> None:
+    found = advice_table([study(1e-4), study(5e-3)])
+    assert found.header[:4] == ("quantity", "1 %", "0.1 %", "1e-6")
+    assert found.rows[0][:4] == (
+        "period", "auto*8: 1 s", "auto*4: 2 s", "any of these: the starts scatter by 0.0001, and "
+        "more of them would show what no setting tried is free of",
+    )  # fmt: skip
+    assert found.rows[1][4] == "0.005"
+
+
+def test_a_fresh_start_that_misses_fails_the_report() -> None:
+    assert summary({"glance": result(True)})["holds"] is True
+    bad = {"glance": result(False)}
+    assert summary(bad)["holds"] is False
+    assert "Not all holds: glance." in page(bad, full=False).render()
+
+
+@pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
+def test_prices_that_differ_by_more_than_a_fifth_both_stand(
+    first: float, last: float, alike: bool
+) -> None:
+    row = {"effect": "drag", "first": first, "first_doubt": 0.1, "last": last, "last_doubt": 0.1}
+    assert agree(row) is alike
+    plain = {"scene": "s", "grains": 2, "step": 3.0, "nothing": 1.0, "sums": {"direct": 3.0},
+             "effects": [row, {**row, "first": None}]}  # fmt: skip
+    shown = effect_table(plain)
+    assert shown.rows[0][3] == ("yes" if alike else "no")
+    assert shown.rows[1][1] == "cannot be run"
+    drawn = Page("page")
+    glance_section(drawn, [{"effects": plain}])
+    assert "direct 3 microseconds" in drawn.render()
+
+
+@pytest.mark.long
+def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
+    found = effect_costs(small_bed, rounds=3, workers=1)
+    assert {row["effect"] for row in found["effects"]} == {"dipole", "walls", "gravity", "drag"}
+    assert all(math.isfinite(row["first"]) for row in found["effects"])
+    assert 0.0 < found["nothing"] < found["step"]
+    assert set(found["sums"]) == {"direct", "cut-off", "mesh"}
+    assert NOTHING not in found["sums"]
+    json.dumps(found, allow_nan=False)
+
+
+@pytest.mark.long
+def test_plan_keeps_to_its_time(small_bed: Scene) -> None:
+    """More time buys finer steps, and a reference finer than all of them."""
+    short, long = (planned(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
+    assert len(short[0]) < len(long[0])
+    assert long[2].dt == "auto/8"
+    assert len(long[1]) > 1

@@ -1,0 +1,289 @@
+"""Runs of a scene with many settings, from the same starts, against a reference."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+import warnings
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.allowed import is_allowed
+from granular.run.trajectory import Trajectory
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+from granular.shared.errors import GranularError, InputError
+from validation.cost.point import Point, Setting
+from validation.cost.study import WorkPrecision
+from validation.outside import adaptive
+from validation.quantities import MeasuredQuantity, quantity_named
+
+REPEATS = 2
+LONG = 1.0
+"""A run of this length is timed well enough, and not repeated [s]."""
+
+Value = float | np.ndarray
+Reference = Setting | float | np.ndarray | None
+"""A setting to take the true value from, the value, or None for `finest` or the exact one."""
+
+
+class Truth(NamedTuple):
+    """What a quantity is measured against.
+
+    Attributes
+    ----------
+    told : str
+        In words.
+    values : tuple of float or ndarray
+        One for each start.
+    floor : float
+        How far the quantity scatters over the starts, as an error.
+    """
+
+    told: str
+    values: tuple[Value, ...]
+    floor: float
+
+
+def work_precision(
+    scene: Scene,
+    quantity: str | MeasuredQuantity,
+    settings: Iterable[Setting],
+    *,
+    reference: Reference = None,
+    until: float | None = None,
+    seeds: int = 0,
+    repeats: int = REPEATS,
+) -> WorkPrecision:
+    """Run a scene with many settings, and compare a quantity with its reference.
+
+    Parameters
+    ----------
+    scene : Scene
+    quantity : str or MeasuredQuantity
+        One of `validation.quantities.QUANTITIES`, or one's own.
+    settings : iterable of Setting
+    reference : Setting or float or ndarray, optional
+        A setting to take the true value from, or the value; without, the quantity's exact value,
+        or what `finest` gives.
+    until : float, optional
+        Stop each run at this time [s]; the position error of a chaotic bed means something over a
+        short horizon only.
+    seeds : int
+        Further random starts, from each of which every setting and the reference are run too: the
+        error is then the mean of the deviations, with its standard error.
+    repeats : int
+        Runs of each setting from a start; those longer than `LONG` are run once.
+
+    Raises
+    ------
+    InputError
+        If the quantity is unknown, or no setting is given.
+    RunError
+        If the reference itself fails.
+    """
+    return work_precisions(
+        scene, [quantity], settings, references=[reference], until=until, seeds=seeds,
+        repeats=repeats,
+    )[0]  # fmt: skip
+
+
+def work_precisions(
+    scene: Scene,
+    quantities: Sequence[str | MeasuredQuantity],
+    settings: Iterable[Setting],
+    *,
+    references: Sequence[Reference] | None = None,
+    until: float | None = None,
+    seeds: int = 0,
+    repeats: int = REPEATS,
+) -> tuple[WorkPrecision, ...]:
+    """`work_precision` of several quantities from the same runs, a result each."""
+    chosen = [quantity_named(one) for one in quantities]
+    wanted = tuple(settings)
+    if not wanted:
+        raise InputError("no settings are given; give at least one method and step")
+    scenes = starts_of(scene, seeds)
+    truth = truths(scenes, chosen, references or [None] * len(chosen), until)
+    rows = [points(scenes, chosen, one, truth, until, repeats) for one in wanted if not one.outside]
+    outside = [one for one in wanted if one.outside]
+    return tuple(
+        WorkPrecision(
+            scene.name, one.name, "1" if one.relative else one.unit, until,
+            (*(row[k] for row in rows), *_outside_points(scene, one, outside, truth[k], until)),
+            truth[k].floor, truth[k].told,
+        )
+        for k, one in enumerate(chosen)
+    )  # fmt: skip
+
+
+def starts_of(scene: Scene, seeds: int) -> tuple[Scene, ...]:
+    """The scene, and the same from that many further random starts, as far as there are any."""
+    first = scene.arrangement.seed
+    count = seeds if seeds and varies(scene) else 0
+    more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
+    return (scene, *more)
+
+
+def varies(scene: Scene) -> bool:
+    """Whether another seed is another start."""
+    other = scene.replace(**{"arrangement.seed": scene.arrangement.seed + 1})
+    return any(
+        not np.array_equal(mine, yours)
+        for mine, yours in zip(scene.initial_motion(), other.initial_motion(), strict=True)
+    )
+
+
+def truths(
+    scenes: Sequence[Scene],
+    quantities: Sequence[MeasuredQuantity],
+    given: Sequence[Reference],
+    until: float | None,
+) -> list[Truth]:
+    """What each quantity is measured against; no run is made twice."""
+    runs: dict[str, list[Trajectory]] = {}
+    found = []
+    for quantity, one in zip(quantities, given, strict=True):
+        wanted = one
+        if wanted is None:
+            wanted = finest(scenes[0]) if quantity.exact is None else quantity.exact
+        if isinstance(wanted, Setting):
+            told = f"{wanted.family}, dt = {wanted.dt}"
+            if told not in runs:
+                runs[told] = [run(scene, wanted, until) for scene in scenes]
+            values = tuple(quantity.measure(each) for each in runs[told])
+            found.append(Truth(told, values, _floor(quantity, values)))
+        else:
+            told = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
+            found.append(Truth(told, (wanted,) * len(scenes), 0.0))
+    return found
+
+
+def finest(scene: Scene) -> Setting:
+    """A setting far more accurate than any that is worth while: order six where it can run."""
+    best = Setting("blanes-moan-6", "auto/2")
+    if is_allowed(scene, best.dt, best.method):
+        return best
+    return Setting("stormer-verlet", "auto/16")
+
+
+def run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:
+    """The run of a setting, without its warnings: its error is measured, and shown."""
+    from granular.run.simulation import simulate
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return simulate(
+            scene.replace(**setting.changes), dt=setting.dt, t_end=until, method=setting.method,
+            progress=False,
+        )  # fmt: skip
+
+
+def points(
+    scenes: Sequence[Scene],
+    quantities: Sequence[MeasuredQuantity],
+    setting: Setting,
+    truth: Sequence[Truth],
+    until: float | None,
+    repeats: int,
+) -> list[Point]:
+    """A point for each quantity, from the same runs."""
+    try:
+        _warm(scenes[0], setting)
+        runs, seconds = zip(
+            *(_timed(scene, setting, until, repeats) for scene in scenes), strict=True
+        )
+    except GranularError as stop:
+        return [_failed(setting, stop)] * len(quantities)
+    steps = round(float(np.mean([one.settings()["steps"] for one in runs])))
+    found = []
+    for quantity, one in zip(quantities, truth, strict=True):
+        try:
+            values = [quantity.measure(each) for each in runs]
+            error, doubt = deviation(quantity, values, one.values)
+            found.append(
+                Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
+            )
+        except GranularError as stop:
+            found.append(_failed(setting, stop))
+    return found
+
+
+def deviation(
+    quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
+) -> tuple[float, float]:
+    """Error of a quantity over the starts, and its standard error.
+
+    The size of the mean deviation: what single starts are off to either side is scatter, which no
+    setting mends. Of a quantity that each start has a value of its own of, the greatest error, and
+    the standard deviation of the errors.
+    """
+    if quantity.of_start or len(values) == 1:
+        errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]
+        return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
+    off = np.array([np.ravel(a) - np.ravel(b) for a, b in zip(values, references, strict=True)])
+    if quantity.relative:
+        off /= np.abs(np.mean([np.asarray(one) for one in references], axis=0)).max()
+    mean = np.abs(off.mean(axis=0))
+    worst = int(mean.argmax())
+    return float(mean[worst]), float(off[:, worst].std(ddof=1) / math.sqrt(len(values)))
+
+
+def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
+    """Standard deviation of a quantity over starts, as an error."""
+    if len(values) < 2 or quantity.of_start:
+        return 0.0
+    all_of_them = np.array([np.asarray(one) for one in values])
+    spread = float(all_of_them.std(axis=0, ddof=1).max())
+    if not quantity.relative:
+        return spread
+    return spread / float(np.abs(all_of_them.mean(axis=0)).max())
+
+
+def _timed(
+    scene: Scene, setting: Setting, until: float | None, repeats: int
+) -> tuple[Trajectory, float]:
+    """A run, and the least time of its repeats [s]."""
+    seconds = math.inf
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        found = run(scene, setting, until)
+        seconds = min(seconds, time.perf_counter() - begun)
+        if seconds > LONG:
+            break
+    return found, seconds
+
+
+def _failed(setting: Setting, stop: GranularError) -> Point:
+    return Point(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
+
+
+def _warm(scene: Scene, setting: Setting) -> None:
+    """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
+    with contextlib.suppress(GranularError):
+        run(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
+
+
+def _outside_points(
+    scene: Scene,
+    quantity: MeasuredQuantity,
+    settings: Sequence[Setting],
+    truth: Truth,
+    until: float | None,
+) -> list[Point]:
+    """Points of the outside references, which give positions only; compiled before they count."""
+    if quantity.name != "positions" or until is None:
+        return []
+    length = Scales.of(scene.grains).length
+    found = []
+    for one in settings:
+        adaptive(one.method, scene, 1e-3 * until, 1e-2)
+        begun = time.perf_counter()
+        solved = adaptive(one.method, scene, until, float(one.dt))
+        seconds = time.perf_counter() - begun
+        error = quantity.error(solved.positions / length, truth.values[0])
+        found.append(Point(one, error, seconds, solved.steps or 0))
+    return found

@@ -1,0 +1,155 @@
+"""What each effect of a scene costs a step: added to nothing, and taken away from the whole."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from granular.run.summary import effect_names
+from granular.scene.scene import Scene
+from granular.shared.errors import GranularError
+from validation.benchmark.engine import EngineSteps
+
+STILL = 1e-5
+"""Time step [tau]: so short that grains stay in the cell, also without walls."""
+
+ROUNDS = 40
+BURST = 4e-3
+"""About how long one timing takes [s]."""
+
+_HELD: dict[str, Any] = {
+    "protocol": [{"kind": "hold", "name": "hold", "duration": 60.0}],
+    "output.record": None,
+}
+"""A piston that is held needs no wall to be pushed by."""
+
+SUMS = ("direct", "cut-off", "mesh")
+
+WHOLE, NOTHING = "all effects", "no effect"
+
+AGREE = 0.2
+"""Share of the greater one by which the two prices of an effect may differ to be called one."""
+
+
+def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[str, Any]:
+    """Microseconds a step of a scene, by effect and by sum over pairs.
+
+    Steps are timed in turn, in ``rounds`` rounds; what an effect costs is the median over the
+    rounds of the difference of the two steps timed in one round.
+
+    Parameters
+    ----------
+    scene : Scene
+    rounds : int
+    workers : int
+        Processes that compile side by side before.
+
+    Returns
+    -------
+    dict
+        ``scene``, ``grains``, ``step`` [us], ``sums`` (time of a step [us] by method, as far as
+        the scene can be run with it) and ``effects``: a row each, with what it adds where it comes
+        first and saves where it is taken away last [us], and half the interval of each.
+    """
+    names = effect_names(scene)
+    held = scene.replace(**_HELD)
+    builds = _builds(held, names)
+    if workers > 1:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            list(pool.map(_compiled, builds.values()))
+    calls, steps = _calls(builds)
+    seconds = _timed(calls, rounds)
+    each = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
+    rows = []
+    for name in names:
+        first = _difference(each.get(f"{name} alone"), each[NOTHING])
+        last = _difference(each[WHOLE], each.get(f"without {name}"))
+        rows.append({"effect": name, "first": first[0], "first_doubt": first[1],
+                     "last": last[0], "last_doubt": last[1]})  # fmt: skip
+    return {
+        "scene": scene.name, "grains": scene.grains.count, "step": float(np.median(each[WHOLE])),
+        "nothing": float(np.median(each[NOTHING])), "effects": rows,
+        "sums": {name: float(np.median(each[name])) for name in SUMS if name in each},
+    }  # fmt: skip
+
+
+def _builds(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
+    """The scenes to time; those that cannot be run are left out."""
+    none = {f"effects.{name}": None for name in names}
+    wanted: dict[str, Callable[[], Scene]] = {
+        NOTHING: lambda: scene.replace(**none),
+        WHOLE: lambda: scene,
+        **{
+            f"{name} alone": partial(
+                _replaced, scene, {key: None for key in none if key != f"effects.{name}"}
+            )
+            for name in names
+        },
+        **{f"without {name}": partial(_replaced, scene, {f"effects.{name}": None})
+           for name in names},
+        **{name: partial(_replaced, scene, {"pairs.method": name}) for name in SUMS},
+    }  # fmt: skip
+    found = {}
+    for name, made in wanted.items():
+        try:
+            found[name] = made()
+        except GranularError:
+            continue  # such as the mesh without four walls
+    return found
+
+
+def _replaced(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    return scene.replace(**changes)
+
+
+def _compiled(scene: Scene) -> None:
+    EngineSteps(scene, step=STILL).make(1)
+
+
+def _calls(
+    builds: Mapping[str, Scene],
+) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
+    """Calls that take about `BURST` each, and the steps of each."""
+    calls: dict[str, Callable[[], None]] = {}
+    steps: dict[str, int] = {}
+    for name, scene in builds.items():
+        engine = EngineSteps(scene, step=STILL)
+        engine.make(16)
+        begun = time.thread_time()
+        engine.make(64)
+        steps[name] = max(16, math.ceil(64 * BURST / (time.thread_time() - begun)))
+        calls[name] = partial(engine.make, steps[name])
+    return calls, steps
+
+
+def _timed(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
+    """Seconds of processor time of each call in each round: other programs take none of it."""
+    found = {name: np.empty(rounds) for name in calls}
+    for k in range(rounds):
+        for name, call in calls.items():
+            begun = time.thread_time()
+            call()
+            found[name][k] = time.thread_time() - begun
+    return found
+
+
+def _difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
+    """Median of the differences of pairs, and half its 95 % interval; NaN without a pair."""
+    if more is None or less is None:
+        return math.nan, math.nan
+    off = more - less
+    quarters = np.percentile(off, [25.0, 75.0])
+    return float(np.median(off)), float(1.57 * (quarters[1] - quarters[0]) / math.sqrt(len(off)))
+
+
+def agree(row: Mapping[str, Any]) -> bool:
+    """Whether an effect costs the same first and last, within a fifth."""
+    first, last = row["first"], row["last"]
+    return bool(abs(first - last) <= AGREE * max(abs(first), abs(last)))

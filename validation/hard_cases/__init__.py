@@ -1,0 +1,43 @@
+"""The catalogue of hard cases: what is hard, what counts as accurate, which errors may end it.
+
+Only coincident grains, overlapping starts without contact, numbers that are none or cannot be
+computed with, a piston started inside the bed, steps beyond the stability limit, and the source's
+list of pairs, which misses some, may end in an error. All others run accurately with the default
+settings.
+"""
+
+from __future__ import annotations
+
+from validation.hard_cases.collisions import collision_cases, head_on
+from validation.hard_cases.damping import damping_cases
+from validation.hard_cases.extremes import (
+    count_cases,
+    extreme_cases,
+    injection_cases,
+    unheard_cases,
+)
+from validation.hard_cases.friction import friction_cases
+from validation.hard_cases.measures import energy_change
+from validation.hard_cases.pistons import piston_cases
+from validation.hard_cases.sizes import size_cases
+from validation.hard_cases.starts import start_cases
+from validation.hard_cases.steps import near_limit, step_cases, verlet_swing
+from validation.hard_cases.sums import sum_cases
+from validation.outcomes import HardCase
+
+__all__ = ["COSTLY", "catalogue", "energy_change", "head_on", "near_limit", "verlet_swing"]
+
+COSTLY = (
+    "slabs", "friction", "mass ratio", "aspect", "contact", "drop", "100 kg", "packing", "skin",
+    "far field", "1e6 steps", "damping ratio", "three species", "list of pairs", "1e5 grains",
+)  # fmt: skip
+"""Words in the names of hard cases whose scenes take long to compile or to run."""
+
+
+def catalogue() -> tuple[HardCase, ...]:
+    """All hard cases."""
+    return (
+        *piston_cases(), *collision_cases(), *start_cases(), *friction_cases(), *damping_cases(),
+        *size_cases(), *step_cases(), *count_cases(), *sum_cases(), *extreme_cases(),
+        *unheard_cases(), *injection_cases(),
+    )  # fmt: skip

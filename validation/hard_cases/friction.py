@@ -1,0 +1,93 @@
+"""Hard cases of dry friction: grains that stick, slide and stop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from granular.scene.beds import mono_bed
+from granular.scene.scene import Scene
+from validation.exact import sliding
+from validation.exact.problem import lone_scene
+from validation.hard_cases.measures import FAIR, LEDGER, distance_to, greatest_way, ledger
+from validation.hard_cases.small_beds import few_grains
+from validation.outcomes import BROKEN, HardCase
+
+
+def _loaded(load: float) -> Scene:
+    """A grain under its weight, pressed on the plates [N]."""
+    arrangement = {"positions": [["30 D", "30 D"]]}
+    return lone_scene(
+        "loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement
+    )
+
+
+def _slow(**changes: Any) -> Scene:
+    """The source's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
+    return mono_bed(23, speed=8.33e-3, relaxation=0.1).replace(**changes)
+
+
+def _strong() -> Scene:
+    """Static and dynamic friction alike, and the torque that presses to second order."""
+    return _slow(**{"effects.friction": {"static": 0.8, "dynamic": 0.8, "torque": "second"}})
+
+
+def _listed() -> Scene:
+    """The source's own way: regularised friction, and its list of pairs."""
+    return few_grains(
+        "bed",
+        **{
+            "effects.drag": None,
+            "effects.friction": {"scheme": "regularised"},
+            "pairs": {"method": "verlet-list", "cut_off": "5 D", "skin": "1 D"},
+        },
+    )
+
+
+def friction_cases() -> tuple[HardCase, ...]:
+    """Thresholds that a step may jump over."""
+    problem = sliding.problem()
+    limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem
+    return (
+        HardCase(
+            "friction below the threshold", "the weight is 0.7 of what static friction holds",
+            lambda: _loaded(0.01), greatest_way, "way [D]", 0.0, 0.5, 5.0,
+        ),
+        HardCase(
+            "sliding friction", "a grain slides and stops",
+            lambda: problem.scene, distance_to(problem), "distance from the exact place [D]",
+            1e-2, problem.time, problem.time, dt=1e-3,
+        ),
+        HardCase(
+            "friction, step 100 times too large", "a step of a fifth of the time to the stop",
+            lambda: problem.scene.replace(**{"output.scalars": 1e-2, "output.frames": 1e-2}),
+            distance_to(problem), "distance from the exact place [D]",
+            limit, problem.time, problem.time, dt=1e-2, may_degrade=True,
+        ),
+        HardCase(
+            "bed with dry friction", "many grains stick and slip",
+            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {}}),
+            ledger, LEDGER, 1e-2, 0.2, 2.0,
+        ),
+        HardCase(
+            "bed with dry friction, step 100 times too large", "far beyond the stability limit",
+            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {},
+                                         "output.scalars": 2e-3}),
+            ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, dt=2e-3, may_degrade=True,
+        ),
+        HardCase(
+            "slow compression with friction of 0.8",
+            "static and dynamic friction alike, the torque to second order, the source's protocol",
+            _strong, ledger, LEDGER, FAIR, 0.5, 30.0,
+        ),
+        HardCase(
+            "1e6 steps of compression under dry friction",
+            "what a step loses by rounding adds up; 1e5 steps in the quick catalogue",
+            lambda: _slow(**{"output.scalars": 1e-3, "output.frames": 0.1}),
+            ledger, LEDGER, FAIR, 0.2, 2.0, dt=2e-6,
+        ),
+        HardCase(
+            "regularised friction with the source's list",
+            "forces jump where a list takes pairs in, and friction chatters", _listed,
+            ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, may_degrade=True,
+        ),
+    )  # fmt: skip
