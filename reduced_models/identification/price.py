@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from granular.run.price import price_text
-
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
@@ -22,6 +20,8 @@ def checked_price_text(
         Rest height, what twice the step changed in it, and its scatter over starts [m].
     """
     if step_error is None or not height > 0.0:
+        from granular.run.price import price_text  # fits alone need nothing of the simulation
+
         return price_text(run)
     seconds = run.settings()["seconds"]
     scatter = f"; starts scatter it by {seed_spread / height:.1g}" if seed_spread else ""

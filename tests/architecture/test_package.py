@@ -35,7 +35,7 @@ def test_the_two_halves_are_the_whole() -> None:
 def test_extra_all_holds_every_extra_of_users() -> None:
     (words,) = PROJECT["project"]["optional-dependencies"]["all"]
     inside = set(re.findall(r"[a-z]+", words.partition("[")[2]))
-    for_developers = {"all", "dev", "docs", "lammps", "notebooks", "peers", "test"}
+    for_developers = {"all", "dev", "docs", "lammps", "notebooks", "peers", "programs", "test"}
     assert inside == set(PROJECT["project"]["optional-dependencies"]) - for_developers
 
 
