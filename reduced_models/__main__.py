@@ -58,7 +58,7 @@ examples:
 examples:
   %(prog)s -o out              # those that come with the package
   %(prog)s --simulate -o out   # the study behind them, anew""",
-    "export": """\
+    "export-model": """\
 examples:
   %(prog)s out/model.json -o damper.c
   %(prog)s out/model.json -o damper_model.m      # MATLAB and Octave
@@ -87,7 +87,9 @@ def parser(prog: str = PROG) -> Parser:
     _add_design(add("design", "choose mass, grains and drag for a wanted frequency and damping"))
     _add_maps(add("maps", "show frequency and damping over mass, grains, drag and mixture"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
-    _add_export(add("export", "write a saved model as code: Python, C, MATLAB, Modelica, FMU"))
+    _add_export(
+        add("export-model", "write a saved model as code: Python, C, MATLAB, Modelica, FMU")
+    )
     return top
 
 
@@ -253,7 +255,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         "design": commands.design_damper,
         "maps": commands.map_dampers,
         "simulate": commands.simulate_model,
-        "export": commands.export_model,
+        "export-model": commands.export_model,
     }[options.command](options)
 
 

@@ -74,7 +74,7 @@ def test_a_command_that_is_shown_is_one(line: str) -> None:
     PARSERS[words[2]].parse_args(words[3:])
 
 
-QUICK = ("look", "simulate", "export", "scenes", "show")
+QUICK = ("look", "simulate", "export-model", "scenes", "show")
 """Commands that take seconds; those that fit, simulate a bed or compare have tests of their own."""
 FILES = ("lab.csv", "model.json", "out/model.json", "bed", "damper")
 """What they may be given here."""

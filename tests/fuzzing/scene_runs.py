@@ -47,7 +47,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
     ended = run.stages[-1]
     # Times grow: of two records at time 0 the later one stands the least number behind it.
     last = float(data["time"].values[-1])
-    assert math.isclose(ended.end, last, rel_tol=1e-9, abs_tol=1e-300), "ends elsewhere"
+    assert math.isclose(ended.end, last, rel_tol=1e-9, abs_tol=1e-15), "ends elsewhere"
     words = " ".join(str(one.message) for one in said)
     off = run.settings()["ledger_residual"]
     if off > doubtful(run.scene):

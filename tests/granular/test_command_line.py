@@ -35,7 +35,7 @@ def test_scenes_and_show(command: Command) -> None:
 def test_run_says_that_nothing_is_kept(command: Command) -> None:
     done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
     assert "0 to 0.005 s" in done.stdout
-    assert done.stdout.splitlines()[-1] == "nothing is kept of the run; -o DIR keeps it"
+    assert "nothing is kept of the run; -o DIR keeps it" in done.stdout.splitlines()
 
 
 def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
@@ -107,10 +107,10 @@ def test_examples_of_the_help_are_understood(name: str, capsys: pytest.CaptureFi
         parser().parse_args([name, "--help"] if name else ["--help"])
     assert stopped.value.code == 0
     text = capsys.readouterr().out
-    lines = [line.split("   (")[0] for line in text.splitlines() if "  python -m granular" in line]
+    lines = [line for line in text.splitlines() if "  python -m granular" in line]
     assert lines
     for line in lines:
-        words = shlex.split(line)[3:]
+        words = shlex.split(line, comments=True)[3:]
         assert parser().parse_args(words).command == (name or words[0])
 
 

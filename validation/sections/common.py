@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 WIDTH = 5.6
 """Of a figure [inch]: narrow enough for its letters to be read on a phone."""
 
+LONGEST_NUMBER = 16
+"""Letters of a number with its unit; what is longer is words."""
+
 
 def sound(results: Sequence[Plain]) -> list[Plain]:
     """The results that did not fail."""
@@ -34,8 +37,8 @@ def tabulate(page: Page, shown: TextTable) -> None:
 
 
 def unbroken(cell: str) -> str:
-    """A cell that begins with a number stays on one line: 1e-06 is not broken at its sign."""
-    if "," in cell or not cell.lstrip("+-")[:1].isdigit():
+    """A number and its unit stay on one line: 1e-06 is not broken at its sign."""
+    if "," in cell or len(cell) > LONGEST_NUMBER or not cell.lstrip("+-")[:1].isdigit():
         return cell
     return cell.replace("-", "\u2011").replace(" ", "\u00a0")
 

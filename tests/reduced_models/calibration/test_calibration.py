@@ -164,7 +164,7 @@ def test_what_cannot_be_told_apart_is_named() -> None:
     # What the data do say is found, also where mass and remanence alone are not.
     told = (found.values[MASS] + 0.1) / found.values[REMANENCE] ** 2
     assert told == pytest.approx(6.1 / 1.3**2, rel=0.03)
-    assert "open: the data do not notice when" in str(found)
+    assert "open: hardly identifiable from this record: " in str(found)
 
     found = Lab.of(1, mass=6.0, force=True).calibrated(MASS, DRAG, REMANENCE)
     assert found.undetermined == ()
