@@ -69,7 +69,7 @@ mine.py:
   from granular import Method
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
-    "prices": "example:\n  %(prog)s -o prices.toml     # ten minutes",
+    "prices": "example:\n  %(prog)s -o prices.toml     # long",
     "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
 }
 
