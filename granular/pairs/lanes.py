@@ -51,11 +51,15 @@ class Code:
     def __init__(self, context: Any, builder: ir.IRBuilder) -> None:
         self.context, self.builder = context, builder
 
-    def data(self, kind: Any, array: Any) -> Any:
-        """Pointer to an array's first element; None for an absent array."""
+    def data(self, kind: Any, array: Any, row: ir.Value | None = None) -> Any:
+        """Pointer to an array's first element, or to a row's; None for an absent array."""
         if isinstance(kind, types.NoneType):
             return None
-        return self.context.make_array(kind)(self.context, self.builder, array).data
+        made = self.context.make_array(kind)(self.context, self.builder, array)
+        if row is None or kind.ndim == 1:
+            return made.data
+        across = self.builder.extract_value(made.shape, 1)
+        return self.builder.gep(made.data, [self.builder.mul(row, across)])
 
     def call(self, name: str, *operands: ir.Value) -> ir.Value:
         """A function of LLVM on vectors of doubles."""

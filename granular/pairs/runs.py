@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
 from granular.pairs.interact import (
@@ -112,6 +113,7 @@ def sweep_runs(
     load: Any,
     weight: Any,
     runs: Any,
+    part: Any,
     first: Any,
     stop: Any,
     radius: Any,
@@ -119,6 +121,7 @@ def sweep_runs(
 ) -> Any:
     """The rows first .. stop - 1, two at a time, each with the partners within ``radius``.
 
+    What is summed goes to the row ``part`` of fx, fy, stiffness, extremes and load.
     The first row's partners begin with the second row; seven more grains behind that one are met
     without being listed. ``runs`` is int64 (rows / 2, `RUNS`, 2): where each run starts and stops.
     Up to seven places behind a run are met, too. ``smooth`` is None where pairs just end at the
@@ -126,15 +129,15 @@ def sweep_runs(
     """
     signature = types.void(
         x, y, fx, fy, moments, stiffness, extremes, load, weight, runs,
-        types.intp, types.intp, types.float64, smooth,
+        types.intp, types.intp, types.intp, types.float64, smooth,
     )  # fmt: skip
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        arrays = Arrays(code, signature.args[:9], values[:9])
+        part, first, stop, radius = values[10:14]
+        arrays = Arrays(code, signature.args[:9], values[:9], part)
         listed = code.data(signature.args[9], values[9])
-        first, stop, radius = values[10:13]
-        ends = not isinstance(signature.args[13], types.NoneType)
+        ends = not isinstance(signature.args[14], types.NoneType)
         cut = _cut(code, radius, smooth=ends)
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
@@ -151,3 +154,16 @@ def sweep_runs(
         return context.get_dummy_value()
 
     return signature, generate
+
+
+@intrinsic
+def if_given(typing: Any, asked: Any, sums: Any) -> Any:
+    """The sums; None where None is asked for. A choice in the source would be made at run time."""
+    kind = types.none if isinstance(asked, types.NoneType) else sums
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        if kind is types.none:
+            return context.get_dummy_value()
+        return impl_ret_borrowed(context, builder, kind, values[1])
+
+    return kind(asked, sums), generate

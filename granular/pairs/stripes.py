@@ -9,6 +9,9 @@ The runs are listed for a reach that is longer than the radius by a skin. No pai
 while no grain has moved by more than half the skin since; that is looked at before every sum, and
 the runs are listed anew where one has. How many runs there are is known beforehand: there is no
 list that could overflow. The skin grows or shrinks by how long the lists last.
+
+The rows are dealt out to parts that take about equally long, each with sums of its own, which are
+added in a fixed order: one thread or several give the same bits.
 """
 
 from __future__ import annotations
@@ -21,10 +24,12 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import STRENGTH
+from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.pairs.inverse import SCALE
 from granular.pairs.lanes import WIDTH, padded
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.runs import ROWS, RUNS, sweep_runs
+from granular.pairs.rows import add_row, clear_row
+from granular.pairs.runs import ROWS, RUNS, if_given, sweep_runs
 
 PADDING = 1e70
 
@@ -35,9 +40,8 @@ LISTED, GRAINS, SKIN, CALLS, BUILDS, STRIPES = range(6)
 """Entries of the memory: whether there are lists for the places that they were made at; for how
 many grains; the skin [D]; sums since; how often lists were made; in how many stripes."""
 
-_TOGETHER = RUNS
-"""Stripes swept together. They push grains in the next three at most, so every second group can be
-swept at the same time as the others of its kind."""
+_ROW_COST = 3
+"""Of two rows besides their partners, in vectors of these."""
 
 _FIRST_SKIN, _LEAST_SKIN, _MOST_SKIN = 0.05, 0.01, 0.5
 _COST = 2.0
@@ -67,12 +71,19 @@ class Stripes(NamedTuple):
 
     Attributes
     ----------
-    x, y, fx, fy : float64 (s,)
+    x, y : float64 (s,)
         In the order of stripes, with far places between them.
-    moments, weight, load, stiffness : float64 (s,) or None
-    place : int64 (m,)
-        Where each grain stands in that order.
-    order, stripe : int64 (m,)
+    moments, weight : float64 (s,) or None
+    fx, fy, stiffness, load : float64 (parts, s), the last one or None
+        Sums of each part, where it has any.
+    rows, firsts : int64 (parts + 1,)
+        Where each part's rows begin, and which of the grains in ``order`` is the first in them.
+    ends : int64 (parts,)
+        Behind the last place that a part adds to.
+    order, place : int64 (m,)
+        The grains in that order, one after another, and where each of them stands there; before the
+        first listing, as they come.
+    stripe : int64 (m,)
         Scratch.
     begins : int64 (k,)
         Where each stripe begins; a multiple of the vector width.
@@ -87,12 +98,15 @@ class Stripes(NamedTuple):
 
     x: np.ndarray
     y: np.ndarray
-    fx: np.ndarray
-    fy: np.ndarray
     moments: np.ndarray | None
     weight: np.ndarray | None
-    load: np.ndarray | None
+    fx: np.ndarray
+    fy: np.ndarray
     stiffness: np.ndarray
+    load: np.ndarray | None
+    rows: np.ndarray
+    firsts: np.ndarray
+    ends: np.ndarray
     place: np.ndarray
     order: np.ndarray
     stripe: np.ndarray
@@ -110,18 +124,21 @@ def stripes_room(size: int, *, moments: bool, loaded: bool) -> Stripes:
     """Room for that many grains (padded); linear in it."""
     most = _most_stripes(size)
     places = padded(size + 2 * WIDTH * most) + 2 * WIDTH
-    zeros = np.zeros(places)
+    parts = PARTS if size >= PARTED_FROM else 1
     return Stripes(
-        x=zeros.copy(),
-        y=zeros.copy(),
-        fx=zeros.copy(),
-        fy=zeros.copy(),
-        moments=zeros.copy() if moments else None,
-        weight=zeros.copy() if loaded else None,
-        load=zeros.copy() if loaded else None,
-        stiffness=zeros.copy(),
+        x=np.zeros(places),
+        y=np.zeros(places),
+        moments=np.zeros(places) if moments else None,
+        weight=np.zeros(places) if loaded else None,
+        fx=np.zeros((parts, places)),
+        fy=np.zeros((parts, places)),
+        stiffness=np.zeros((parts, places)),
+        load=np.zeros((parts, places)) if loaded else None,
+        rows=np.zeros(parts + 1, dtype=np.int64),
+        firsts=np.zeros(parts + 1, dtype=np.int64),
+        ends=np.zeros(parts, dtype=np.int64),
         place=np.zeros(size, dtype=np.int64),
-        order=np.zeros(size, dtype=np.int64),
+        order=np.arange(size),
         stripe=np.zeros(size, dtype=np.int64),
         begins=np.zeros(most + 2, dtype=np.int64),
         runs=np.zeros((places // ROWS, RUNS, 2), dtype=np.int64),
@@ -162,8 +179,11 @@ def _sort(stripes: Stripes, grains: int, reach: float) -> tuple[int, float]:
             across[c] = x[chosen[c]]
         turns = np.argsort(across)
         for c in range(chosen.size):
-            stripes.place[chosen[turns[c]]] = stripes.begins[k] + c
-            stripes.x[stripes.begins[k] + c] = across[turns[c]]
+            stripes.stripe[c] = chosen[turns[c]]
+        for c in range(chosen.size):
+            chosen[c] = stripes.stripe[c]
+            stripes.place[counts[k] + c] = stripes.begins[k] + c
+            stripes.x[stripes.begins[k] + c] = x[chosen[c]]
     return number, height
 
 
@@ -198,16 +218,55 @@ def _list_runs(stripes: Stripes, number: int, height: float, reach: float) -> No
                     stripes.runs[first // ROWS, up, 1] = 0
 
 
+@compiled(inline=True)
+def _row_cost(stripes: Stripes, first: int) -> tuple[int, int]:
+    """Cost of eight rows, in vectors of partners; behind the last place that they meet."""
+    cost, last = 0, first + 2 * WIDTH
+    for pair in range(first // ROWS, (first + WIDTH) // ROWS):
+        cost += _ROW_COST
+        for run in range(RUNS):
+            start, stop = stripes.runs[pair, run, 0], stripes.runs[pair, run, 1]
+            if stop > start:
+                vectors = (stop - start + WIDTH - 1) // WIDTH
+                cost += vectors
+                last = max(last, start + vectors * WIDTH)
+    return cost, (last + WIDTH - 1) // WIDTH * WIDTH
+
+
+@compiled
+def _deal_rows(stripes: Stripes, grains: int, end: int) -> None:
+    """Deal the rows out to parts that take about equally long; they begin at whole vectors."""
+    parts, total, done, part = stripes.ends.size, 0, 0, 0
+    for first in range(0, end, WIDTH):
+        total += _row_cost(stripes, first)[0]
+    stripes.rows[:] = end
+    stripes.rows[0] = 0
+    stripes.ends[:] = 0
+    for first in range(0, end, WIDTH):
+        cost, last = _row_cost(stripes, first)
+        while part + 1 < parts and (2 * done + cost) * parts >= 2 * (part + 1) * total:
+            part += 1
+            stripes.rows[part] = first
+        done += cost
+        stripes.ends[part] = max(stripes.ends[part], last)
+    part = 0
+    stripes.firsts[:] = grains
+    for k in range(grains):
+        while part <= parts and stripes.rows[part] <= stripes.place[k]:
+            stripes.firsts[part] = k
+            part += 1
+
+
 @compiled
 def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Array | None) -> None:
     if moments is not None and stripes.moments is not None:
         stripes.moments[:] = 0.0
-        for i in range(grains):
-            stripes.moments[stripes.place[i]] = moments[i]
+        for k in range(grains):
+            stripes.moments[stripes.place[k]] = moments[stripes.order[k]]
     if weight is not None and stripes.weight is not None:
         stripes.weight[:] = 0.0
-        for i in range(grains):
-            stripes.weight[stripes.place[i]] = weight[i]
+        for k in range(grains):
+            stripes.weight[stripes.place[k]] = weight[stripes.order[k]]
 
 
 @compiled
@@ -218,7 +277,7 @@ def _list_partners(
     number, height = _sort(stripes, grains, reach)
     _list_runs(stripes, number, height, reach)
     _put_values(stripes, grains, moments, weight)
-    stripes.begins[stripes.begins.size - 1] = stripes.begins[number]
+    _deal_rows(stripes, grains, stripes.begins[number])
     stripes.memory[LISTED] = 1.0
     stripes.memory[STRIPES] = number
 
@@ -249,19 +308,21 @@ def _moved(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
 
 @compiled
 def finite(x: Array, y: Array, grains: int) -> bool:
-    total = 0.0
+    odd = 0
     for i in range(grains):
-        total += 0.0 * x[i] + 0.0 * y[i]
-    return total == 0.0
+        odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
+    return odd == 0
 
 
 @compiled
 def _make_ready(
     stripes: Stripes, x: Array, y: Array, grains: int, moments: Array | None, weight: Array | None,
     radius: float,
-) -> None:  # fmt: skip
-    """Make the lists hold every pair within the radius."""
+) -> bool:  # fmt: skip
+    """Make the lists hold every pair within the radius; False where a place is no number."""
     if _moved(stripes, x, y, grains):
+        if not finite(x, y, grains):
+            return False
         _adapt_skin(stripes.memory, radius)
         for i in range(grains):
             stripes.built[0, i] = x[i]
@@ -273,74 +334,142 @@ def _make_ready(
     if stripes.memory[LISTED] == 0.0:
         _list_partners(stripes, grains, moments, weight, radius)
     stripes.memory[CALLS] += 1.0
+    return True
+
+
+class Asked(NamedTuple):
+    """What a sum is asked for: where it reads the places, and what it fills.
+
+    Attributes
+    ----------
+    x, y, fx, fy : float64 (m,)
+    stiffness, load : float64 (m,) or None
+    extremes : float64 (parts, 2) or None
+        Of each part.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    fx: np.ndarray
+    fy: np.ndarray
+    stiffness: np.ndarray | None
+    load: np.ndarray | None
+    extremes: np.ndarray | None
 
 
 @compiled
-def _sweep_group(
-    stripes: Stripes, sums: Array | None, parts: Array | None, load: Array | None, group: int,
-    radius: float, smooth: bool | None,
-) -> None:  # fmt: skip
-    first = stripes.begins[group * _TOGETHER]
-    end = stripes.begins[min((group + 1) * _TOGETHER, int(stripes.memory[STRIPES]))]
-    if parts is None:
-        sweep_runs(
-            stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments, sums, None, load,
-            stripes.weight, stripes.runs, first, end, radius, smooth,
-        )  # fmt: skip
-    else:
-        sweep_runs(
-            stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments, sums, parts[group], load,
-            stripes.weight, stripes.runs, first, end, radius, smooth,
-        )  # fmt: skip
+def _place_part(stripes: Stripes, asked: Asked, part: int) -> None:
+    """Put the grains of a part where they are now, and clear its sums."""
+    for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
+        stripes.x[stripes.place[k]] = asked.x[stripes.order[k]]
+        stripes.y[stripes.place[k]] = asked.y[stripes.order[k]]
+    _clear(asked.fx, stripes.fx, stripes, part)
+    _clear(asked.fy, stripes.fy, stripes, part)
+    _clear(asked.stiffness, stripes.stiffness, stripes, part)
+    _clear(asked.load, stripes.load, stripes, part)
+
+
+@compiled(inline=True)
+def _clear(asked: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
+    if asked is not None:
+        _clear_part(sums, stripes, part)
+
+
+@compiled(inline=True)
+def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
+    if sums is not None:
+        clear_row(sums, part, stripes.rows[part], stripes.ends[part])
 
 
 @compiled
-def _sweep_groups(
-    stripes: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
-    radius: float, smooth: bool | None,
-) -> None:  # fmt: skip
-    for odd in range(2):
-        for half in range((groups + 1 - odd) // 2):
-            _sweep_group(stripes, sums, parts, load, 2 * half + odd, radius, smooth)
+def _sweep_part(
+    stripes: Stripes, asked: Asked, part: int, radius: float, smooth: bool | None
+) -> None:
+    """Meet the partners of a part's rows."""
+    sweep_runs(
+        stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments,
+        if_given(asked.stiffness, stripes.stiffness), asked.extremes,
+        if_given(asked.load, stripes.load), stripes.weight, stripes.runs,
+        part, stripes.rows[part], stripes.rows[part + 1], radius, smooth,
+    )  # fmt: skip
+
+
+@compiled(inline=True)
+def _join(sums: Array, stripes: Stripes, part: int) -> None:
+    """Add to a part's sums what the parts before it have for its rows."""
+    for other in range(part):
+        end = min(stripes.ends[other], stripes.rows[part + 1])
+        add_row(sums, part, other, stripes.rows[part], end)
+
+
+@compiled(inline=True)
+def _collect(
+    out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
+) -> None:
+    """Give the grains of a part their sums, where they are asked for."""
+    if out is not None:
+        _give(out, sums, scale, stripes, part)
+
+
+@compiled
+def _give(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
+    if sums is not None:
+        _join(sums, stripes, part)
+        for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
+            out[stripes.order[k]] = scale * sums[part, stripes.place[k]]
+
+
+@compiled
+def _collect_part(stripes: Stripes, asked: Asked, part: int) -> None:
+    _collect(asked.fx, stripes.fx, STRENGTH * SCALE, stripes, part)
+    _collect(asked.fy, stripes.fy, STRENGTH * SCALE, stripes, part)
+    _collect(asked.stiffness, stripes.stiffness, SCALE, stripes, part)
+    _collect(asked.load, stripes.load, SCALE, stripes, part)
+
+
+@compiled
+def _sum_parts(stripes: Stripes, asked: Asked, radius: float, smooth: bool | None) -> None:
+    parts = stripes.ends.size
+    for part in range(parts):
+        _place_part(stripes, asked, part)
+    for part in range(parts):
+        _sweep_part(stripes, asked, part, radius, smooth)
+    for part in range(parts):
+        _collect_part(stripes, asked, part)
+
+
+# A kernel each: Numba runs two loops as one where it sees nothing that the second takes from the
+# first, and it does not look into the kernels that they call.
 
 
 @compiled(parallel=True)
-def _sweep_groups_threaded(
-    stripes: Stripes, sums: Array | None, parts: Array | None, load: Array | None, groups: int,
-    radius: float, smooth: bool | None,
-) -> None:  # fmt: skip
-    for odd in range(2):
-        for half in numba.prange((groups + 1 - odd) // 2):
-            _sweep_group(stripes, sums, parts, load, 2 * half + odd, radius, smooth)
+def _place_threaded(stripes: Stripes, asked: Asked) -> None:
+    for part in numba.prange(stripes.ends.size):
+        _place_part(stripes, asked, part)
+
+
+@compiled(parallel=True)
+def _sweep_threaded(stripes: Stripes, asked: Asked, radius: float, smooth: bool | None) -> None:
+    for part in numba.prange(stripes.ends.size):
+        _sweep_part(stripes, asked, part, radius, smooth)
+
+
+@compiled(parallel=True)
+def _collect_threaded(stripes: Stripes, asked: Asked) -> None:
+    for part in numba.prange(stripes.ends.size):
+        _collect_part(stripes, asked, part)
 
 
 @compiled
-def _sweep_all(
-    threaded: bool | None, stripes: Stripes, sums: Array | None, parts: Array | None,
-    load: Array | None, groups: int, radius: float, smooth: bool | None,
-) -> None:  # fmt: skip
-    """Sweep all groups, every second one first: each grain's sum has one order on any threads."""
+def _sum_all(
+    threaded: bool | None, stripes: Stripes, asked: Asked, radius: float, smooth: bool | None
+) -> None:
     if threaded is None:
-        _sweep_groups(stripes, sums, parts, load, groups, radius, smooth)
+        _sum_parts(stripes, asked, radius, smooth)
     else:
-        _sweep_groups_threaded(stripes, sums, parts, load, groups, radius, smooth)
-
-
-@compiled
-def _sweep(
-    threaded: bool | None, stripes: Stripes, sums: Array | None, extremes: Array | None,
-    load: Array | None, radius: float, smooth: bool | None,
-) -> None:  # fmt: skip
-    groups = (int(stripes.memory[STRIPES]) + _TOGETHER - 1) // _TOGETHER
-    if extremes is None:
-        _sweep_all(threaded, stripes, sums, None, load, groups, radius, smooth)
-    else:
-        parts = np.zeros((groups, 2))
-        _sweep_all(threaded, stripes, sums, parts, load, groups, radius, smooth)
-        extremes[:] = 0.0
-        for group in range(groups):
-            extremes[0] += parts[group, 0]
-            extremes[1] = max(extremes[1], parts[group, 1])
+        _place_threaded(stripes, asked)
+        _sweep_threaded(stripes, asked, radius, smooth)
+        _collect_threaded(stripes, asked)
 
 
 @compiled
@@ -349,35 +478,21 @@ def _cut_sum(
     x: Array, y: Array, fx: Array, fy: Array, moments: Array | None, stiffness: Array | None,
     extremes: Array | None, load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
-    if not finite(x, y, grains):
+    if not _make_ready(stripes, x, y, grains, moments, weight, radius):
         fx[:grains] = np.nan
         fy[:grains] = np.nan
         return
-    _make_ready(stripes, x, y, grains, moments, weight, radius)
-    end = stripes.begins[stripes.begins.size - 1]
-    for i in range(grains):
-        stripes.x[stripes.place[i]] = x[i]
-        stripes.y[stripes.place[i]] = y[i]
-    stripes.fx[: end + WIDTH] = 0.0
-    stripes.fy[: end + WIDTH] = 0.0
-    sums = stiffness
-    if stiffness is not None:
-        stripes.stiffness[: end + WIDTH] = 0.0
-        sums = stripes.stiffness
-    if load is not None and stripes.load is not None:
-        stripes.load[: end + WIDTH] = 0.0
-    _sweep(threaded, stripes, sums, extremes, stripes.load, radius, smooth)
-    for i in range(grains):
-        fx[i] = STRENGTH * SCALE * stripes.fx[stripes.place[i]]
-        fy[i] = STRENGTH * SCALE * stripes.fy[stripes.place[i]]
-    if stiffness is not None:
-        for i in range(grains):
-            stiffness[i] = SCALE * stripes.stiffness[stripes.place[i]]
-    if load is not None and stripes.load is not None:
-        for i in range(grains):
-            load[i] = SCALE * stripes.load[stripes.place[i]]
-    if extremes is not None:
-        extremes *= SCALE
+    if extremes is None:
+        asked = Asked(x, y, fx, fy, stiffness, load, None)
+        _sum_all(threaded, stripes, asked, radius, smooth)
+    else:
+        parts = np.zeros((stripes.ends.size, 2))
+        measured = Asked(x, y, fx, fy, stiffness, load, parts)
+        _sum_all(threaded, stripes, measured, radius, smooth)
+        extremes[:] = 0.0
+        for part in range(len(parts)):
+            extremes[0] += SCALE * parts[part, 0]
+            extremes[1] = max(extremes[1], SCALE * parts[part, 1])
 
 
 cut_sum = plain_cut_sum if numba.config.DISABLE_JIT else _cut_sum
