@@ -14,9 +14,10 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
     """Find the far field at the present places; 1 where its mesh has no room for them."""
     if far is None:
         return 0
+    assert state.stripes is not None
     return find_far_forces(
         far, constants.threaded, constants.grains, state.x, state.y, moments_of(constants),
-        constants.acting.weight,
+        constants.acting.weight, state.stripes.order,
     )  # fmt: skip
 
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import ENERGY
 from granular.pairs.mesh import (
+    PARTS,
     Mesh,
     find_potential,
     gathered,
@@ -66,6 +68,8 @@ class FarForces(NamedTuple):
     load : float64 (m,) or None
         Far part of the sums behind the normal force of friction.
     energy : float64 (1,)
+    totals : float64 (parts,)
+        Twice the energy of each part of the grains.
     """
 
     mesh: Mesh
@@ -75,52 +79,120 @@ class FarForces(NamedTuple):
     held: np.ndarray | None
     load: np.ndarray | None
     energy: np.ndarray
+    totals: np.ndarray
 
 
 def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
     """Room for that many grains (padded)."""
     return FarForces(
-        mesh=mesh_room(field.width, field.height, field.radius, field.radius / SPACINGS),
+        mesh=mesh_room(field.width, field.height, field.radius, field.radius / SPACINGS, size),
         radius=field.radius,
         fx=np.zeros(size),
         fy=np.zeros(size),
         held=None if field.every is None else np.zeros((2, size)),
         load=np.zeros(size) if loaded else None,
         energy=np.zeros(1),
+        totals=np.zeros(PARTS),
     )
 
 
+class Asked(NamedTuple):
+    """The grains whose far field is asked for, and where it goes; see `find_far_forces`.
+
+    Attributes
+    ----------
+    own : float
+        What a grain of moment 1 adds to the potential at its own place.
+    """
+
+    grains: int
+    x: np.ndarray
+    y: np.ndarray
+    moments: np.ndarray | None
+    weight: np.ndarray | None
+    order: np.ndarray
+    own: float
+    fx: np.ndarray
+    fy: np.ndarray
+    load: np.ndarray | None
+    totals: np.ndarray
+
+
+@compiled(inline=True)
+def _value(values: Array | None, i: int) -> float:
+    return 1.0 if values is None else values[i]
+
+
+@compiled(inline=True)
+def _put_load(load: Array | None, i: int, value: float) -> None:
+    if load is not None:
+        load[i] = value
+
+
 @compiled
-def _gather_forces(
-    far: FarForces, x: Array, y: Array, moments: Array | None, weight: Array | None, grains: int
-) -> None:
-    own = CUBE[0] / (far.radius * far.radius * far.radius)
+def _gather_part(mesh: Mesh, asked: Asked, part: int) -> None:
+    """Forces of a part of the grains, and loads of grains that are all alike."""
+    grains, total = asked.grains, 0.0
+    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
+        i = asked.order[k]
+        value, by_x, by_y = gathered(mesh, asked.x[i], asked.y[i])
+        q = _value(asked.moments, i)
+        asked.fx[i] = -ENERGY * q * by_x
+        asked.fy[i] = -ENERGY * q * by_y
+        total += q * (value - asked.own * q)
+        _put_load(asked.load, i, _value(asked.weight, i) * (value - asked.own))
+    asked.totals[part] = total
+
+
+@compiled
+def _gather_load_part(mesh: Mesh, asked: Asked, part: int) -> None:
+    """Loads of grains that differ, from a mesh of their weights."""
+    grains = asked.grains
+    for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
+        i = asked.order[k]
+        value, _, _ = gathered(mesh, asked.x[i], asked.y[i])
+        _put_load(asked.load, i, value - asked.own * _value(asked.weight, i))
+
+
+@compiled(parallel=True)
+def _gather_threaded(mesh: Mesh, asked: Asked) -> None:
+    for part in numba.prange(PARTS):
+        _gather_part(mesh, asked, part)
+
+
+@compiled(parallel=True)
+def _gather_load_threaded(mesh: Mesh, asked: Asked) -> None:
+    for part in numba.prange(PARTS):
+        _gather_load_part(mesh, asked, part)
+
+
+@compiled
+def _gather(threaded: bool | None, mesh: Mesh, asked: Asked) -> float:
+    """Fill forces and loads; the energy."""
+    if threaded is None:
+        for part in range(PARTS):
+            _gather_part(mesh, asked, part)
+    else:
+        _gather_threaded(mesh, asked)
     total = 0.0
-    for i in range(grains):
-        value, by_x, by_y = gathered(far.mesh, x[i], y[i])
-        q = 1.0 if moments is None else moments[i]
-        far.fx[i] = -ENERGY * q * by_x
-        far.fy[i] = -ENERGY * q * by_y
-        total += q * (value - own * q)
-        if far.load is not None and weight is not None:
-            # Grains that are all alike have one weight.
-            far.load[i] = weight[i] * (value - own)
-    far.energy[0] = 0.5 * ENERGY * total
+    for part in range(PARTS):
+        total += asked.totals[part]
+    return 0.5 * ENERGY * total
 
 
 @compiled
-def _gather_load(far: FarForces, x: Array, y: Array, weight: Array, grains: int) -> None:
-    if far.load is not None:
-        own = CUBE[0] / (far.radius * far.radius * far.radius)
-        for i in range(grains):
-            value, _, _ = gathered(far.mesh, x[i], y[i])
-            far.load[i] = value - own * weight[i]
+def _gather_load(threaded: bool | None, mesh: Mesh, asked: Asked) -> None:
+    if threaded is None:
+        for part in range(PARTS):
+            _gather_load_part(mesh, asked, part)
+    else:
+        _gather_load_threaded(mesh, asked)
 
 
 @compiled
 def find_far_forces(
     far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
-    moments: Array | None, weight: Array | None,
+    moments: Array | None, weight: Array | None, order: Array,
 ) -> int:  # fmt: skip
     """Find forces, energy and, where grains rub, load of the far part; 1 where there is no room.
 
@@ -132,6 +204,9 @@ def find_far_forces(
     grains : int
     x, y, moments, weight
         As in `granular.pairs.direct.direct_sum`.
+    order : int64 (m,)
+        The grains in the order in which they are taken; quickest where neighbours follow each
+        other.
     """
     if grains == 0:
         return 0
@@ -142,11 +217,15 @@ def find_far_forces(
     if not open_windows(far.mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
-    spread(far.mesh, x, y, moments, grains)
+    own = CUBE[0] / (far.radius * far.radius * far.radius)
+    asked = Asked(
+        grains, x, y, moments, weight, order, own, far.fx, far.fy, far.load, far.totals
+    )  # fmt: skip
+    spread(far.mesh, threaded, x, y, moments, order, grains)
     find_potential(far.mesh, threaded)
-    _gather_forces(far, x, y, moments, weight, grains)
+    far.energy[0] = _gather(threaded, far.mesh, asked)
     if weight is not None and moments is not None:
-        spread(far.mesh, x, y, weight, grains)
+        spread(far.mesh, threaded, x, y, weight, order, grains)
         find_potential(far.mesh, threaded)
-        _gather_load(far, x, y, weight, grains)
+        _gather_load(threaded, far.mesh, asked)
     return 0

@@ -14,13 +14,16 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.pairs.convolution import TERMS, WIDTH, convolve
+from granular.pairs.direct import PARTED_FROM
+from granular.pairs.lanes import padded
 from granular.pairs.mesh_kernel import levels_over, mesh_tables
 
 LEFT, LOW, ACROSS, UP = range(4)
 """Entries of a window: its first point along both axes, and how many there are."""
 
-PARTS = 8
-"""Parts of a level's lines, which threads may take side by side."""
+PARTS = 4
+"""Parts of the grains, and of the points, which threads may take side by side."""
 
 _EDGE = 3
 """Points that a spline, and the coarser mesh below it, need beyond the grains."""
@@ -33,50 +36,72 @@ class Mesh(NamedTuple):
     ----------
     spacing : float
         Of the finest level [D].
-    band, rest : float64 (r + 1, padded)
-    ends : int64 (r + 1,)
-        See `granular.pairs.mesh_kernel.Tables`.
+    band_along, band_across, rest_along, rest_across : float64 (groups, reach, TERMS)
+        See `granular.pairs.mesh_kernel`. One by one, since Numba's threads take no nested tuples.
     source, potential : float64 (p,)
+        Each level's lines, with zeros on both sides of every one.
     begins : int64 (levels + 1,)
         Where each level's room begins.
+    strides : int64 (levels,)
+        From a level's line to its next one.
+    margin : int
+        Zeros before a line.
     windows : int64 (levels, 4)
         See `LEFT` and the others.
-    rows : float64 (PARTS, q)
-        Scratch of the convolution: a row with zeros on both sides, for each part of its lines.
+    shares : float64 (parts, q)
+        What each part of the grains puts on the finest level.
+    reached : int64 (parts, 2)
+        The lines that it does so on: the first one, and the one behind the last.
+    rows : float64 (PARTS, r)
+        Scratch of the convolution.
     """
 
     spacing: float
-    band: np.ndarray
-    rest: np.ndarray
-    ends: np.ndarray
+    band_along: np.ndarray
+    band_across: np.ndarray
+    rest_along: np.ndarray
+    rest_across: np.ndarray
     source: np.ndarray
     potential: np.ndarray
     begins: np.ndarray
+    strides: np.ndarray
+    margin: int
     windows: np.ndarray
+    shares: np.ndarray
+    reached: np.ndarray
     rows: np.ndarray
 
 
-def mesh_room(width: float, height: float, radius: float, spacing: float) -> Mesh:
-    """Room for grains in a cell of that size [D]."""
+def mesh_room(width: float, height: float, radius: float, spacing: float, grains: int) -> Mesh:
+    """Room for that many grains in a cell of that size [D]."""
     tables = mesh_tables(radius, spacing)
     levels = levels_over(max(width, height), radius, spacing)
-    begins, longest = [0], 0
+    reach = tables.rest.along.shape[1]
+    margin = padded(reach)
+    begins, strides, most = [0], [], 0
     for level in range(levels):
         across, up = (
             math.ceil(extent / (spacing * 2.0**level)) + 2 * _EDGE + 2 for extent in (width, height)
         )
-        begins.append(begins[-1] + across * up)
-        longest = max(longest, across)
+        strides.append(2 * margin + padded(across))
+        begins.append(begins[-1] + strides[-1] * up)
+        most = max(most, up)
+    parts = PARTS if grains >= PARTED_FROM else 1
     return Mesh(
         spacing=spacing,
-        band=tables.band,
-        rest=tables.rest,
-        ends=tables.ends,
-        source=np.zeros(begins[-1]),
-        potential=np.zeros(begins[-1]),
+        band_along=tables.band.along,
+        band_across=tables.band.across,
+        rest_along=tables.rest.along,
+        rest_across=tables.rest.across,
+        source=np.zeros(begins[-1] + margin),
+        potential=np.zeros(begins[-1] + margin),
         begins=np.array(begins),
+        strides=np.array(strides),
+        margin=margin,
         windows=np.zeros((levels, 4), dtype=np.int64),
-        rows=np.zeros((PARTS, longest + 2 * tables.rest.shape[1])),
+        shares=np.zeros((parts, begins[1])),
+        reached=np.zeros((parts, 2), dtype=np.int64),
+        rows=np.zeros((PARTS, (most + 2 * reach) * TERMS * WIDTH)),
     )
 
 
@@ -90,11 +115,12 @@ def open_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
     most = mesh.spacing * mesh.source.size
     if not (right - left <= most and high - low <= most):
         return False
+    fineness = 1.0 / mesh.spacing
     window = mesh.windows[0]
-    window[LEFT] = math.floor(left / mesh.spacing) - 1
-    window[ACROSS] = math.floor(right / mesh.spacing) + 3 - window[LEFT]
-    window[LOW] = math.floor(low / mesh.spacing) - 1
-    window[UP] = math.floor(high / mesh.spacing) + 3 - window[LOW]
+    window[LEFT] = math.floor(left * fineness) - 1
+    window[ACROSS] = math.floor(right * fineness) + 3 - window[LEFT]
+    window[LOW] = math.floor(low * fineness) - 1
+    window[UP] = math.floor(high * fineness) + 3 - window[LOW]
     fits = _fits(mesh, 0)
     for level in range(1, len(mesh.windows)):
         fine, coarse = mesh.windows[level - 1], mesh.windows[level]
@@ -103,17 +129,14 @@ def open_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
             coarse[many] = (fine[first] + fine[many]) // 2 + 2 - coarse[first]
         fits = fits and _fits(mesh, level)
     last = mesh.windows[len(mesh.windows) - 1]
-    return fits and max(last[ACROSS], last[UP]) <= len(mesh.rest)
+    return fits and max(last[ACROSS], last[UP]) <= mesh.rest_along.shape[1]
 
 
 @compiled
 def _fits(mesh: Mesh, level: int) -> bool:
-    window = mesh.windows[level]
+    window, stride = mesh.windows[level], mesh.strides[level]
     room = mesh.begins[level + 1] - mesh.begins[level]
-    return (
-        window[ACROSS] * window[UP] <= room
-        and window[ACROSS] + 2 * mesh.rest.shape[1] <= mesh.rows.shape[1]
-    )
+    return window[ACROSS] <= stride - 2 * mesh.margin and window[UP] * stride <= room
 
 
 @compiled(inline=True)
@@ -137,149 +160,215 @@ def spline_slope(u: float) -> tuple[float, float, float, float]:
 
 @compiled(inline=True)
 def _spread_row(
-    source: Array, at: int, amount: float, a: float, b: float, c: float, d: float
+    share: Array, at: np.uintp, amount: float, a: float, b: float, c: float, d: float
 ) -> None:
-    source[at] += amount * a
-    source[at + 1] += amount * b
-    source[at + 2] += amount * c
-    source[at + 3] += amount * d
+    # Unsigned, since an index that may be negative is looked at every time.
+    share[at] += amount * a
+    share[at + np.uintp(1)] += amount * b
+    share[at + np.uintp(2)] += amount * c
+    share[at + np.uintp(3)] += amount * d
 
 
 @compiled
-def spread(mesh: Mesh, x: Array, y: Array, amounts: Array | None, grains: int) -> None:
-    """Put amounts (ones where there are none) on the finest level."""
-    window, source = mesh.windows[0], mesh.source
-    across = window[ACROSS]
-    source[: across * window[UP]] = 0.0
-    for i in range(grains):
-        u, v = x[i] / mesh.spacing, y[i] / mesh.spacing
+def _reach_lines(mesh: Mesh, y: Array, order: Array, first: int, end: int, part: int) -> None:
+    """Clear the lines that a part of the grains reaches, and remember which."""
+    fineness, low, high = 1.0 / mesh.spacing, math.inf, -math.inf
+    for k in range(first, end):
+        line = math.floor(y[order[k]] * fineness)
+        low, high = min(low, line), max(high, line)
+    reached = mesh.reached[part]
+    reached[0] = reached[1] = 0
+    if first < end:
+        reached[0] = int(low) - 1 - mesh.windows[0, LOW]
+        reached[1] = int(high) + 3 - mesh.windows[0, LOW]
+    stride = mesh.strides[0]
+    mesh.shares[part, reached[0] * stride : reached[1] * stride] = 0.0
+
+
+@compiled
+def _spread_part(
+    mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int, part: int
+) -> None:
+    parts = len(mesh.shares)
+    first, end = part * grains // parts, (part + 1) * grains // parts
+    _reach_lines(mesh, y, order, first, end, part)
+    window, share, stride = mesh.windows[0], mesh.shares[part], np.uintp(mesh.strides[0])
+    fineness = 1.0 / mesh.spacing
+    corner = mesh.margin - 1 - window[LEFT] - (1 + window[LOW]) * mesh.strides[0]
+    for k in range(first, end):
+        i = order[k]
+        u, v = x[i] * fineness, y[i] * fineness
         column, line = math.floor(u), math.floor(v)
         a, b, c, d = spline(u - column)
         e, f, g, h = spline(v - line)
         if amounts is not None:
             e, f, g, h = e * amounts[i], f * amounts[i], g * amounts[i], h * amounts[i]
-        at = (int(line) - 1 - window[LOW]) * across + int(column) - 1 - window[LEFT]
-        _spread_row(source, at, e, a, b, c, d)
-        _spread_row(source, at + across, f, a, b, c, d)
-        _spread_row(source, at + 2 * across, g, a, b, c, d)
-        _spread_row(source, at + 3 * across, h, a, b, c, d)
+        at = np.uintp(corner + int(line) * mesh.strides[0] + int(column))
+        _spread_row(share, at, e, a, b, c, d)
+        at += stride
+        _spread_row(share, at, f, a, b, c, d)
+        at += stride
+        _spread_row(share, at, g, a, b, c, d)
+        at += stride
+        _spread_row(share, at, h, a, b, c, d)
+
+
+@compiled
+def _join_part(mesh: Mesh, part: int) -> None:
+    """Add up what all parts of the grains put on a part of the finest level's lines."""
+    up, stride = mesh.windows[0, UP], mesh.strides[0]
+    for line in range(part * up // PARTS, (part + 1) * up // PARTS):
+        total = mesh.source[line * stride : (line + 1) * stride]
+        total[:] = 0.0
+        for other in range(len(mesh.shares)):
+            if mesh.reached[other, 0] <= line < mesh.reached[other, 1]:
+                more = mesh.shares[other, line * stride : (line + 1) * stride]
+                for place in range(total.size):
+                    total[place] += more[place]
+
+
+@compiled(parallel=True)
+def _spread_threaded(
+    mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
+) -> None:
+    for part in numba.prange(len(mesh.shares)):
+        _spread_part(mesh, x, y, amounts, order, grains, part)
+
+
+@compiled(parallel=True)
+def _join_threaded(mesh: Mesh) -> None:
+    for part in numba.prange(PARTS):
+        _join_part(mesh, part)
+
+
+@compiled
+def spread(
+    mesh: Mesh, threaded: bool | None, x: Array, y: Array, amounts: Array | None, order: Array,
+    grains: int,
+) -> None:  # fmt: skip
+    """Put amounts (ones where there are none) on the finest level.
+
+    ``order``, int64 (m,), names the grains one after another: it is quickest where neighbours
+    follow each other.
+    """
+    if threaded is None:
+        for part in range(len(mesh.shares)):
+            _spread_part(mesh, x, y, amounts, order, grains, part)
+        for part in range(PARTS):
+            _join_part(mesh, part)
+    else:
+        _spread_threaded(mesh, x, y, amounts, order, grains)
+        _join_threaded(mesh)
+
+
+SHARES = (0.75, 0.5, 0.125)
+"""Share of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
+
+
+@compiled(inline=True)
+def _line_of(level: int, mesh: Mesh, values: Array, line: int) -> Array:
+    """A line of a level, by its place on the lattice, with its margins; empty outside."""
+    window, stride = mesh.windows[level], mesh.strides[level]
+    at = line - window[LOW]
+    begin = mesh.begins[level] + at * stride
+    return values[begin : begin + (stride if 0 <= at < window[UP] else 0)]
 
 
 @compiled
 def _restrict(mesh: Mesh, level: int) -> None:
     """Sources of a level from those of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
-    inner, outer = mesh.begins[level - 1], mesh.begins[level]
-    across = coarse[ACROSS]
-    mesh.source[outer : outer + across * coarse[UP]] = 0.0
-    for row in range(fine[UP]):
-        line = fine[LOW] + row
-        for column in range(fine[ACROSS]):
-            place = fine[LEFT] + column
-            amount = mesh.source[inner + row * fine[ACROSS] + column]
-            for up in range(-1, 2):
-                share = _share(line, up) * amount
-                if share != 0.0:
-                    at = outer + (line // 2 + up - coarse[LOW]) * across
-                    at += place // 2 - coarse[LEFT]
-                    for over in range(-1, 2):
-                        part = _share(place, over)
-                        if part != 0.0:
-                            mesh.source[at + over] += part * share
-
-
-@compiled(inline=True)
-def _share(place: int, by: int) -> float:
-    """Share that the coarse spline ``by`` points from place // 2 has of the fine one at a place.
-
-    A cubic B-spline is (1, 4, 6, 4, 1)/8 of those half as wide.
-    """
-    if place % 2 == 0:
-        return 0.75 if by == 0 else 0.125
-    return 0.5 if by >= 0 else 0.0
+    row = mesh.rows[0, : mesh.strides[level - 1]]
+    for up in range(coarse[UP]):
+        line = coarse[LOW] + up
+        row[:] = 0.0
+        for by in range(-2, 3):
+            share = SHARES[abs(by)]
+            values = _line_of(level - 1, mesh, mesh.source, 2 * line + by)
+            for place in range(values.size):
+                row[place] += share * values[place]
+        begin = mesh.begins[level] + up * mesh.strides[level]
+        mesh.source[begin : begin + mesh.strides[level]] = 0.0
+        begin += mesh.margin
+        first = 2 * coarse[LEFT] - fine[LEFT] + mesh.margin
+        out = mesh.source[begin : begin + coarse[ACROSS]]
+        for column in range(coarse[ACROSS]):
+            at = first + 2 * column
+            near, far = row[at - 1] + row[at + 1], row[at - 2] + row[at + 2]
+            out[column] = SHARES[0] * row[at] + SHARES[1] * near + SHARES[2] * far
 
 
 @compiled
 def _prolong(mesh: Mesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
-    inner, outer = mesh.begins[level - 1], mesh.begins[level]
-    across = coarse[ACROSS]
-    for row in range(fine[UP]):
-        line = fine[LOW] + row
-        for column in range(fine[ACROSS]):
-            place = fine[LEFT] + column
-            total = 0.0
-            for up in range(-1, 2):
-                share = _share(line, up)
-                if share != 0.0:
-                    at = outer + (line // 2 + up - coarse[LOW]) * across
-                    at += place // 2 - coarse[LEFT]
-                    for over in range(-1, 2):
-                        part = _share(place, over)
-                        if part != 0.0:
-                            total += share * part * mesh.potential[at + over]
-            mesh.potential[inner + row * fine[ACROSS] + column] += total
+    row = mesh.rows[0, : mesh.strides[level]]
+    for up in range(fine[UP]):
+        line = fine[LOW] + up
+        row[:] = 0.0
+        for half in range(line // 2 - 1, line // 2 + 2):
+            apart = abs(line - 2 * half)
+            if apart < len(SHARES):
+                values = _line_of(level, mesh, mesh.potential, half)
+                for place in range(values.size):
+                    row[place] += SHARES[apart] * values[place]
+        begin = mesh.begins[level - 1] + up * mesh.strides[level - 1] + mesh.margin
+        out = mesh.potential[begin : begin + fine[ACROSS]]
+        first = mesh.margin - coarse[LEFT]
+        for column in range(fine[LEFT] % 2, fine[ACROSS], 2):
+            at = first + (fine[LEFT] + column) // 2
+            out[column] += SHARES[0] * row[at] + SHARES[2] * (row[at - 1] + row[at + 1])
+        for column in range(1 - fine[LEFT] % 2, fine[ACROSS], 2):
+            at = first + (fine[LEFT] + column) // 2
+            out[column] += SHARES[1] * (row[at] + row[at + 1])
+
+
+@compiled
+def _convolve_part(mesh: Mesh, part: int) -> None:
+    """The potential of each level's own sources on a part of all columns.
+
+    The bands', and on the last level the rest's. Parts take about equally long.
+    """
+    levels, total, done = len(mesh.windows), 0, 0
+    for level in range(levels):
+        total += _cost(mesh, level) * (_columns(mesh, level) // WIDTH)
+    for level in range(levels):
+        cost = _cost(mesh, level)
+        for column in range(0, _columns(mesh, level), WIDTH):
+            middle = 2 * done + cost
+            done += cost
+            if part * total * 2 <= middle * PARTS < (part + 1) * total * 2:
+                _convolve_columns(mesh, level, column, part)
+
+
+@compiled
+def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
+    at, up = mesh.begins[level] + mesh.margin + column, mesh.windows[level, UP]
+    along, across = mesh.band_along, mesh.band_across
+    if level == len(mesh.windows) - 1:
+        along, across = mesh.rest_along, mesh.rest_across
+    convolve(
+        mesh.source, mesh.potential, along, across, mesh.rows[part], at, mesh.strides[level], up,
+        0.125**level,
+    )  # fmt: skip
 
 
 @compiled(inline=True)
-def _add_columns(table: Array, row: Array, out: Array, pad: int) -> None:
-    """Add what a row of sources, with zeros on both sides, makes in a row of the potential."""
-    across = out.size
-    # Slices, since an index that may be negative is not vectorised.
-    middle = row[pad : pad + across]
-    for p in range(across):
-        out[p] += table[0] * middle[p]
-    for k in range(1, table.size, 4):
-        a, b, c, d = table[k], table[k + 1], table[k + 2], table[k + 3]
-        before, behind = row[pad - k - 3 : pad - k + across], row[pad + k : pad + k + across + 3]
-        for p in range(across):
-            near = a * (before[p + 3] + behind[p]) + b * (before[p + 2] + behind[p + 1])
-            far = c * (before[p + 1] + behind[p + 2]) + d * (before[p] + behind[p + 3])
-            out[p] += near + far
+def _columns(mesh: Mesh, level: int) -> int:
+    return (mesh.windows[level, ACROSS] + WIDTH - 1) // WIDTH * WIDTH
 
 
-@compiled
-def _convolve_lines(mesh: Mesh, level: int, whole: bool, part: int) -> None:
-    """The potential of a level's own sources on a part of its lines."""
-    table = mesh.rest if whole else mesh.band
-    scale = 0.125**level
-    window, begin = mesh.windows[level], mesh.begins[level]
-    across, up, pad = window[ACROSS], window[UP], table.shape[1]
-    source, row = mesh.source, mesh.rows[part]
-    row[: across + 2 * pad] = 0.0
-    for line in range(part * up // PARTS, (part + 1) * up // PARTS):
-        out = mesh.potential[begin + line * across : begin + (line + 1) * across]
-        out[:] = 0.0
-        for apart in range(min(len(table), up)):
-            below, above = line - apart, line + apart
-            if below < 0 and above >= up:
-                break
-            if below >= 0 and above < up and apart > 0:
-                first, second = begin + below * across, begin + above * across
-                one, other = source[first : first + across], source[second : second + across]
-                for p in range(across):
-                    row[pad + p] = one[p] + other[p]
-            else:
-                first = begin + (below if below >= 0 else above) * across
-                row[pad : pad + across] = source[first : first + across]
-            stop = table.shape[1] if whole else mesh.ends[apart]
-            _add_columns(table[apart, :stop], row, out, pad)
-        for p in range(across):
-            out[p] *= scale
-
-
-@compiled
-def _convolve(mesh: Mesh, level: int, whole: bool) -> None:
-    """The potential of a level's own sources: the band's, or the ``whole`` rest's."""
-    for part in range(PARTS):
-        _convolve_lines(mesh, level, whole, part)
+@compiled(inline=True)
+def _cost(mesh: Mesh, level: int) -> int:
+    """Of eight columns of a level: the rest takes more groups of terms, and reaches further."""
+    table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along
+    return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 
 
 @compiled(parallel=True)
-def _convolve_threaded(mesh: Mesh, level: int, whole: bool) -> None:
+def _convolve_threaded(mesh: Mesh) -> None:
     for part in numba.prange(PARTS):
-        _convolve_lines(mesh, level, whole, part)
+        _convolve_part(mesh, part)
 
 
 @compiled
@@ -288,12 +377,11 @@ def find_potential(mesh: Mesh, threaded: bool | None) -> None:
     levels = len(mesh.windows)
     for level in range(1, levels):
         _restrict(mesh, level)
-    for level in range(levels):
-        whole = level == levels - 1
-        if threaded is None:
-            _convolve(mesh, level, whole)
-        else:
-            _convolve_threaded(mesh, level, whole)
+    if threaded is None:
+        for part in range(PARTS):
+            _convolve_part(mesh, part)
+    else:
+        _convolve_threaded(mesh)
     for level in range(levels - 1, 0, -1):
         _prolong(mesh, level)
 
@@ -302,19 +390,23 @@ def find_potential(mesh: Mesh, threaded: bool | None) -> None:
 def gathered(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
     """The potential at a place, and its derivatives."""
     window, potential = mesh.windows[0], mesh.potential
-    across = window[ACROSS]
-    u, v = x / mesh.spacing, y / mesh.spacing
+    fineness, stride = 1.0 / mesh.spacing, np.uintp(mesh.strides[0])
+    u, v = x * fineness, y * fineness
     column, line = math.floor(u), math.floor(v)
     a, b, c, d = spline(u - column)
     da, db, dc, dd = spline_slope(u - column)
     up, slope = spline(v - line), spline_slope(v - line)
-    at = (int(line) - 1 - window[LOW]) * across + int(column) - 1 - window[LEFT]
-    value = by_x = by_y = 0.0
+    row = int(line) - 1 - window[LOW]
+    at = np.uintp(mesh.margin - 1 - window[LEFT] + int(column) + row * mesh.strides[0])
+    p = q = r = s = dp = dq = dr = ds = 0.0
     for k in range(4):
-        p, q, r, s = potential[at], potential[at + 1], potential[at + 2], potential[at + 3]
-        total = p * a + q * b + r * c + s * d
-        value += up[k] * total
-        by_x += up[k] * (p * da + q * db + r * dc + s * dd)
-        by_y += slope[k] * total
-        at += across
-    return value, by_x / mesh.spacing, by_y / mesh.spacing
+        e, f = potential[at], potential[at + np.uintp(1)]
+        g, h = potential[at + np.uintp(2)], potential[at + np.uintp(3)]
+        p, q, r, s = p + up[k] * e, q + up[k] * f, r + up[k] * g, s + up[k] * h
+        dp, dq = dp + slope[k] * e, dq + slope[k] * f
+        dr, ds = dr + slope[k] * g, ds + slope[k] * h
+        at += stride
+    value = p * a + q * b + r * c + s * d
+    by_x = p * da + q * db + r * dc + s * dd
+    by_y = dp * a + dq * b + dr * c + ds * d
+    return value, by_x * fineness, by_y * fineness

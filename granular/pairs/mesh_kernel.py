@@ -9,6 +9,7 @@ twice as coarse. The law is a power, so all bands are one table, scaled by 1/8 f
 Grains reach the mesh through cubic B-splines. So that these interpolate the far part between the
 points of the mesh (Hardy et al. 2016, doi:10.1063/1.4943868), the table is what the far part leaves
 after division, in Fourier space, by the samples of the spline, once for each of the two grains.
+The table is symmetric, and kept as the sum of the products of its first eigenvectors.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granular.pairs.convolution import TERMS
 from granular.pairs.split import far_cube
 
-Table = NDArray[np.float64]
+Samples = NDArray[np.float64]
 
 REACH = 4
 """Points of a table behind the end of its band: the division spreads it by 0.27 a point."""
@@ -30,30 +32,35 @@ REACH = 4
 _EDGES = 8
 """Points that a window may have beyond the grains, over all levels."""
 
-COLUMNS_AT_ONCE = 4
-"""The columns of a table are met by so many; it is padded with zeros."""
-
 _NOTHING = 1e-6
-"""Of the greatest entry: less is left out."""
+"""Of the greatest entry: the products that are left out make less."""
+
+_DIGITS = 13
+"""Of the products' numbers: what linear algebra finds differs from machine to machine."""
 
 _MARGIN = 48
 """Points that are thrown away about a table: 0.27^48 of what is periodic about it reaches in."""
 
 
-class Tables(NamedTuple):
-    """What a point of the mesh feels of another, by the distances along both axes.
+class Table(NamedTuple):
+    """What a point of the mesh feels of another, by the distances along both axes [1/D^3].
+
+    At the finest level; see `granular.pairs.convolution`.
 
     Attributes
     ----------
-    band, rest : float64 (r + 1, padded)
-        [1/D^3], at the finest level.
-    ends : int64 (r + 1,)
-        Where each row of the band has come to nothing.
+    along, across : float64 (groups, reach, TERMS)
     """
+
+    along: Samples
+    across: Samples
+
+
+class Tables(NamedTuple):
+    """Those of the bands, and of the rest."""
 
     band: Table
     rest: Table
-    ends: NDArray[np.int64]
 
 
 def levels_over(extent: float, radius: float, spacing: float) -> int:
@@ -66,7 +73,7 @@ def _reach(radius: float, spacing: float) -> int:
     return math.ceil(2.0 * radius / spacing) + REACH
 
 
-def _interpolating(samples: Table) -> Table:
+def _interpolating(samples: Samples) -> Samples:
     """Divide a square table, symmetric about its middle, by the splines of both grains."""
     wave = 2.0 * np.pi * np.fft.fftfreq(len(samples))
     spline = (2.0 + np.cos(wave)) / 3.0
@@ -75,21 +82,35 @@ def _interpolating(samples: Table) -> Table:
     return np.asarray(np.fft.fftshift(np.fft.ifft2(spectrum * share).real))
 
 
-def _quadrant(samples: Table, reach: int) -> Table:
-    """Rows and columns 0 .. reach of an interpolating table, padded."""
+def _middle(samples: Samples, reach: int) -> Samples:
+    """The distances up to ``reach``, on both sides, of an interpolating table."""
     middle = len(samples) // 2
-    columns = COLUMNS_AT_ONCE * (reach // COLUMNS_AT_ONCE + 1) + 1
-    out = np.zeros((reach + 1, columns))
-    chosen = slice(middle, middle + reach + 1)
-    out[:, : reach + 1] = _interpolating(samples)[chosen, chosen]
-    return out
+    chosen = slice(middle - reach, middle + reach + 1)
+    return _interpolating(samples)[chosen, chosen]
 
 
-def _ends(table: Table) -> NDArray[np.int64]:
-    """Where each row has come to nothing, at the end of a group of columns."""
-    last = (np.abs(table) > _NOTHING * table[0, 0]) * np.arange(table.shape[1])
-    groups = -(-last.max(axis=1) // COLUMNS_AT_ONCE)
-    return np.asarray(1 + COLUMNS_AT_ONCE * groups, dtype=np.int64)
+def _products(table: Samples) -> Table:
+    """A table, symmetric about its middle and about its diagonals, as a sum of products."""
+    reach = len(table) // 2
+    values, vectors = np.linalg.eigh(0.5 * (table + table.T))
+    order = np.argsort(-np.abs(values))
+    # All that is left with a weight is even.
+    even = (0.5 * (vectors + vectors[::-1]))[reach:, order]
+    even = np.round(even * np.where(even[0] < 0.0, -1.0, 1.0), _DIGITS)
+    weights, greatest, many = values[order], float(np.abs(table).max()), 0
+    left = table[reach:, reach:].copy()
+    while many < len(weights) and np.abs(left).max() > _NOTHING * greatest:
+        group = slice(many, many + TERMS)
+        left -= (even[:, group] * weights[group]) @ even[:, group].T
+        many += TERMS
+    along = np.zeros((many // TERMS, reach + 1, TERMS))
+    across = np.zeros_like(along)
+    for term in range(min(many, len(weights))):
+        along[term // TERMS, :, term % TERMS] = even[:, term]
+        across[term // TERMS, :, term % TERMS] = weights[term] * even[:, term]
+    along[:, 0] *= 0.5
+    across[:, 0] *= 0.5
+    return Table(along, across)
 
 
 @functools.cache
@@ -101,5 +122,4 @@ def mesh_tables(radius: float, spacing: float) -> Tables:
     square = n[:, None] ** 2 + n[None, :] ** 2
     rest = far_cube(square, radius)
     band = rest - far_cube(square, 2.0 * radius)
-    nearer = _quadrant(band, reach)
-    return Tables(nearer, _quadrant(rest, most), _ends(nearer))
+    return Tables(_products(_middle(band, reach)), _products(_middle(rest, most)))
