@@ -29,8 +29,8 @@ from granular.pairs.split import CUBE, FIFTH
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""
 
-RUNS = 4
-"""Runs of partners for two rows: the rest of their stripe, and the three stripes above it."""
+RUNS = 3
+"""Runs of partners for two rows: the rest of their stripe, and the two stripes above it."""
 
 
 class _Sweep(NamedTuple):

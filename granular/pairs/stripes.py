@@ -2,7 +2,7 @@
 
 Grains are sorted into horizontal stripes and, within a stripe, by x. The partners of a grain are
 then a few runs of places that follow each other: the rest of its own stripe, and a part of each of
-the three stripes above. They are met eight at a time and masked at the radius. Every stripe ends
+the two stripes above. They are met eight at a time and masked at the radius. Every stripe ends
 with places so far away that a vector may run over its end.
 
 The runs are listed for a reach that is longer than the radius by a skin. No pair can be missed

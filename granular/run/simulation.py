@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import os
@@ -239,11 +240,30 @@ def _warn_of_cadence(step: Step, scene: Scene) -> None:
 def _thread_count(scene: Scene, threads: int | None) -> int:
     available = int(numba.config.NUMBA_NUM_THREADS)
     if threads is None:
-        parted = scene.pair_method == "direct" and scene.grains.count > PARTED_FROM
-        return min(available, PARTS) if parted else 1
+        parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
+        return min(available, PARTS) if parted and _threads_are_quick(scene) else 1
     if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
         raise InputError(f"threads = {quoted(threads)}; give a whole number from 1 to {available}")
     return threads
+
+
+def _threads_are_quick(scene: Scene) -> bool:
+    """Whether threads start within a small share of a step.
+
+    Numba's own start in some 50 microseconds, several times a step of stripes and mesh; those of
+    OpenMP and of TBB in one or two.
+    """
+    if scene.pair_method == "direct":
+        return True
+    if numba.config.THREADING_LAYER == "workqueue":
+        return False
+    for pool in ("omppool", "tbbpool"):
+        try:
+            importlib.import_module(f"numba.np.ufunc.{pool}")
+        except ImportError:
+            continue
+        return True
+    return False
 
 
 def _set_threads(count: int) -> None:
