@@ -20,21 +20,54 @@ from reduced_models.records.first_guesses import first_guesses, spectral_peak
 TIME = np.linspace(0.0, 40.0, 2000)
 
 
-def test_a_frequency_that_falls_to_a_fifth() -> None:
-    """A hard spring: whoever fits all swings at once ends twenty noise levels away."""
+def hard_spring(stiffening: float, drag: float, duration: float, samples: int) -> PistonRecord:
+    """A swing whose frequency falls with its amplitude, by SciPy."""
     from scipy.integrate import solve_ivp
 
-    time = np.linspace(0.0, 300.0, 6000)
+    time = np.linspace(0.0, duration, samples)
     found = solve_ivp(
-        lambda _, y: [y[1], -0.02 * y[1] - y[0] - 20.0 * y[0] ** 3], (0.0, 300.0), [1.4, 0.0],
-        "DOP853", rtol=1e-10, atol=1e-12, t_eval=time,
+        lambda _, y: [y[1], -drag * y[1] - y[0] - stiffening * y[0] ** 3], (0.0, duration),
+        [1.4, 0.0], "DOP853", rtol=1e-10, atol=1e-12, t_eval=time,
     )  # fmt: skip
-    noise = 0.03 * found.y[0].std()
-    height = found.y[0] + np.random.default_rng(0).normal(0.0, noise, 6000)
-    model = fit(PistonRecord(time, height), "duffing")
+    return PistonRecord(time, found.y[0])
+
+
+def check_hard_spring(clean: PistonRecord, stiffening: float, share: float) -> None:
+    noise = share * clean.height.std()
+    height = clean.height + np.random.default_rng(0).normal(0.0, noise, len(clean))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that few of the starts led there
+        model = fit(PistonRecord(clean.time, height), "duffing")
     assert model.quality.residual < 1.05 * noise
-    assert model.parameters["beta"] == pytest.approx(20.0, rel=0.01)
+    assert model.parameters["beta"] == pytest.approx(stiffening, rel=0.01)
     assert model.parameters["omega"] == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_frequency_that_falls_to_a_fifth() -> None:
+    """A hard spring: whoever fits all swings at once ends twenty noise levels away."""
+    check_hard_spring(hard_spring(20.0, 0.02, 300.0, 6000), 20.0, 0.03)
+
+
+def test_a_frequency_that_falls_to_a_sixteenth() -> None:
+    """In forty swings."""
+    clean = hard_spring(205.0, 0.2, 60.0, 1500)
+    assert fall_of_frequency(clean) == pytest.approx(16.0, rel=0.05)
+    check_hard_spring(clean, 205.0, 0.01)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("samples", [6000, 20_000])
+def test_a_frequency_that_falls_to_a_seventeenth(samples: int) -> None:
+    """In 180 swings."""
+    clean = hard_spring(205.0, 0.05, 300.0, samples)
+    assert fall_of_frequency(clean) == pytest.approx(17.0, rel=0.05)
+    check_hard_spring(clean, 205.0, 0.01)
+
+
+def fall_of_frequency(record: PistonRecord) -> float:
+    """Of the first three half swings over that of the last three."""
+    halves = np.diff(record.time[1:][np.diff(np.sign(record.height)) != 0.0])
+    return float(halves[-3:].mean() / halves[:3].mean())
 
 
 def test_first_guesses_have_rivals_where_the_period_changes() -> None:
