@@ -24,7 +24,7 @@ from reduced_models.records.inputs import TIME, column
 MOST_CALLS = 1500
 """Calls of a law for each sample of a record, after which least squares from a start is stopped.
 
-What converges needs 150 to 800. Without a limit, laws that have a variable step shrink to nothing
+What converges needs 100 to 1000. Without a limit, laws that have a variable step shrink to nothing
 at some trial parameters keep SciPy busy for hours.
 """
 _MOST_OF_A_SOLUTION = 100  # calls for each sample, after which a solution is given up
@@ -140,7 +140,7 @@ def _attempt(given: _Problem, theta: np.ndarray) -> Attempt:
 
 def _residuals(given: _Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarray]:
     """Solution minus record [m] (n,) as a function of the search vector."""
-    from scipy.integrate import solve_ivp
+    from scipy.integrate import odeint
     from scipy.interpolate import CubicSpline
 
     record, unknowns = given.record, given.unknowns
@@ -160,17 +160,20 @@ def _residuals(given: _Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndar
             calls.count()
             return [state[1], *field(*state, *(float(drive(t)) for drive in drives), *values)]
 
+        full = np.full(len(time), _FAR)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of solutions that end early
             try:
-                found = solve_ivp(
-                    rates, (time[0], time[-1]), [z0, v0, *hidden], "LSODA", t_eval=time, rtol=1e-8,
+                found, told = odeint(
+                    rates, [z0, v0, *hidden], time, full_output=True, tfirst=True, rtol=1e-8,
                     atol=1e-10 * unknowns.amplitude,
-                ).y[0]  # fmt: skip
+                )  # fmt: skip
             except _GivenUpError:
-                found = np.empty(0)
-        full = np.full(len(time), _FAR)
-        full[: len(found)] = found - height[: len(found)]
+                return full
+        reached = len(time)
+        if told["message"] != "Integration successful.":
+            reached = 1 + int(np.argmax(told["tcur"] < time[1:]))
+        full[:reached] = found[:reached, 0] - height[:reached]
         return np.clip(np.nan_to_num(full, nan=_FAR), -_FAR, _FAR)
 
     return residuals
