@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -136,52 +135,3 @@ def test_the_spread_of_correlated_noise(memory: float) -> None:
 def test_a_walk_is_taken_out_and_put_back() -> None:
     noise = np.random.default_rng(2).normal(size=300)
     np.testing.assert_allclose(with_walk(without_walk(noise, 0.2), 0.2), noise, atol=1e-12)
-
-
-KINDS: dict[str, dict[str, Any]] = {
-    "correlated": {},
-    "drift": {"drift": True},
-    "outliers": {"loss": "soft_l1"},
-}
-
-
-def noisy(kind: str, clean: np.ndarray, seed: int) -> PistonRecord:
-    from scipy.signal import lfilter
-
-    random, level = np.random.default_rng(seed), 0.02 * clean.std()
-    noise = random.normal(0.0, level, len(clean))
-    if kind == "correlated":
-        noise = np.sqrt(0.19) * lfilter([1.0], [1.0, -0.9], noise)
-    elif kind == "drift":
-        noise = noise + np.cumsum(random.normal(0.0, 0.1 * level, len(clean)))
-    else:
-        noise = noise + 20.0 * noise * (random.uniform(size=len(clean)) < 0.03)
-    return PistonRecord(TIME, clean + noise)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.long
-def test_intervals_hold_under_real_noise(made: Callable[..., PistonRecord], kind: str) -> None:
-    clean = made("linear", level=0.0).height
-    true = {"lam": 0.05, "omega": 1.05, "g0": -1.0}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        models = [
-            fit(noisy(kind, clean, seed), "linear", starts=2, holdout=0.0, **KINDS[kind])
-            for seed in range(60)
-        ]
-    for name, value in true.items():
-        pairs = [model.intervals[name] for model in models]
-        assert 0.88 <= np.mean([low <= value <= high for low, high in pairs]) <= 1.0
-        scatter = np.std([model.parameters[name] for model in models])
-        assert np.median([high - low for low, high in pairs]) / 2.0 < 2.5 * scatter
-
-
-def test_drift_is_noted_and_modelled(made: Callable[..., PistonRecord]) -> None:
-    record = noisy("drift", made("linear", level=0.0).height, 0)
-    with pytest.warns(UserWarning, match="drift slowly"):
-        fit(record, "linear", starts=2)
-    modelled = fit(record, "linear", starts=2, drift=True)
-    assert not any("drift" in note for note in modelled.notes)
-    low, high = modelled.intervals["g0"]
-    assert low < -1.0 < high
