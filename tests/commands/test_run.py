@@ -1,6 +1,7 @@
 """Every command that guide, README and `--help` show runs, as it stands there.
 
-They run one after the other in one folder, in the order of the pages: what one makes, another reads.
+They run one after the other in one folder, in the order of the pages: what one makes, another
+reads.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from .shown import ROOT, commands, files
 
 from granular import load_scene
+
+from .shown import ROOT, commands, files
 
 LONGEST = 1200.0
 """Seconds after which a command counts as hanging."""
