@@ -88,11 +88,9 @@ def test_the_cheapest_setting_keeps_its_tolerance(
     ],
     ids=lambda one: one.name if isinstance(one, Scene) else str(one),
 )
-def test_an_accuracy_that_is_promised_is_kept(scene: Scene, asked: str) -> None:
-    print(accurate(scene, asked).words)
-    runs = list(runs_of(scene, FRESH, accuracy=asked))
-    tolerance = float(asked.split(maxsplit=1)[0]) * (0.01 if "%" in asked else 1.0)
-    quantity = asked.lstrip("0123456789.e-% ").strip()
-    found = errors(scene, quantity, runs)
+def test_an_accuracy_that_is_promised_is_kept(scene: Scene, text: str) -> None:
+    print(accurate(scene, text).words)
+    tolerance, quantity = asked(text)
+    found = errors(scene, quantity, list(runs_of(scene, FRESH, accuracy=text)))
     print(found)
     assert max(found) <= tolerance
