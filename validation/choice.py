@@ -13,7 +13,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost import FLOORS, Advice, Point, Setting, WorkPrecision, finest
 from validation.cost.advice import advice, duration, holding, unbiased
-from validation.cost.measuring import REPEATS, Truth, points, starts_of, truths
+from validation.cost.measuring import REPEATS, points, starts_of, truths
 from validation.quantities import MeasuredQuantity, quantity_named
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
