@@ -224,11 +224,13 @@ class Run(Standing):
     def _end_stage(self, reason: str, *, new_frame: bool) -> None:
         progress, stage = self.progress, self.stage
         if reason == "duration" and isinstance(stage, Timed) and stage.until == "rest":
-            seconds = self.system.scales.time
-            spread = float(self.band[HIGHEST] - self.band[LOWEST]) * self.system.scales.length
+            state, scales = self.state, self.system.scales
+            fastest = float(np.hypot(state.vx, state.vy).max(initial=0.0))
             raise restless(
-                stage.name, stage.span(0.0) or 0.0, spread, self.steps, self.time * seconds
-            )
+                stage.name, stage.span(0.0) or 0.0,
+                (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
+                watch_of(self).rest * scales.length, self.steps, self.time * scales.time,
+            )  # fmt: skip
         end = progress.last
         final = stage.final_height() if reason == "duration" else None
         if final is not None:

@@ -22,8 +22,9 @@ KNOWN_STARTS = 12
 
 
 def rubbing() -> Scene:
-    """A damper of few grains under dry friction."""
-    return damper(count=92).replace(**{"name": "rubbing", "effects.friction": {}})
+    """A damper of few grains under dry friction, and of the piston: grains that stick damp none."""
+    changes = {"name": "rubbing", "effects.friction": {}, "piston.friction": "0.5 N"}
+    return damper(count=92).replace(**changes)
 
 
 def runs_of(scene: Scene, starts: int, **keywords: object) -> Iterator[Trajectory]:
