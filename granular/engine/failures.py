@@ -80,6 +80,9 @@ def restless(
     fastest grain at its end [m/s], ``tolerance`` how far the piston may range at rest [m].
     """
     piston, grain = speeds
+    remedy = "give the stage a longer duration, a greater tolerance or more dissipation"
+    if not grain:
+        remedy += "; grains that stick damp no piston: give it friction of its own, piston.friction"
     return NotAtRestError(
         f"stage {stage!r} did not come to rest within {limit:g} s: the piston still moves at "
         f"{piston:.2g} m/s, the fastest grain at {grain:.2g} m/s, and the piston does not stay "
@@ -87,12 +90,7 @@ def restless(
         step=step,
         time=time,
         value=max(piston, grain),
-        remedy="give the stage a longer duration, a greater tolerance or more dissipation"
-        + (
-            ""
-            if grain
-            else "; grains that stick damp no piston: give it friction of its own, piston.friction"
-        ),
+        remedy=remedy,
     )
 
 
