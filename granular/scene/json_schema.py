@@ -97,6 +97,7 @@ def _effect(effect: type[Section]) -> Schema:
 
 def _of_fields(section: type[Section]) -> Schema:
     properties, required = {}, []
+    words = _words(section)
     for field in dataclasses.fields(section):
         kind: Kind = field.metadata["kind"]
         if isinstance(kind, Values):
@@ -104,8 +105,8 @@ def _of_fields(section: type[Section]) -> Schema:
         schema = _kind(kind)
         if kind.optional:
             schema = {"anyOf": [schema, {"const": "none"}]}
-        if words := _words(section).get(field.name):
-            schema = schema | {"description": words}
+        if field.name in words:
+            schema = schema | {"description": words[field.name]}
         if isinstance(field.default, str | int | float):
             schema = schema | {"default": field.default}
         if field.default is dataclasses.MISSING:
@@ -186,7 +187,6 @@ def _(kind: Many) -> Schema:
     return {"type": "array", "items": {"oneOf": choices}, "minItems": kind.least}
 
 
-@functools.cache
 def _words(section: type[Section]) -> dict[str, str]:
     """What the docstrings of a section and its bases say of each key."""
     found: dict[str, str] = {}
