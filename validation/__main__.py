@@ -291,7 +291,9 @@ def _cheapest(options: Any) -> None:
 
     changes = changes_from(options.changes)
     scene = load_scene(options.scene).replace(**changes)
-    choice = cheapest(scene, options.quantity, options.tolerance, until=options.t_end)
+    choice = cheapest(
+        scene, options.quantity, options.tolerance, until=options.t_end, progress=True
+    )
     emit(choice.to_plain(), str(choice), options.json)
 
 
