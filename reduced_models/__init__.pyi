@@ -10,8 +10,8 @@ from .discovery.discovering import discover as discover
 from .fitting.fitting import fit as fit
 from .fitting.law_estimator import LawEstimator as LawEstimator
 from .fitting.posterior import posterior as posterior
-from .identification.comparison import Comparison as Comparison
 from .identification.comparison import compare as compare
+from .identification.comparison_table import Comparison as Comparison
 from .identification.identification import identify as identify
 from .laws.catalogue import law_named as law_named
 from .laws.height_map import HeightMap as HeightMap

@@ -31,7 +31,7 @@ LONG_FILES = (
     "physics/test_contact.py",
     "reduced_models/identification/test_identify.py",
     "physics/test_friction.py",
-    "reduced_models/calibration/test_calibration.py",
+    "reduced_models/calibration/test_calibrated_beds.py",
     "granular/protocol/test_stages.py",
     "reduced_models/laws/test_elliptic.py",
     "granular/pairs/test_far_field.py",

@@ -59,7 +59,9 @@ examples:
 examples:
   %(prog)s                  # shows the results that come with the package
   %(prog)s --quick -o out/published""",
-    "recovery": "example:\n  %(prog)s --full -o out/recovery     # 260 fits, an hour",
+    "recovery": """\
+example:
+  %(prog)s --full -o out/recovery     # an hour; goes on where it was stopped""",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:
@@ -289,7 +291,9 @@ def _cheapest(options: Any) -> None:
 
     changes = changes_from(options.changes)
     scene = load_scene(options.scene).replace(**changes)
-    choice = cheapest(scene, options.quantity, options.tolerance, until=options.t_end)
+    choice = cheapest(
+        scene, options.quantity, options.tolerance, until=options.t_end, progress=True
+    )
     emit(choice.to_plain(), str(choice), options.json)
 
 

@@ -13,7 +13,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost import FLOORS, Advice, Point, Setting, WorkPrecision, finest
 from validation.cost.advice import advice, duration, holding, unbiased
-from validation.cost.measuring import REPEATS, Truth, points, starts_of, truths
+from validation.cost.measuring import REPEATS, points, starts_of, truths
 from validation.quantities import MeasuredQuantity, quantity_named
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
@@ -25,9 +25,13 @@ SEEDS = 4
 HOPELESS = 2.0
 """A family is given up where its next step would cost this many times what was found."""
 
-RANDOM_REFERENCE = Setting("stormer-verlet", "auto/8")
-"""Reference of a bed with random starts: what it comes to scatters by far more than this step's
-error, and a reference of order six would cost more than all the settings."""
+REFERENCE = "stormer-verlet"
+REFERENCES = (*STEPS[2:], "auto/16")
+"""Method and steps that a bed with random starts is measured against, the longest first: what it
+comes to scatters too much for more to pay."""
+
+APART = 2
+"""How many times a step is halved before it is a reference: its error is a sixteenth then."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +116,7 @@ def cheapest(
     tolerance: float,
     until: float | None = None,
     seeds: int = SEEDS,
+    progress: bool = False,
 ) -> Choice:
     """The setting that gives a quantity to a tolerance in the least time.
 
@@ -132,6 +137,8 @@ def cheapest(
         Stop each run at this time [s]; the whole protocol without.
     seeds : int
         Further random starts.
+    progress : bool
+        Show which setting is being run.
 
     Raises
     ------
@@ -146,49 +153,89 @@ def cheapest(
     if seeds < 0:
         raise InputError(f"seeds = {seeds}; give a number of further starts, 0 or more")
     scenes = starts_of(scene, seeds)
-    (truth,) = truths(scenes, [chosen], [_reference(scene, chosen, len(scenes))], until)
-    tried = _tried(scenes, chosen, truth, tolerance, until)
-    study = WorkPrecision(
-        scene.name, chosen.name, "1" if chosen.relative else chosen.unit, until, tuple(tried),
-        truth.floor, truth.told,
-    )  # fmt: skip
+    if quantity_is_scattered(chosen, len(scenes)):
+        study = _by_halving(scenes, chosen, tolerance, until, progress)
+    else:
+        reference = None if chosen.exact is not None else finest(scene)
+        study = _study(scenes, chosen, candidates(scene), reference, tolerance, until, progress)
     return choice(study, tolerance)
 
 
-def _reference(scene: Scene, quantity: MeasuredQuantity, starts: int) -> Setting | None:
-    """What to measure against, where the quantity has no exact value."""
-    if quantity.exact is not None:
-        return None
-    return RANDOM_REFERENCE if starts > 1 and not quantity.of_start else finest(scene)
+def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
+    """Whether what is measured is a mean over random starts."""
+    return quantity.exact is None and not quantity.of_start and starts > 1
 
 
-def _tried(
+def _by_halving(
     scenes: Sequence[Scene],
     quantity: MeasuredQuantity,
-    truth: Truth,
     tolerance: float,
     until: float | None,
-) -> list[Point]:
+    progress: bool,
+) -> WorkPrecision:
+    """The study against the longest reference step that tells whether a tolerance is met.
+
+    It does where the step that was halved `APART` times to give it is accurate enough: the
+    reference then errs by a fifteenth of the tolerance at most.
+    """
+    study = None
+    steps = (*STEPS, REFERENCES[-1])
+    for dt in REFERENCES:
+        coarse = steps[: steps.index(dt) - APART + 1]
+        settings = [one for one in candidates(scenes[0]) if one.dt in coarse]
+        if not any(one.method == REFERENCE for one in settings):
+            continue
+        study = _study(
+            scenes, quantity, settings, Setting(REFERENCE, dt), tolerance, until, progress
+        )
+        own = [one for one in study.points if one.setting.method == REFERENCE]
+        if _settled(own, study.floor, tolerance, 1):
+            break
+    if study is None:
+        raise InputError(
+            f"scene {scenes[0].name!r} cannot be run by {REFERENCE} at any step of {steps[0]} to "
+            f"{steps[-1]}, against which settings are measured; give seeds=0"
+        )
+    return study
+
+
+def _study(
+    scenes: Sequence[Scene],
+    quantity: MeasuredQuantity,
+    settings: Sequence[Setting],
+    reference: Setting | None,
+    tolerance: float,
+    until: float | None,
+    progress: bool,
+) -> WorkPrecision:
     """The points that it takes to choose, family by family."""
-    tried: list[Point] = []
-    settings = candidates(scenes[0])
-    for family in dict.fromkeys(one.family for one in settings):
-        own: list[Point] = []
-        for setting in (one for one in settings if one.family == family):
-            best = advice(tried + own, truth.floor, tolerance)
-            if _settled(own, truth.floor, tolerance) or _too_dear(own, best):
-                break
-            own += points(scenes, [quantity], setting, [truth], until, REPEATS)
-        tried += own
-    return tried
+    from tqdm import tqdm
+
+    with tqdm(desc="reference", disable=not progress, leave=False, unit="setting") as bar:
+        (truth,) = truths(scenes, [quantity], [reference], until)
+        tried: list[Point] = []
+        for family in dict.fromkeys(one.family for one in settings):
+            own: list[Point] = []
+            for setting in (one for one in settings if one.family == family):
+                best = advice(tried + own, truth.floor, tolerance)
+                if _settled(own, truth.floor, tolerance) or _too_dear(own, best):
+                    break
+                bar.set_description(f"{family}, {setting.dt}, against {truth.told}")
+                own += points(scenes, [quantity], setting, [truth], until, REPEATS)
+                bar.update()
+            tried += own
+    return WorkPrecision(
+        scenes[0].name, quantity.name, "1" if quantity.relative else quantity.unit, until,
+        tuple(tried), truth.floor, truth.told,
+    )  # fmt: skip
 
 
-def _settled(points: Sequence[Point], floor: float, tolerance: float) -> bool:
-    """Whether the two finest points of a family are good enough."""
-    last = points[-2:]
+def _settled(points: Sequence[Point], floor: float, tolerance: float, count: int = 2) -> bool:
+    """Whether the finest points of a family are good enough."""
+    last = points[-count:]
     if tolerance < FLOORS * floor:
-        return len(unbiased(last)) == 2
-    return len(holding(last, tolerance)) == 2
+        return len(unbiased(last)) == count
+    return len(holding(last, tolerance)) == count
 
 
 def _too_dear(points: Sequence[Point], best: Advice) -> bool:

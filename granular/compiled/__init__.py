@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-class InnerKernel(CPUDispatcher):  # type: ignore[misc]
+class InnerKernel(CPUDispatcher):
     """A kernel that only kernels can call: without what Python needs, a call of it would crash."""
 
     def __call__(self, *args: object, **kwargs: object) -> NoReturn:

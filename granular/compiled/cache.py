@@ -92,7 +92,7 @@ def _tidy(folder: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
-class KernelCache(_Cache):  # type: ignore[misc]
+class KernelCache(_Cache):
     """The compiled forms of one kernel, as Numba asks for them."""
 
     def __init__(self, function: Any, options: dict[str, Any]) -> None:

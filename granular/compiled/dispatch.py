@@ -221,11 +221,11 @@ def _written(
     return function(builder, cast)
 
 
-def _made(call: Kernel, choose: Kernel, names: str) -> Kernel:
+def _made(call: Kernel, choose: Any, names: str) -> Kernel:
     """What plain Python calls, or kernels, with arguments of these names."""
     if numba.config.DISABLE_JIT:
         return call
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     given = [inspect.Parameter(name, kind) for name in ("context", *names.split())]
-    choose.__signature__ = inspect.Signature(given)  # type: ignore[attr-defined]
+    choose.__signature__ = inspect.Signature(given)
     return intrinsic(choose)

@@ -32,7 +32,7 @@ def _with_all_below(libraries: list[Any]) -> list[Any]:
     return list(found)[::-1]
 
 
-class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
+class LinkedLibrary(JITCodeLibrary):
     """Code of a kernel that is to be linked, neither optimised as a whole nor turned into code."""
 
     _linking_libraries: list[Any]
@@ -66,7 +66,7 @@ class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
         return self.name, "linked", self._get_module_for_linking().as_bitcode()
 
 
-class EntryLibrary(JITCodeLibrary):  # type: ignore[misc]
+class EntryLibrary(JITCodeLibrary):
     """Code of a kernel that Python calls, with all kernels below it."""
 
     _linking_libraries: list[Any]
@@ -86,7 +86,7 @@ def _module(library: Any) -> Any:
     return library._get_module_for_linking()
 
 
-class InnerCompiler(Compiler):  # type: ignore[misc]
+class InnerCompiler(Compiler):
     """Numba's compiler, up to what is to be linked."""
 
     def define_pipelines(self) -> Any:
@@ -107,7 +107,7 @@ class InnerCompiler(Compiler):  # type: ignore[misc]
         return result
 
 
-class EntryCompiler(Compiler):  # type: ignore[misc]
+class EntryCompiler(Compiler):
     """Numba's compiler, with a library that takes in all kernels below."""
 
     def define_pipelines(self) -> Any:

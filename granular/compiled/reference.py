@@ -22,7 +22,7 @@ from numba.extending import intrinsic, lower_getattr_generic, models, register_m
 T = TypeVar("T")
 
 
-class Reference(types.Type):  # type: ignore[misc]
+class Reference(types.Type):
     """Address of a named tuple; its name is short, since it is a part of names of kernels."""
 
     def __init__(self, whole: Any) -> None:
@@ -51,14 +51,14 @@ def _is_named_tuple(kind: Any) -> bool:
 
 
 @register_model(Reference)
-class _ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
+class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Reference) -> None:
         whole = manager.lookup(kind.whole).get_data_type()
         super().__init__(manager, kind, whole.as_pointer())
 
 
 @infer_getattr
-class _ReferenceFields(AttributeTemplate):  # type: ignore[misc]
+class _ReferenceFields(AttributeTemplate):
     key = Reference
 
     def generic_resolve(self, kind: Reference, name: str) -> Any:

@@ -187,3 +187,19 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
     if rate * speed <= 1e-6 * brake:
         return speed / brake
     return math.log1p(rate * speed / brake) / rate
+
+
+# For what is solved together with a drag that need not be there.
+
+
+@compiled
+def rate_of(rate: float | None) -> float:
+    """The decay rate; 0 without drag."""
+    return 0.0 if rate is None else rate
+
+
+@compiled(inline=True)
+def enter(entry: int | None, state: State, energy: float) -> None:
+    """Enter what the drag takes; without drag that is the rounding of zero."""
+    if entry is not None:
+        state.ledger[entry] += energy

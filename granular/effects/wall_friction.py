@@ -100,7 +100,7 @@ class WallFrictionLaw(NamedTuple):
         constants: Constants, opening: bool,
     ) -> int:  # fmt: skip
         """Force, drag and friction, together and exactly."""
-        rate = _rate(law.rate)
+        rate = drag.rate_of(law.rate)
         masses, moments = constants.masses, moments_of(constants)
         decay, gain, a, b, c = drag.flow(rate, span)
         rubbed, dragged = 0.0, 0.0
@@ -115,7 +115,7 @@ class WallFrictionLaw(NamedTuple):
             rubbed += hold * way[0]
             dragged += mass * way[1]
         state.ledger[LOSSES + place] += rubbed
-        _enter(law.drag, state, dragged)
+        drag.enter(law.drag, state, dragged)
         return 0
 
 
@@ -130,17 +130,6 @@ _force = by_law("force", "w", _none)
 @compiled
 def _normal(law: Any, w: float) -> float:
     return 0.0 if law is None else _force(law, w)
-
-
-@compiled
-def _rate(rate: float | None) -> float:
-    return 0.0 if rate is None else rate
-
-
-@compiled(inline=True)
-def _enter(entry: int | None, state: State, energy: float) -> None:
-    if entry is not None:
-        state.ledger[entry] += energy
 
 
 @compiled

@@ -14,6 +14,10 @@ from typing import Any, NamedTuple
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import by_law
 
+SIDES = ("left", "right", "bottom", "top")
+LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
+"""Walls in the order in which their forces are entered."""
+
 
 class Side(NamedTuple):
     """A wall's place, and the grains' coordinates as seen from it.

@@ -71,15 +71,26 @@ def unbalanced(residual: float, limit: float, step: int, time: float, remedy: st
     )
 
 
-def restless(stage: str, limit: float, spread: float, step: int, time: float) -> NotAtRestError:
-    """The error for a piston that ranges over a spread [m] after a stage's longest duration [s]."""
+def restless(
+    stage: str, limit: float, speeds: tuple[float, float], tolerance: float, step: int, time: float
+) -> NotAtRestError:
+    """The error for a piston that does not come to rest.
+
+    ``limit`` is the stage's longest duration [s], ``speeds`` are those of the piston and of the
+    fastest grain at its end [m/s], ``tolerance`` how far the piston may range at rest [m].
+    """
+    piston, grain = speeds
+    remedy = "give the stage a longer duration, a greater tolerance or more dissipation"
+    if not grain:
+        remedy += "; grains that stick damp no piston: give it friction of its own, piston.friction"
     return NotAtRestError(
-        f"stage {stage!r} did not come to rest within {limit:g} s; the piston still ranges over "
-        f"{spread:.3g} m",
+        f"stage {stage!r} did not come to rest within {limit:g} s: the piston still moves at "
+        f"{piston:.2g} m/s, the fastest grain at {grain:.2g} m/s, and the piston does not stay "
+        f"within {tolerance:.2g} m",
         step=step,
         time=time,
-        value=spread,
-        remedy="give the stage a longer duration, a greater tolerance or more dissipation",
+        value=max(piston, grain),
+        remedy=remedy,
     )
 
 

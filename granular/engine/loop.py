@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.reference import by_reference
-from granular.effects.walls import TOP
+from granular.effects.wall_side import TOP
 from granular.engine import columns
 from granular.engine.constants import Constants
 from granular.engine.far import find_far_field, kick_by_far_field

@@ -7,8 +7,8 @@ import math
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import sum_over
 from granular.effects import drag
-from granular.effects.friction import sliding
-from granular.effects.walls import TOP
+from granular.effects.friction_law import sliding
+from granular.effects.wall_side import TOP
 from granular.engine.compensation import compensated_sum
 from granular.engine.constants import Constants, Resistance
 from granular.engine.state import (

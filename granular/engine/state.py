@@ -51,7 +51,7 @@ class State(NamedTuple):
     clock : float64 (7,)
         See `granular.engine.variable`.
     wall_forces : float64 (4,)
-        Force on each wall, in the order of `granular.effects.walls.SIDES`.
+        Force on each wall, in the order of `granular.effects.wall_side.SIDES`.
     label : int64 (m,)
         Which grain of the scene stands in each place.
     load : float64 (m,) or None

@@ -24,7 +24,6 @@ The source's text names the files and how often each is written; everything else
 
 from __future__ import annotations
 
-import contextlib
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -37,7 +36,7 @@ from granular.observables import force_magnitudes, source_pair_distance
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.scene.scales import Scales
-from granular.shared.files import check_target, make_directory, replacing
+from granular.shared.files import replacing_together
 
 STEPS_PER_TIME = 10**6
 """Steps of the source in its unit of time T [D, 2.3.2]."""
@@ -119,17 +118,13 @@ def to_source_files(
         "avgDis": _distances(run, cadence, progress),
         **_constants(run, cadence),
     }
-    paths = {name: directory / f"{name}.dat" for name in contents}
-    make_directory(directory)
-    for path in paths.values():
-        check_target(path, overwrite)
-    _warn_of_coarse_frames(run, cadence)
-    with contextlib.ExitStack() as stack:
-        for name, lines in contents.items():
-            part = stack.enter_context(replacing(paths[name], overwrite))
-            with part.open("w", encoding="utf-8") as file:
+    files = {f"{name}.dat": lines for name, lines in contents.items()}
+    with replacing_together(directory, list(files), overwrite) as place_of:
+        _warn_of_coarse_frames(run, cadence)
+        for name, lines in files.items():
+            with place_of(name).open("w", encoding="utf-8") as file:
                 file.writelines(lines)
-    return tuple(paths.values())
+    return tuple(directory / name for name in files)
 
 
 def _warn_of_coarse_frames(run: Trajectory, cadence: SourceCadence) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from granular.export.frames import BedFrame, bed_frames, opened
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import check_target, make_directory, replacing
+from granular.shared.files import replacing_together
 
 if TYPE_CHECKING:
     import pandas
@@ -59,15 +59,11 @@ def to_tables(
         raise InputError(f"unknown kind of table {kind!r}; known are {', '.join(_WRITERS)}")
     run, directory = opened(run), Path(directory)
     tables = {"scalars": iter([_scalars(run)]), "grains": _grains(run, directory, progress)}
-    paths = {name: directory / f"{name}.{kind}" for name in tables}
-    make_directory(directory)
-    for path in paths.values():
-        check_target(path, overwrite)
-    with contextlib.ExitStack() as stack:
-        for name, parts in tables.items():
-            part = stack.enter_context(replacing(paths[name], overwrite))
-            _WRITERS[kind](part, parts)
-    return tuple(paths.values())
+    files = {f"{name}.{kind}": parts for name, parts in tables.items()}
+    with replacing_together(directory, list(files), overwrite) as place_of:
+        for name, parts in files.items():
+            _WRITERS[kind](place_of(name), parts)
+    return tuple(directory / name for name in files)
 
 
 def _scalars(run: Trajectory) -> pandas.DataFrame:

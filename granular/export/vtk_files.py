@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from granular.export.frames import BedFrame, bed_frames, in_space, opened
 from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import check_target, make_directory, replacing
+from granular.shared.files import replacing_together
 
 LIST = "bed.pvd"
 
@@ -64,19 +63,13 @@ def to_vtk(
     run, directory = opened(run), Path(directory)
     times = run.dataset["frame_time"].values
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
-    paths = [directory / LIST, *(directory / name for name in names)]
-    make_directory(directory)
-    for path in paths:
-        check_target(path, overwrite)
-    unchanging = _unchanging(run)
-    with contextlib.ExitStack() as stack:
-        part = stack.enter_context(replacing(paths[0], overwrite))
-        part.write_text(_list_of(names, times), encoding="utf-8")
+    with replacing_together(directory, [LIST, *names], overwrite) as place_of:
+        unchanging = _unchanging(run)
+        place_of(LIST).write_text(_list_of(names, times), encoding="utf-8")
         frames = bed_frames(run, bar=directory.name if progress else None)
-        for path, frame in zip(paths[1:], frames, strict=True):
-            part = stack.enter_context(replacing(path, overwrite))
-            meshio.write(part, _mesh(meshio, frame, unchanging), file_format="vtu")
-    return tuple(paths)
+        for name, frame in zip(names, frames, strict=True):
+            meshio.write(place_of(name), _mesh(meshio, frame, unchanging), file_format="vtu")
+    return (directory / LIST, *(directory / name for name in names))
 
 
 def _unchanging(run: Trajectory) -> dict[str, np.ndarray]:

@@ -44,7 +44,7 @@ def _dates(cells: Sequence[str]) -> np.ndarray | float:
                                     format="ISO8601")  # fmt: skip
     except ValueError:  # a month 13
         return float("nan")
-    nanoseconds = stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)
+    nanoseconds = stamps.tz_convert(None).to_numpy().astype("datetime64[ns]").astype(np.int64)
     return np.asarray((nanoseconds - nanoseconds[0]) * 1e-9)
 
 

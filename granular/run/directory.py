@@ -9,12 +9,8 @@ import shutil
 import uuid
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # where there is none, nothing keeps two processes apart
-    fcntl = None  # type: ignore[assignment]
-
 from granular.shared.errors import StoreError
+from granular.shared.locks import HAS_LOCKS, hold
 
 SCENE = "scene.toml"
 SETTINGS = "run.json"
@@ -36,11 +32,11 @@ def lock(path: Path) -> int | None:
     StoreError
         If another process writes there.
     """
-    if fcntl is None:
+    if not HAS_LOCKS:
         return None
     held = os.open(path, os.O_RDONLY)
     try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        hold(held, wait=False)
     except BlockingIOError:
         os.close(held)
         raise StoreError(f"another process is running in {path}; wait for it, or stop it") from None

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from granular.effects.walls import SIDES, TOP
+from granular.effects.wall_side import SIDES, TOP
 from granular.engine.far import total_force
 from granular.engine.forces import evaluate_forces
 from granular.engine.plain_arithmetic import unfinite_as

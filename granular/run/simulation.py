@@ -32,6 +32,7 @@ from granular.run.manifest import manifest_of
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
+from granular.run.snapshot import restore, snapshot
 from granular.run.sources import own_sources
 from granular.run.store import Store, read_settings
 from granular.run.time_step import checked_step
@@ -176,7 +177,7 @@ class _Job:
         """State to resume from, with how many records and frames lie before it."""
         rows, frames = self.run.recorder.counts()
         written = (0, 0) if self.store is None else (self.store.rows, self.store.frames)
-        return self.run.snapshot() | {"rows": written[0] + rows, "frames": written[1] + frames}
+        return snapshot(self.run) | {"rows": written[0] + rows, "frames": written[1] + frames}
 
     def _outcome(self, complete: bool, until: float) -> dict[str, Any]:
         figures = self.run.figures() | {"seconds": time.perf_counter() - self.begun}
@@ -292,7 +293,7 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
     if is_run(path) and not resume:
         raise StoreError(f"{path} holds a run; resume it, or give a new directory")
     if not is_run(path):
-        first = run.snapshot() | {"rows": 0, "frames": 0} | _readable(0, 0)
+        first = snapshot(run) | {"rows": 0, "frames": 0} | _readable(0, 0)
         outcome = {"figures": run.figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
         return Store.create(path, run.scene, run.system, settings, first)
@@ -318,7 +319,7 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
     store = Store(path, run.scene, run.system)
     store.hold()
     try:
-        run.restore(store.resume())
+        restore(run, store.resume())
     except BaseException:
         store.release()
         raise

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.effects.effect import Record
-from granular.effects.walls import SIDES
+from granular.effects.wall_side import SIDES
 from granular.engine.columns import all_columns, energy_column, loss_column
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene

@@ -8,7 +8,7 @@ import math
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,28 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         raise _unwritable(path, error) from None
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def replacing_together(
+    directory: Path, names: Sequence[str], overwrite: bool
+) -> Iterator[Callable[[str], Path]]:
+    """What gives the place to write each file of a directory to, by its name, when it is asked for.
+
+    The directory is made if there is none. The files take their real names together, when all went
+    well; names that cannot be written or may not be are refused before anything is, as `replacing`
+    refuses them.
+
+    Raises
+    ------
+    InputError, StoreError
+        As of `replacing` and `make_directory`.
+    """
+    make_directory(directory)
+    for name in names:
+        check_target(directory / name, overwrite)
+    with contextlib.ExitStack() as stack:
+        yield lambda name: stack.enter_context(replacing(directory / name, overwrite))
 
 
 def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str:

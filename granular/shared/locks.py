@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import importlib.util
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # where there is none, nothing keeps two processes apart
-    fcntl = None  # type: ignore[assignment]
+HAS_LOCKS = importlib.util.find_spec("fcntl") is not None
+"""Where there are none, nothing keeps two processes apart."""
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
@@ -32,7 +31,7 @@ def locked(path: Path, wait: bool) -> Iterator[bool]:
     OSError
         If the file cannot be made.
     """
-    if fcntl is None:
+    if not HAS_LOCKS:
         yield True
         return
     held = _taken(path, wait)
@@ -46,11 +45,26 @@ def locked(path: Path, wait: bool) -> Iterator[bool]:
         os.close(held)
 
 
+def hold(opened: int, wait: bool) -> None:
+    """Hold an open file or directory until it is closed; only where `HAS_LOCKS` says so.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process holds it, and this one is not to wait.
+    OSError
+        If the file system has no locks.
+    """
+    import fcntl
+
+    fcntl.flock(opened, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 def _taken(path: Path, wait: bool) -> int | None:
     while True:
         held = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:
-            fcntl.flock(held, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+            hold(held, wait)
             if _still_there(held, path):
                 return held
         except BlockingIOError:

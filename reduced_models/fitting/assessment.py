@@ -13,17 +13,14 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.fitting.diagnostics import diagnostics
+from reduced_models.fitting.covariance import Information, joint_covariance, marginal
+from reduced_models.fitting.diagnostics import autocorrelation_time, diagnostics
 from reduced_models.fitting.refinement import JudgedFit
 from reduced_models.fitting.uncertainty import (
     Analysis,
-    Information,
     at_least_linear,
-    autocorrelation_time,
     bootstrap_intervals,
     interval_analysis,
-    joint_covariance,
-    marginal,
     physical_covariance,
     profile_intervals,
 )

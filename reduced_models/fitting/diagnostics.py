@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 _MOST_LAGS = 40
+_WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
 _SLOW, _FAST = 0.3, 1.7  # of the swing's frequency: between them residuals swing with the motion
 
 
@@ -18,18 +19,10 @@ class Diagnostics(NamedTuple):
     ----------
     first : float
         Correlation of each residual with the next one.
-    whiteness : float
-        Probability that white noise is correlated as much (Ljung, Box 1978,
-        doi:10.1093/biomet/65.2.297).
-    signs : float
-        Probability that white noise changes its sign as seldom, or as often (Wald, Wolfowitz 1940,
+    whiteness, signs, lag, slow, swinging, drift : float
+        As in `reduced_models.models.quality.Quality`. The first two are the tests of Ljung and Box
+        (1978, doi:10.1093/biomet/65.2.297), and of Wald and Wolfowitz (1940,
         doi:10.1214/aoms/1177731909).
-    lag : float
-        Time by which the solution comes late [s].
-    slow, swinging : float
-        Share of the residuals' power that is slower than the swing, and that is about as fast.
-    drift : float
-        Their slow power, over what white noise of the same power has there.
     """
 
     first: float
@@ -68,6 +61,24 @@ def diagnostics(
         swinging=float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum()),
         drift=slow / float((lines < _SLOW).mean()),
     )
+
+
+def autocorrelation_time(values: np.ndarray) -> float:
+    """Integrated autocorrelation time, in samples; at least 1.
+
+    A. Sokal (1997), doi:10.1007/978-1-4899-0319-8_6.
+    """
+    count = len(values)
+    centred = values - values.mean()
+    size = 1 << (2 * count - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[:count]
+    if correlation[0] <= 0.0:
+        return 1.0
+    sums = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
+    inside = np.arange(count) >= _WINDOW * np.maximum(sums, 1.0)
+    window = int(np.argmax(inside)) if inside.any() else count - 1
+    return max(1.0, float(sums[window]))
 
 
 def _sign_score(residuals: np.ndarray) -> float:

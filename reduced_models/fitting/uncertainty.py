@@ -1,11 +1,7 @@
 """How sure fitted parameters are: intervals, and what the data leave open.
 
-Residuals that follow each other, because the noise does or because the law is not quite right, say
-less of some parameters and more of others than white ones. The covariance is the sandwich estimate
-with the autoregression of the residuals between two linearisations (Huber 1967; White 1980,
-doi:10.2307/1912934), which holds for the losses that spare outliers too. Where a direction is
-called open, and in profiles, the variance of a residual is enlarged by the integrated
-autocorrelation time (Sokal 1997, doi:10.1007/978-1-4899-0319-8_6) instead.
+Intervals come from the covariance at the minimum. Where a direction is called open, the variance of
+a residual is enlarged by the integrated autocorrelation time instead.
 """
 
 from __future__ import annotations
@@ -13,13 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reduced_models.fitting.autoregression import autoregression, spread_of
+from reduced_models.fitting.covariance import LEAST_FREEDOM, Information, marginal, sandwich
 from reduced_models.laws.small_swing import NoSwing, small_swing
-from reduced_models.least_squares.residuals import cost_and_weight, sensitivity
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.quality import Direction
 
@@ -32,11 +27,7 @@ OPEN = 0.25
 _SMALL_POWER = 0.05
 _NEAR_ZERO = 0.25  # in units of the entry
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
-_AS_NOISY = 1.5  # times the variance of another record
 _MOST_VARIANCE = 1e99  # of what the data leave open
-_LEAST_FREEDOM = 2.0
-_WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
-_RESOLVED = 1e-12  # share of the greatest strength, a thousand times the rounding of an eigenvalue
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,146 +37,6 @@ class Analysis:
     intervals: Mapping[str, tuple[float, float]]
     at_rest: AtRest | NoSwing
     undetermined: tuple[Direction, ...]
-
-
-def autocorrelation_time(values: np.ndarray) -> float:
-    """Integrated autocorrelation time, in samples; at least 1."""
-    count = len(values)
-    centred = values - values.mean()
-    size = 1 << (2 * count - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
-    correlation = np.fft.irfft(spectrum, size)[:count]
-    if correlation[0] <= 0.0:
-        return 1.0
-    sums = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
-    inside = np.arange(count) >= _WINDOW * np.maximum(sums, 1.0)
-    window = int(np.argmax(inside)) if inside.any() else count - 1
-    return max(1.0, float(sums[window]))
-
-
-class Information(NamedTuple):
-    """What the data say at the minimum of a fit.
-
-    Attributes
-    ----------
-    normal : float64 (p, p)
-        J'J of a record's search vector, other records' vectors taken out.
-    covariance : float64 (p, p)
-        Of that vector; zero for entries that are held.
-    residuals : tuple of float64 (n,)
-        Of all records, in amplitudes.
-    fitted : int
-        Entries of the joint search vector that are free.
-    free : bool (p,)
-        Entries of the record's vector that are not held.
-    independent : float
-        Samples that would say as much of a level if they did not follow each other.
-    """
-
-    normal: np.ndarray
-    covariance: np.ndarray
-    residuals: tuple[np.ndarray, ...]
-    fitted: int
-    free: np.ndarray
-    independent: float
-
-    @property
-    def freedom(self) -> float:
-        """Degrees of freedom that the residuals have left."""
-        return max(1.0, sum(map(len, self.residuals)) - self.fitted)
-
-    @property
-    def variance(self) -> float:
-        """Of a residual, enlarged by how the residuals follow each other."""
-        total = sum(float((each**2).sum()) * autocorrelation_time(each) for each in self.residuals)
-        return total / self.freedom
-
-    def quantile(self, confidence: float) -> float:
-        """Student's, for an interval of that confidence."""
-        from scipy.stats import t as student
-
-        freedom = min(self.freedom, max(_LEAST_FREEDOM, self.independent - 1.0))
-        return float(student.ppf(0.5 + 0.5 * confidence, freedom))
-
-
-def joint_covariance(
-    joint: JointRecords, theta: np.ndarray, noise: Sequence[float | None]
-) -> tuple[np.ndarray, float]:
-    """Covariance (p, p) of a joint search vector, and the number of independent samples.
-
-    ``noise`` is that of each record in amplitudes, where it is known.
-    """
-    size = joint.vector.size
-    free = np.flatnonzero(~joint.held)
-    bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
-    independent = 0.0
-    parts = zip(joint.grids, joint.vector.places, noise, strict=True)
-    count = sum(len(grid.record) for grid in joint.grids)
-    loss = count / max(1, count - len(free))
-    linear = [
-        grid.linearised(theta[here])
-        for grid, here in zip(joint.grids, joint.vector.places, strict=True)
-    ]
-    alike = _alike([left for left, _ in linear])
-    for (grid, here, known), (left, slopes), ratio in zip(parts, linear, alike, strict=True):
-        _, weight = cost_and_weight(left, grid.loss.numbers, np)
-        bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, grid.loss)[:, None] * slopes)
-        pull = weight * left
-        series = autoregression(pull)
-        level = float((pull**2).mean()) * loss
-        if known is not None:
-            level = known**2
-            spread[np.ix_(here, here)] += level * slopes.T @ slopes
-            independent += len(left)
-        else:
-            spread[np.ix_(here, here)] += loss * ratio * spread_of(slopes, series)
-            still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
-            memory = max(1.0, still / max(level, 1e-300))
-            independent += len(left) / memory
-            level *= memory
-        variance = max(variance, level)
-    found = np.zeros((size, size))
-    found[np.ix_(free, free)] = sandwich(
-        bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
-    )
-    return found, independent
-
-
-def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Common variance over that of each record, where all are as noisy; otherwise ones."""
-    levels = np.array([float((left**2).mean()) for left in residuals])
-    if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
-        return np.ones(len(levels))
-    counts = np.array([len(left) for left in residuals])
-    return np.asarray((levels * counts).sum() / counts.sum() / levels)
-
-
-def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
-    """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p).
-
-    ``variance`` is that of one residual, for directions that the curvature leaves open.
-    """
-    # Scaled to a unit diagonal first. In directions that the bread hardly holds, the spread is lost
-    # in its own rounding, with either sign: they keep the variance of a mean of the residuals, and
-    # what is below rounding altogether keeps a huge, finite one.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(bread), 1e-300))
-    strengths, directions = np.linalg.eigh(bread * np.outer(scale, scale))
-    known = strengths > strengths[-1] * _RESOLVED
-    inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
-    inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
-    resolved = np.where(known, inverse, 0.0)
-    found = resolved[:, None] * inner * resolved + np.diag(np.where(known, 0.0, variance * inverse))
-    return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
-
-
-def marginal(normal: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Information (p, p) on some entries of a search vector, the others that are free left open."""
-    others = np.setdiff1d(np.flatnonzero(free), places)
-    if not len(others):
-        return normal[np.ix_(places, places)]
-    cross = normal[np.ix_(places, others)]
-    inner = np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
-    return np.asarray(normal[np.ix_(places, places)] - cross @ inner @ cross.T)
 
 
 def interval_analysis(
@@ -223,7 +74,7 @@ def bootstrap_intervals(
     from scipy.stats import norm
 
     shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    count = max(_LEAST_FREEDOM, known.independent)
+    count = max(LEAST_FREEDOM, known.independent)
     wider = known.quantile(confidence) / float(norm.ppf(shares[1])) * math.sqrt(count / (count - 1))
     edges = theta + wider * (np.quantile(replicates, shares, axis=0) - theta)
     return intervals_between(unknowns, *edges)

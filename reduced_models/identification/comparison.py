@@ -12,21 +12,18 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.html import number
 from reduced_models.fitting.fitting import fit, law_of
 from reduced_models.fitting.options import HOLDOUT, STARTS, check_options, records_of
 from reduced_models.fitting.start_values import starts_near
+from reduced_models.identification.comparison_table import Comparison, Row, percent, pooled
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.roll_out import RollOut, roll_out
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TIE = 0.05
 """Held-out errors closer than this fraction are alike."""
@@ -36,169 +33,6 @@ CLEAR = 10.0
 """Twice the difference of two log-likelihoods below which the data cannot tell two laws apart."""
 _LEAST = 1e-7  # of the swing: residuals below it are equal
 _NO_BETTER = 0.9
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Row:
-    """One law.
-
-    Attributes
-    ----------
-    name : str
-    models : tuple of ReducedModel
-        One a record; empty where the fit failed.
-    parameters : int
-        Free numbers of the law and its map, the initial states not counted.
-    stretches : tuple of float
-        Error of the roll-out over each record's held-out end, in rms swings of the record; infinite
-        where it blows up. Empty without a hold-out.
-    records : tuple of RollOut
-        One a held-out record.
-    error : float
-        Root mean square of all held-out errors; the residual of the fit without any.
-    deviance, aic, bic : float
-        n log of the mean squared residual of the fit to all of the records (n the number of
-        independent samples), and with twice, or log n times, the number of parameters added.
-    failure : str
-        Why there is no model; empty where there is one.
-    """
-
-    name: str
-    models: tuple[ReducedModel, ...] = ()
-    parameters: int = 0
-    stretches: tuple[float, ...] = ()
-    records: tuple[RollOut, ...] = ()
-    error: float = math.inf
-    deviance: float = math.inf
-    aic: float = math.inf
-    bic: float = math.inf
-    failure: str = ""
-
-    @property
-    def blow_ups(self) -> int:
-        """Held-out stretches and records over which the law blows up."""
-        errors = (*self.stretches, *(one.relative for one in self.records))
-        return sum(math.isinf(error) for error in errors)
-
-    def to_plain(self) -> dict[str, Any]:
-        """The row as plain data."""
-        return {
-            "law": self.name,
-            "parameters": self.parameters,
-            "held_out_error": self.error,
-            "stretches": list(self.stretches),
-            "records": [one.relative for one in self.records],
-            "aic": self.aic,
-            "bic": self.bic,
-            "blow_ups": self.blow_ups,
-            "failure": self.failure,
-            "values": [dict(model.parameters) for model in self.models],
-        }
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Comparison:
-    """Laws on the same data, the best first.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-    verdict : str
-        In plain words.
-    noise : float
-        White noise of the records, in rms swings.
-    at_rest : float
-        Held-out error of a piston that stays at rest.
-    """
-
-    rows: tuple[Row, ...]
-    verdict: str
-    noise: float
-    at_rest: float
-
-    @property
-    def best(self) -> ReducedModel:
-        """The model of the law that is first, for the first record."""
-        return self.rows[0].models[0]
-
-    @property
-    def header(self) -> tuple[str, ...]:
-        """Of `cells`."""
-        held = len(self.rows[0].records)
-        return (
-            "law", "parameters", "held-out stretch", *(f"record {k + 1}" for k in range(held)),
-            "AIC", "BIC", "blow-ups",
-        )  # fmt: skip
-
-    def cells(self) -> list[tuple[str, ...]]:
-        """The table as texts: errors in per cent of the rms swing, AIC and BIC above the least."""
-        aic, bic = min(row.aic for row in self.rows), min(row.bic for row in self.rows)
-        lines = []
-        for row in self.rows:
-            if row.failure:
-                empty = [""] * (len(self.header) - 2)
-                lines.append((row.name, row.failure, *empty))
-                continue
-            stretch = _percent(_pooled(row.stretches)) if row.stretches else "-"
-            records = [_percent(one.relative) for one in row.records]
-            lines.append(
-                (row.name, str(row.parameters), stretch, *records, f"{row.aic - aic:+.1f}",
-                 f"{row.bic - bic:+.1f}", str(row.blow_ups))
-            )  # fmt: skip
-        return lines
-
-    @property
-    def table(self) -> str:
-        """The table for people, without the verdict."""
-        rows = [self.header, *self.cells()]
-        sound = [row for row in rows if row[-1]]
-        widths = [max(len(row[k]) for row in sound) for k in range(len(self.header))]
-        widths[0] = max(len(row[0]) for row in rows)
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        ]
-        return "\n".join(lines)
-
-    def __str__(self) -> str:
-        return f"{self.table}\n\n{self.verdict}"
-
-    def to_plain(self) -> dict[str, Any]:
-        """Table and verdict as plain data."""
-        return {
-            "verdict": self.verdict,
-            "best": self.rows[0].name,
-            "noise": self.noise,
-            "at_rest": self.at_rest,
-            "rows": [row.to_plain() for row in self.rows],
-        }
-
-    def plot(self) -> Figure:
-        """Held-out errors of the laws, beside the noise and a piston at rest."""
-        from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label
-
-        sound = [row for row in self.rows if not row.failure][::-1]
-        with figure(height=1.8 + 0.45 * len(sound), size=READABLE) as (drawing, axes):
-            greatest = max(
-                [self.at_rest, *(row.error for row in sound if math.isfinite(row.error))]
-            )
-            names = [row.name if len(row.name) < 30 else f"{row.name[:29]}…" for row in sound]
-            values = [min(100.0 * row.error, 1e3 * greatest) for row in sound]
-            # By place, since names that are cut may be alike.
-            axes.barh(range(len(sound)), values, color=COLOURS[0])
-            axes.set_yticks(range(len(sound)), [plain_label(name) for name in names])
-            for level, words, style in (
-                (self.at_rest, "a piston at rest", "--"),
-                (self.noise, "noise", ":"),
-            ):
-                if level > 1e-3 * min(row.error for row in sound):
-                    axes.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter("{x:g}")  # powers would be too small on a phone
-            axes.set_xlabel("held-out error [% of the rms swing]")
-            axes.grid(visible=False, axis="y")
-            drawing.legend(loc="outside upper right", ncols=2)
-            return drawing
 
 
 def compare(
@@ -270,7 +104,7 @@ def _further(row: Row, held_out: Sequence[PistonRecord]) -> Row:
         except InputError:
             judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
     errors = [*row.stretches, *(one.relative for one in judged)]
-    return dataclasses.replace(row, records=tuple(judged), error=_pooled(errors))
+    return dataclasses.replace(row, records=tuple(judged), error=pooled(errors))
 
 
 class _Entry(NamedTuple):
@@ -324,18 +158,14 @@ def _row(
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
     errors = [*stretches, *(one.relative for one in judged)]
-    error = _pooled(errors) if errors else _pooled([model.quality.relative for model in models])
+    error = pooled(errors) if errors else pooled([model.quality.relative for model in models])
     return Row(law.name, models, count, stretches, judged, error)
-
-
-def _pooled(errors: Sequence[float]) -> float:
-    return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
 def _ranked(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
     correlation = min(_correlation(row) for row in sound)
     scored = [_scored(row, correlation) for row in sound]
-    noise = _pooled([_noise(model) for model in scored[0].models])
+    noise = pooled([_noise(model) for model in scored[0].models])
     least = min(row.error for row in scored)
     limit = max((1.0 + TIE) * least, NOISE_TIE * noise)
     alike = sorted((row for row in scored if row.error <= limit), key=lambda row: row.bic)
@@ -388,25 +218,21 @@ def _at_rest(row: Row) -> float:
         if model.quality.holdout_at_rest is not None
     ]
     errors += [one.at_rest for one in row.records]
-    return _pooled(errors) if errors else 1.0
-
-
-def _percent(share: float) -> str:
-    return "blows up" if math.isinf(share) else f"{number(100.0 * share, 3)} %"
+    return pooled(errors) if errors else 1.0
 
 
 def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
     best = alike[0]
     words = (
-        f"{best.name} is first: it predicts the held-out data to {_percent(best.error)} of the rms "
-        f"swing (a piston that stays at rest: {_percent(at_rest)})"
+        f"{best.name} is first: it predicts the held-out data to {percent(best.error)} of the rms "
+        f"swing (a piston that stays at rest: {percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so these data do not judge the laws"
     for row in alike[1:]:
         gain = row.deviance - best.deviance
         if abs(gain) < CLEAR:
-            words += f"; the data cannot tell {row.name} from it ({_percent(row.error)})"
+            words += f"; the data cannot tell {row.name} from it ({percent(row.error)})"
             if row.parameters > best.parameters:
                 words += f", which has {row.parameters - best.parameters} more parameters"
         elif gain > 0.0:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.run.record import PistonRecord
-from reduced_models.identification.comparison import Comparison
+from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import Quantity, engineering
 from reduced_models.identification.price import checked_price_text
 from reduced_models.identification.residual_tests import ResidualTests

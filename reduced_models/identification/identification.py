@@ -18,7 +18,8 @@ from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.advice import advice
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
 from reduced_models.identification.checked import figures_of, with_checks
-from reduced_models.identification.comparison import Comparison, compare, law_name
+from reduced_models.identification.comparison import compare, law_name
+from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from granular.shared.html import Page, number
 from granular.shared.version import versions
-from reduced_models.identification.comparison import Comparison
+from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.data import IdentificationData
 from reduced_models.identification.engineering import decimals, fixed
 from reduced_models.identification.page_engineering import add_engineering, engineering_words

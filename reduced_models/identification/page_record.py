@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from granular.shared.html import Page, number
 from granular.shared.plotting import GREY, READABLE, figure, line_look, plain_label
 from reduced_models.identification.data import IdentificationData
 from reduced_models.models.roll_out import RollOut
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
 _MOST_LINES = 4  # of laws over a lift; more hide each other
@@ -67,13 +71,11 @@ def add_record(page: Page, found: IdentificationData) -> None:
         )
 
 
-def _shade(found: IdentificationData, places: tuple[object, ...], time: np.ndarray) -> None:
+def _shade(found: IdentificationData, places: Sequence[Axes], time: np.ndarray) -> None:
     start = found.best.quality.holdout_from
     if start is not None:
         for axes in places:
-            axes.axvspan(  # type: ignore[attr-defined]
-                start, time[-1], color=GREY, alpha=0.15, linewidth=0.0
-            )
+            axes.axvspan(start, time[-1], color=GREY, alpha=0.15, linewidth=0.0)
 
 
 def add_fits(page: Page, found: IdentificationData) -> None:

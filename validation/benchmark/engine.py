@@ -15,6 +15,7 @@ from granular.engine.system import natural_system
 from granular.methods import method_named
 from granular.pairs.section import METHODS
 from granular.run.run import Run
+from granular.run.watch import watch_of
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from validation.benchmark.hand import Bed
@@ -47,7 +48,7 @@ class EngineSteps:
         self.threads, self.step = threads, step
         self.run = Run(scene, system, method, Step(), None)
         self.run.begin_stage()
-        self.watch = self.run._watch()._replace(stiff=math.inf, rest=-1.0)
+        self.watch = watch_of(self.run)._replace(stiff=math.inf, rest=-1.0)
         self.rows = np.zeros((3, width(len(system.effects))))
 
     def make(self, steps: int) -> None:

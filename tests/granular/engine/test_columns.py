@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.effects.walls import SIDES
+from granular.effects.wall_side import SIDES
 from granular.engine import columns
 from granular.engine.columns import COLUMNS
 

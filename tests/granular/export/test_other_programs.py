@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -113,9 +114,10 @@ def test_pandas_reads_tables(spread: Trajectory, tmp_path: Path, kind: Any) -> N
     pandas = pytest.importorskip("pandas")
     if kind == "parquet":
         pytest.importorskip("pyarrow")
-    scalars, grains = map(
-        getattr(pandas, f"read_{kind}"), to_tables(spread, tmp_path / "out", kind)
-    )
+    # Some of its versions read numbers of a text to within a rounding if not asked for more.
+    exactly = {"float_precision": "round_trip"} if kind == "csv" else {}
+    read = partial(getattr(pandas, f"read_{kind}"), **exactly)
+    scalars, grains = map(read, to_tables(spread, tmp_path / "out", kind))
     np.testing.assert_array_equal(scalars["time [s]"], spread.dataset["time"])
     np.testing.assert_array_equal(scalars["piston_height [m]"], spread.dataset["piston_height"])
     chosen = grains[grains["frame"] == FRAME]

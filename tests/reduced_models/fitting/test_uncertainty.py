@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.uncertainty import marginal, sandwich
+from reduced_models.fitting.covariance import marginal, sandwich
 
 SAMPLES, SIZE = 400, 4
 

@@ -12,7 +12,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import compare, fit, roll_out
-from reduced_models.identification.comparison import Row
+from reduced_models.identification.comparison_table import Row
 from reduced_models.laws.law import Law
 
 

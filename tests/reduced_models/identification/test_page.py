@@ -12,7 +12,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import load_model
-from reduced_models.identification.comparison import Comparison, Row
+from reduced_models.identification.comparison_table import Comparison, Row
 from reduced_models.identification.data import Figure, IdentificationData
 from reduced_models.identification.page import comparison_page, identification_page
 from reduced_models.laws.catalogue import LAWS

@@ -14,7 +14,7 @@ from granular import PistonRecord
 from reduced_models import HeightMap, ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.printing import rounded
-from reduced_models.laws.small_swing import swing_of_equation
+from reduced_models.laws.small_swing import NoSwing, small_swing, swing_of_equation
 
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
 
@@ -113,3 +113,23 @@ def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:
 def test_few_digits_where_little_is_known(made: Any) -> None:
     """Four are enough at one per cent of noise."""
     assert fit(made("duffing", seed=1), "duffing").printed_digits <= 5
+
+
+def test_a_law_with_memory_by_its_printed_parameters(made: Any) -> None:
+    """Its small swing, hidden state included, lies within the printed intervals."""
+    model = fit(made("bouc-wen", seed=1, level=1e-3), "bouc-wen")
+    values = {
+        name: float(value)
+        for name, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
+    }
+    rest = model.at_rest
+    assert rest is not None
+    law = LAWS["bouc-wen"]
+    swing = small_swing(
+        law, [values[name] for name in law.parameters], model.map.to_law(rest.height)
+    )
+    assert not isinstance(swing, NoSwing)
+    figures = {"height": model.map.to_height(swing.z), "period": swing.period}
+    for key, value in figures.items():
+        low, high = rest.intervals[key]
+        assert low <= value <= high, key

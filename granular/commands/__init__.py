@@ -1,0 +1,1 @@
+"""The commands of ``python -m granular``, one file each: its help, its options, what it does."""

@@ -1,0 +1,90 @@
+"""The command ``export``: a run for other programs."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from granular.commands.given_scene import scene_of
+from granular.shared.console import Parser, add_import, add_output, add_scene, emit, time_step
+from granular.shared.errors import InputError
+
+WHAT = "write a run for other programs"
+EXAMPLES = """\
+examples:
+  %(prog)s runs/bed --format gsd -o bed.gsd          # for OVITO
+  %(prog)s runs/bed --format extxyz -o bed.xyz       # text, for OVITO and ASE
+  %(prog)s runs/bed --format vtk -o vtk              # ParaView: open vtk/bed.pvd
+  %(prog)s runs/bed --format csv -o tables           # scalars.csv and grains.csv
+  %(prog)s runs/bed --format source -o dat           # posPart.dat and the rest
+  %(prog)s bed --format lammps -o deck               # also of a scene"""
+
+
+def add_options(one: Parser) -> None:
+    """The command's options."""
+    add_scene(one, "run", "directory that a run was written to; for 'lammps' also a scene")
+    one.add_argument(
+        "--format",
+        required=True,
+        choices=("gsd", "extxyz", "vtk", "csv", "parquet", "source", "lammps"),
+        help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of the source's "
+        "program, or a LAMMPS input deck",
+    )
+    one.add_argument(
+        "-o", "--out", metavar="PATH", required=True,
+        help="file; a directory for all but 'gsd' and 'extxyz'",
+    )  # fmt: skip
+    one.add_argument("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2")
+    one.add_argument("--force", action="store_true", help="replace what is there")
+    add_import(one)
+    add_output(one)
+
+
+def carry_out(options: Any) -> None:
+    """Write a run, or a LAMMPS deck of a scene."""
+    from granular.own import import_own
+
+    import_own(options.own_files)
+    if options.format == "lammps":
+        _export_deck(options)
+    else:
+        _export_frames(options)
+
+
+def _export_deck(options: Any) -> None:
+    from granular.export import to_lammps
+    from granular.run.directory import is_run
+
+    at_run = is_run(Path(options.run))
+    if at_run and options.changes:
+        raise InputError(f"--set changes a scene; {options.run} is a run, whose scene is fixed")
+    options.scene = options.run
+    files = to_lammps(
+        options.run if at_run else scene_of(options),
+        options.out,
+        dt=time_step(options.dt or "auto"),
+        overwrite=options.force,
+    )
+    text = f"LAMMPS deck written to {options.out}; there: mpirun -np 2 lmp -in in.granular"
+    emit({"format": "lammps", "files": [str(one) for one in files]}, text, options.json)
+
+
+def _export_frames(options: Any) -> None:
+    from granular.export import to_extxyz, to_gsd, to_source_files, to_tables, to_vtk
+    from granular.run.trajectory import load_trajectory
+
+    if options.changes or options.dt:
+        raise InputError("--set and --dt are for --format lammps; leave them out")
+    run, progress = load_trajectory(options.run), not options.quiet
+    writers: dict[str, Any] = {
+        "gsd": to_gsd, "extxyz": to_extxyz, "vtk": to_vtk, "source": to_source_files,
+        "csv": to_tables, "parquet": partial(to_tables, kind="parquet"),
+    }  # fmt: skip
+    write = writers[options.format]
+    found = write(run, options.out, overwrite=options.force, progress=progress)
+    files = found if isinstance(found, tuple) else (found,)
+    frames = run.dataset.sizes["frame"]
+    names = [str(one) for one in files]
+    text = f"{frames} frames written to {options.out}"
+    emit({"format": options.format, "frames": frames, "files": names}, text, options.json)

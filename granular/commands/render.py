@@ -1,0 +1,93 @@
+"""The command ``render``: a still or a movie of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from granular.shared.console import Parser, add_import, add_output, emit
+from granular.shared.errors import InputError
+
+WHAT = "draw a still or a movie of a run"
+EXAMPLES = """\
+examples:
+  %(prog)s runs/bed -o bed.png --colour force
+  %(prog)s runs/bed -o start.svg --frame 0
+  %(prog)s runs/bed -o bed.mp4 --colour sides --stage settle --fps 30
+
+colours:
+  species       which species a grain is of
+  speed         of each grain
+  force         magnitude of the force of grains and walls on each grain
+  sides         number of sides of the Voronoi cells, drawn
+  regularity    of the hexagonal Voronoi cells: 1 for a regular hexagon
+  fluctuation   |F - mean|/mean of the force, within the species"""
+
+
+def add_options(one: Parser) -> None:
+    """The command's options."""
+    one.add_argument("run", metavar="RUN", help="directory that a run was written to")
+    one.add_argument(
+        "-o",
+        "--out",
+        metavar="FILE",
+        required=True,
+        help="a still (.png, .svg, .pdf) or a movie (.mp4, .gif)",
+    )
+    one.add_argument("--colour", default="species", help="what the colours show; see below")
+    one.add_argument(
+        "--frame", type=int, metavar="N", help="number of the still's frame, -1 for the last"
+    )
+    one.add_argument("--time", metavar="T", help="take the frame nearest to this time [s]")
+    one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
+    one.add_argument("--fps", type=float, metavar="F", help="the movie's frames a second (25)")
+    one.add_argument("--force", action="store_true", help="replace the file if it is there")
+    add_import(one)
+    add_output(one)
+
+
+def carry_out(options: Any) -> None:
+    """Draw a still or a movie."""
+    from granular.own import import_own
+    from granular.render import WRITERS
+
+    import_own(options.own_files)
+    if Path(options.out).suffix.lower() in WRITERS:
+        _render_movie(options)
+    else:
+        _render_still(options)
+
+
+def _render_still(options: Any) -> None:
+    from granular.render import save, still
+    from granular.scene.units import si_value
+
+    if options.stage is not None or options.fps is not None:
+        raise InputError(
+            "--stage and --fps are for movies (-o bed.mp4); choose a still's frame with --frame or "
+            "--time"
+        )
+    if options.frame is not None and options.time is not None:
+        raise InputError("--frame and --time name two frames; give one of them")
+    time = None if options.time is None else si_value(options.time, "s")
+    number = -1 if options.frame is None else options.frame
+    figure = still(options.run, number, time=time, colour=options.colour)
+    path = save(figure, options.out, overwrite=options.force)
+    emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+
+
+def _render_movie(options: Any) -> None:
+    from granular.render import movie
+
+    if options.frame is not None or options.time is not None:
+        raise InputError("--frame and --time are for stills; choose a movie's part with --stage")
+    path = movie(
+        options.run,
+        options.out,
+        colour=options.colour,
+        fps=25.0 if options.fps is None else options.fps,
+        stage=options.stage,
+        overwrite=options.force,
+        progress=not options.quiet,
+    )
+    emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)

@@ -1,0 +1,283 @@
+"""The kicks of `granular.effects.friction`, by either of its two schemes."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from granular.compiled import Array, compiled
+from granular.effects import drag
+from granular.engine.constants import Constants
+from granular.engine.state import State
+
+
+class FrictionLaw(NamedTuple):
+    """Friction as the kernels take it.
+
+    Attributes
+    ----------
+    static, dynamic : float
+    threshold : float or None
+        Of the regularised law [D/tau]; None for the velocity scheme.
+    load : float
+        Constant normal force [F*].
+    factor : float64 (m,)
+        N_i = load + factor_i sum_j weight_j / r_ij^3.
+    rate : float or None
+        Decay rate of the drag that is solved with it [1/tau]; None without drag.
+    entry : int
+        Of the ledger, for what friction takes.
+    drag : int or None
+        The same for the drag.
+    """
+
+    static: float
+    dynamic: float
+    threshold: float | None
+    load: float
+    factor: Array
+    rate: float | None
+    entry: int
+    drag: int | None
+
+    @staticmethod
+    @compiled(inline=True)
+    def kick(
+        law: FrictionLaw, room: None, place: int, span: float, state: State, constants: Constants,
+        opening: bool,
+    ) -> int:  # fmt: skip
+        """Force, drag and friction; see `granular.effects.friction`."""
+        _dry_kick(law.threshold, law, drag.rate_of(law.rate), span, state, constants, opening)
+        return 0
+
+
+Flow = tuple[float, float, float, float, float]
+"""Of `granular.effects.drag.flow`."""
+
+
+@compiled
+def normal_force(law: FrictionLaw, load: Array, i: int) -> float:
+    """Normal force [F*] on a grain, from its sum over 1/r^3."""
+    return law.load + law.factor[i] * load[i]
+
+
+@compiled
+def sliding(speed: float, loss: float) -> float:
+    """Factor that shortens a velocity which loses ``loss`` of its magnitude; 0 where it stops."""
+    return 1.0 - loss / speed if speed > loss else 0.0
+
+
+# Kicks: velocities after a span of time, while all positions stand still. Force and drag are solved
+# together, exactly, and friction exactly after or before them, in opposite order in the kick that
+# opens a step and in the one that closes it. On grains that friction would stop within a few such
+# kicks it acts together with force and drag, along one mean direction.
+
+
+@compiled(inline=True)
+def _length(x: float, y: float) -> float:
+    """Of a vector whose squares neither overflow nor matter where they vanish.
+
+    ``hypot`` heeds both, and took a third of a step.
+    """
+    return math.sqrt(x * x + y * y)
+
+
+@compiled(inline=True)
+def _push_grain(
+    entry: int | None, flow: Flow, share: float, state: State, i: int, mass: float
+) -> None:
+    """Kick and drag of one grain under a share of its force."""
+    decay, gain, a, b, c = flow
+    ax, ay = share * state.fx[i] / mass, share * state.fy[i] / mass
+    vx, vy = state.vx[i], state.vy[i]
+    state.vx[i] = decay * vx + gain * ax
+    state.vy[i] = decay * vy + gain * ay
+    lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+    drag.enter(entry, state, mass * lost)
+
+
+@compiled
+def _start_grain(
+    law: FrictionLaw, rate: float, span: float, flow: Flow, state: State, i: int, mass: float,
+    load: float,
+) -> None:  # fmt: skip
+    """A grain at rest: it stays, or starts to slide along the force on it."""
+    force = _length(state.fx[i], state.fy[i])
+    if force <= law.static * load:
+        return
+    share = 1.0 - law.dynamic * load / force
+    _push_grain(law.drag, flow, share, state, i, mass)
+    way = drag.way(rate, span, flow[1], 0.0, share * force / mass)
+    state.ledger[law.entry] += law.dynamic * load * way
+
+
+@compiled(inline=True)
+def _rub_grain(
+    law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A sliding grain loses speed, and stops where it has no more."""
+    speed = _length(state.vx[i], state.vy[i])
+    left = sliding(speed, law.dynamic * load * span / mass)
+    state.vx[i] *= left
+    state.vy[i] *= left
+    state.ledger[law.entry] += 0.5 * mass * speed * speed * (1.0 - left * left)
+
+
+@compiled
+def _slide_grain(
+    law: FrictionLaw, rate: float, span: float, flow: Flow, state: State, i: int, mass: float,
+    load: float,
+) -> None:  # fmt: skip
+    """Force, drag and friction together, friction against the mean direction of the motion.
+
+    One after the other, as fast grains take them, they would give a creeping grain more energy in
+    each step than it has.
+    """
+    decay, gain, a, b, c = flow
+    ax, ay = state.fx[i] / mass, state.fy[i] / mass
+    vx, vy = state.vx[i], state.vy[i]
+    ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
+    length = _length(ux, uy)
+    if length == 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
+    ux, uy = ux / length, uy / length
+    if vx * ux + vy * uy < 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
+    brake = law.dynamic * load / mass
+    ax, ay = ax - brake * ux, ay - brake * uy
+    wx, wy = decay * vx + gain * ax, decay * vy + gain * ay
+    if wx * ux + wy * uy <= 0.0:
+        _turn_grain(law, rate, span, state, i, mass, load)
+        return
+    state.vx[i], state.vy[i] = wx, wy
+    lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+    drag.enter(law.drag, state, mass * lost)
+    way = drag.way(rate, span, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+    state.ledger[law.entry] += law.dynamic * load * way
+
+
+@compiled
+def _turn_grain(
+    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """A grain that comes to rest within the span; the force may set it off for what is left."""
+    speed = _length(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
+    spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
+    _stop_grain(law, rate, state, i, mass, load)
+    left = max(span - spent, 0.0)
+    _start_grain(law, rate, left, drag.flow(rate, left), state, i, mass, load)
+
+
+@compiled
+def _kick_with_friction(
+    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
+    masses: Array | None, opening: bool,
+) -> None:  # fmt: skip
+    assert state.load is not None
+    flow = drag.flow(rate, span)
+    for i in range(constants.grains):
+        mass = 1.0
+        if masses is not None:
+            mass = masses[i]
+        load = normal_force(law, state.load, i)
+        speed = _length(state.vx[i], state.vy[i])
+        if speed == 0.0:
+            _start_grain(law, rate, span, flow, state, i, mass, load)
+        elif _sticks(law, span, speed, state, i, mass, load):
+            _stop_grain(law, rate, state, i, mass, load)
+        elif _slow(law, span, speed, state, i, mass, load):
+            _slide_grain(law, rate, span, flow, state, i, mass, load)
+        elif opening:
+            _push_grain(law.drag, flow, 1.0, state, i, mass)
+            _rub_grain(law, span, state, i, mass, load)
+        else:
+            _rub_grain(law, span, state, i, mass, load)
+            _push_grain(law.drag, flow, 1.0, state, i, mass)
+
+
+@compiled(inline=True)
+def _sticks(
+    law: FrictionLaw, span: float, speed: float, state: State, i: int, mass: float, load: float
+) -> bool:
+    """Whether the force, and friction with it, stop the grain in the span, and friction holds it.
+
+    A grain must not be carried through rest to the other side, where dynamic friction would let go
+    of what static friction holds.
+    """
+    vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
+    against = -(vx * fx + vy * fy)
+    if against <= 0.0 or _length(fx, fy) > law.static * load:
+        return False
+    return speed * mass <= span * (against / speed + law.dynamic * load)
+
+
+@compiled
+def _stop_grain(
+    law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float
+) -> None:
+    """Stop a grain; friction and drag take their shares, the rest becomes potential energy."""
+    speed = _length(state.vx[i], state.vy[i])
+    against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
+    friction = law.dynamic * load
+    way = drag.stopping_way(rate, speed, (friction + against) / mass)
+    state.ledger[law.entry] += friction * way
+    drag.enter(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * way)
+    state.vx[i] = state.vy[i] = 0.0
+
+
+@compiled(inline=True)
+def _slow(
+    law: FrictionLaw, span: float, speed: float, state: State, i: int, mass: float, load: float
+) -> bool:
+    """Whether the force and twice the friction would stop the grain in the span.
+
+    Force and friction must then act together, or a grain that is pushed on would be stopped for
+    good: the static friction that then holds it is greater.
+    """
+    vx, vy = state.vx[i], state.vy[i]
+    against = max(-(vx * state.fx[i] + vy * state.fy[i]) / speed, 0.0)
+    return speed * mass < span * (against + 2.0 * law.dynamic * load)
+
+
+@compiled
+def _kick_regularised(
+    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
+    masses: Array | None, threshold: float,
+) -> None:  # fmt: skip
+    """The source's law: friction as one more force, from the velocity before the kick."""
+    assert state.load is not None
+    decay, gain, a, b, c = drag.flow(rate, span)
+    for i in range(constants.grains):
+        mass = 1.0
+        if masses is not None:
+            mass = masses[i]
+        load = normal_force(law, state.load, i)
+        force = _length(state.fx[i], state.fy[i])
+        vx, vy = state.vx[i], state.vy[i]
+        speed = _length(vx, vy)
+        if force <= law.static * load and speed < threshold:
+            rx, ry = -state.fx[i], -state.fy[i]
+        else:
+            brake = law.dynamic * load / (speed + threshold)
+            rx, ry = -brake * vx, -brake * vy
+        ax, ay = (state.fx[i] + rx) / mass, (state.fy[i] + ry) / mass
+        state.vx[i] = decay * vx + gain * ax
+        state.vy[i] = decay * vy + gain * ay
+        lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+        drag.enter(law.drag, state, mass * lost)
+        middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
+        state.ledger[law.entry] -= span * (rx * middle_x + ry * middle_y)
+
+
+@compiled
+def _dry_kick(
+    threshold: float | None, law: FrictionLaw, rate: float, span: float, state: State,
+    constants: Constants, opening: bool,
+) -> None:  # fmt: skip
+    if threshold is None:
+        _kick_with_friction(law, rate, span, state, constants, constants.masses, opening)
+    else:
+        _kick_regularised(law, rate, span, state, constants, constants.masses, threshold)

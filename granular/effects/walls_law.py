@@ -1,0 +1,236 @@
+"""The laws of the four walls together: forces, energies and stiffness.
+
+The force on every wall is the sum of the reactions of the grains; that of the top wall is the
+piston force.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.compiled.dispatch import by_law
+from granular.effects.wall_side import (
+    BOTTOM,
+    LEFT,
+    RIGHT,
+    TOP,
+    Side,
+    distance_energies,
+    distance_forces,
+)
+from granular.engine.constants import Constants, moments_of, over_mass, value_of
+from granular.engine.state import HEIGHT, State
+from granular.pairs.vector import lane_sum
+
+
+class WallLaws(NamedTuple):
+    """The law of each side; None is open."""
+
+    left: Any
+    right: Any
+    bottom: Any
+    top: Any
+
+    def room(self, size: int, count: int) -> np.ndarray | None:
+        """Room for the forces along a wall, which slabs alone have."""
+        slabs = any(hasattr(law, "add_forces") for law in self)
+        return np.zeros(size) if slabs else None
+
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
+        time: float,
+    ) -> int:  # fmt: skip
+        """Add the walls' forces on the grains, and enter the force on each wall.
+
+        The count is of grains on the wrong side of a wall, or at no number.
+        """
+        return _add_wall_forces(
+            law, constants.grains, moments_of(constants), state.x, state.y, state.fx, state.fy,
+            constants.width, state.piston[HEIGHT], state.scratch, room, state.wall_forces,
+        )  # fmt: skip
+
+    @staticmethod
+    @compiled
+    def measure(
+        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
+        time: float, stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter the energy of the grains at the walls."""
+        _under_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        energies[place] = _measure_walls(
+            law, constants.grains, moments_of(constants), state.x, state.y,
+            constants.width, state.piston[HEIGHT], stiffness, state.scratch,
+        )  # fmt: skip
+        over_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        return 0
+
+    @staticmethod
+    @compiled
+    def against_piston(
+        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
+        slopes: Array,
+    ) -> int:  # fmt: skip
+        """Add the stiffness of the grains against the piston, over the mass."""
+        side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
+        _measure_side(law.top, constants.grains, moments_of(constants), side, slopes, state.scratch)
+        over_mass(slopes, constants.moments, constants.masses, constants.grains)
+        return 0
+
+    @staticmethod
+    @compiled
+    def collision(
+        law: WallLaws, room: None, place: int, speed: float, constants: Constants
+    ) -> float:
+        """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
+        ratio = constants.least_ratio
+        speed /= math.sqrt(ratio)
+        return ratio * max(
+            _turning_side(law.left, speed),
+            _turning_side(law.right, speed),
+            _turning_side(law.bottom, speed),
+            _turning_side(law.top, speed),
+        )
+
+
+@compiled
+def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+    """What `over_mass` takes back: of grains of moment 1, for what the walls add such to."""
+    if moments is not None:
+        for i in range(count):
+            stiffness[i] *= value_of(masses, i) / moments[i]
+
+
+@compiled
+def _no_tangent(
+    law: Any, count: int, moments: Array | None, along_force: Array, tangential: Array | None
+) -> None:
+    """Forces along the wall, of a law of the distance alone."""
+
+
+_forces = by_law("add_forces", "count moments side force normal tangential", distance_forces)
+_tangential_forces = by_law(
+    "add_tangential_forces", "count moments along_force tangential", _no_tangent
+)
+_energies = by_law("measure", "count side stiffness energies", distance_energies)
+
+
+@compiled
+def _unknown(law: Any, speed: float) -> float:
+    return 0.0
+
+
+_turning = by_law("turning_stiffness", "speed", _unknown)
+
+
+@compiled(inline=True)
+def _add_side(
+    law: Any, which: int, count: int, moments: Array | None, side: Side, force: Array,
+    along_force: Array, normal: Array, tangential: Array | None, wall_forces: Array,
+) -> int:  # fmt: skip
+    if law is None:
+        return 0
+    outside = _forces(law, count, moments, side, force, normal, tangential)
+    _tangential_forces(law, count, moments, along_force, tangential)
+    wall_forces[which] = lane_sum(normal)
+    # Behind a wall the force may be no number, and at it infinite, so the total tells.
+    return outside + (not wall_forces[which] < math.inf)
+
+
+@compiled(inline=True)
+def _add_wall_forces(
+    laws: WallLaws,
+    count: int,
+    moments: Array | None,
+    x: Array,
+    y: Array,
+    fx: Array,
+    fy: Array,
+    width: float,
+    height: float,
+    normal: Array,
+    tangential: Array | None,
+    wall_forces: Array,
+) -> int:
+    """Add the forces of all four walls.
+
+    laws : WallLaws
+    width, height : float
+        Cell width and piston height [D].
+    normal, tangential : float64 (m,), the second None without slabs
+        Scratch: the force of one wall on each grain, across and along it; zero behind the grains.
+    wall_forces : float64 (4,)
+        Overwritten by the force on each wall, in the order of `SIDES` [F*].
+
+    Returns
+    -------
+    int
+        How many times a grain stands on the wrong side of a wall, or is at no number.
+    """
+    left, right = Side(x, y, 0.0, 1.0), Side(x, y, width, -1.0)
+    bottom, top = Side(y, x, 0.0, 1.0), Side(y, x, height, -1.0)
+    return (
+        _add_side(laws.left, LEFT, count, moments, left, fx, fy, normal, tangential, wall_forces)
+        + _add_side(
+            laws.right, RIGHT, count, moments, right, fx, fy, normal, tangential, wall_forces
+        )
+        + _add_side(
+            laws.bottom, BOTTOM, count, moments, bottom, fy, fx, normal, tangential, wall_forces
+        )
+        + _add_side(laws.top, TOP, count, moments, top, fy, fx, normal, tangential, wall_forces)
+    )
+
+
+@compiled
+def _measure_side(
+    law: Any,
+    count: int,
+    moments: Array | None,
+    side: Side,
+    stiffness: Array,
+    energies: Array,
+) -> float:
+    if law is None:
+        return 0.0
+    _energies(law, count, side, stiffness, energies)
+    if moments is not None:
+        for i in range(count):
+            energies[i] *= moments[i]
+    return lane_sum(energies)
+
+
+@compiled
+def _measure_walls(
+    laws: WallLaws,
+    count: int,
+    moments: Array | None,
+    x: Array,
+    y: Array,
+    width: float,
+    height: float,
+    stiffness: Array,
+    energies: Array,
+) -> float:
+    """Energy of the grains at the walls [F* D]; adds each wall's stiffness over the grain's mass.
+
+    The stiffness per mass is that of a grain of the first species: moments and mass have the same
+    ratio for every species.
+    """
+    return (
+        _measure_side(laws.left, count, moments, Side(x, y, 0.0, 1.0), stiffness, energies)
+        + _measure_side(laws.right, count, moments, Side(x, y, width, -1.0), stiffness, energies)
+        + _measure_side(laws.bottom, count, moments, Side(y, x, 0.0, 1.0), stiffness, energies)
+        + _measure_side(laws.top, count, moments, Side(y, x, height, -1.0), stiffness, energies)
+    )
+
+
+@compiled
+def _turning_side(law: Any, speed: float) -> float:
+    if law is None:
+        return 0.0
+    return _turning(law, speed)

@@ -1,0 +1,87 @@
+"""All that a run needs to go on from where it stands, and how it goes back there."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from granular.engine.checkpoint import Progress, entries_of_former, kept_arrays, put_arrays
+from granular.engine.departure import grain_constants
+from granular.engine.ledger import Ledger
+from granular.protocol.stage import Timed, stage_motion
+from granular.run.standing import PLACE, Standing
+from granular.shared.errors import StoreError
+
+
+def snapshot(run: Standing) -> dict[str, Any]:
+    """All that is needed to go on from here, as arrays."""
+    kept = kept_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
+    memory = {
+        "progress": dataclasses.asdict(run.progress),
+        "ledger": None if run.ledger is None else dataclasses.asdict(run.ledger),
+        "grains": run.constants.grains,
+    }
+    return kept | {"memory": np.array(json.dumps(memory))}
+
+
+def restore(run: Standing, kept: dict[str, np.ndarray]) -> None:
+    """Go back to a snapshot.
+
+    Raises
+    ------
+    StoreError
+        If the run has gone farther than its end is now to be, or the checkpoint lacks an array.
+    """
+    state = run.state
+    if "entries" not in kept and "ledger" in kept:
+        names = [effect.key for effect in run.system.effects]
+        kept = {**kept, "entries": entries_of_former(kept["ledger"], names)}
+    missing = set(kept_arrays(state)) - set(kept)
+    if missing:
+        raise StoreError(
+            f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a "
+            "new directory"
+        )
+    put_arrays(state, kept)
+    run.band[:], run.seen[:] = kept["band"], kept["seen"]
+    memory = json.loads(str(kept["memory"]))
+    run.progress = Progress(**memory["progress"])
+    run.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
+    for values in grain_constants(run.constants):
+        values[:] = values[state.label[: len(values)]]
+    run.constants = run.constants._replace(grains=memory["grains"])
+    if run.progress.begun:
+        height, scales = run.progress.height, run.system.scales
+        run.motion = stage_motion(run.scene.protocol, run.stage, height, scales)
+    # What is not kept follows from the positions; what is kept has the bits of the pass that
+    # made it, which may have been a measuring one.
+    run.look(PLACE)
+    put_arrays(state, kept)
+    _check_end(run)
+
+
+def _check_end(run: Standing) -> None:
+    """Whether the run can still end where it is to end."""
+    seconds = run.system.scales.time
+    ahead = run.t_end * (1.0 + 1e-9) if math.isfinite(run.t_end) else math.inf
+    if run.time > ahead:
+        raise StoreError(
+            f"the run has reached {run.time * seconds:g} s already, t_end = "
+            f"{run.t_end * seconds:g} s lies before; give a later one"
+        )
+    last = run.scene.protocol[-1]
+    longer = isinstance(last, Timed) and last.until is None and math.isfinite(run.t_end)
+    if run.finished and longer and run.time < run.t_end * (1.0 - 1e-9):
+        raise StoreError(
+            f"the protocol of this run has ended, at {run.time * seconds:g} s; "
+            f"t_end = {run.t_end * seconds:g} s needs a new run"
+        )
+    if not run.finished and run.progress.begun and run.rest_of_stage(0) < 0.0:
+        raise StoreError(
+            f"the run has gone on to {run.time * seconds:g} s, behind the end of stage "
+            f"{run.stage.name!r}; give a t_end from there on"
+        )

@@ -1,0 +1,163 @@
+"""Where a run stands: in its state, in its protocol, and how much is left."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from granular.engine import columns
+from granular.engine.checkpoint import Progress
+from granular.engine.failures import misplaced
+from granular.engine.ledger import Ledger
+from granular.engine.loop import TURNED, look
+from granular.engine.state import Measurement, State, new_measurement, new_state
+from granular.engine.step import plan_of
+from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
+from granular.engine.system import System
+from granular.engine.variable import STEPS, TIME
+from granular.methods import Method
+from granular.protocol import Stage
+from granular.protocol.motion import Motion
+from granular.protocol.stage import Timed
+from granular.run.recorder import Recorder
+from granular.scene.scene import Scene
+from granular.shared.errors import RunError
+
+PLACE = "place the grains apart from each other, inside the walls and below the piston"
+"""What to do about grains that stand where none can be."""
+
+
+class Standing:
+    """State, progress and recorder of a run, and what follows from them."""
+
+    def __init__(
+        self, scene: Scene, system: System, method: Method, step: Step, t_end: float | None
+    ) -> None:
+        self.scene, self.system, self.step = scene, system, step
+        self.t_end = math.inf if t_end is None else t_end / system.scales.time
+        self.plan = plan_of(method, step, system.constants.acting.far)
+        self.recorder = Recorder(scene.grains.count, system.effects)
+        self.progress = Progress()
+        positions, velocities = scene.initial_motion()
+        height = scene.piston.height if scene.piston is not None else 0.0
+        scales = system.scales
+        self.state: State = new_state(
+            positions / scales.length,
+            velocities / scales.velocity,
+            height / scales.length,
+            system.constants.acting,
+            method,
+        )
+        self.constants = system.constants
+        self.measurement: Measurement = new_measurement(self.state)
+        self.band, self.seen = np.zeros(3), np.zeros(3)
+        self.ledger: Ledger | None = None
+        self.motion = Motion()
+        self._columns = columns.width(len(system.effects))
+        self._row = np.zeros(self._columns)
+
+    @property
+    def stage(self) -> Stage:
+        return self.scene.protocol[self.progress.stage]
+
+    @property
+    def total(self) -> float:
+        """Length of the present stage [tau]; infinite where only ``t_end`` ends it."""
+        stage = self.stage
+        span = stage.span(self.progress.height)
+        last = self.progress.stage == len(self.scene.protocol) - 1
+        timed = isinstance(stage, Timed) and stage.until is None
+        if span is None or (last and timed and math.isfinite(self.t_end)):
+            return math.inf
+        return span / self.system.scales.time
+
+    @property
+    def time(self) -> float:
+        """Present time [tau], at the last whole tick."""
+        return self.progress.start + float(self.state.clock[TIME])
+
+    @property
+    def steps(self) -> int:
+        return int(self.state.clock[STEPS])
+
+    @property
+    def finished(self) -> bool:
+        return self.progress.stage == len(self.scene.protocol)
+
+    @property
+    def pace(self) -> Pace:
+        assert self.progress.pace is not None
+        return Pace(*self.progress.pace)
+
+    @property
+    def at_end(self) -> bool:
+        """Whether nothing but the unfinished tick before ``t_end`` is left."""
+        progress = self.progress
+        if self.finished:
+            return True
+        if not progress.begun:
+            return progress.start >= self.t_end * (1.0 - 1e-12) and bool(progress.results)
+        before_end = self.ticks_to(self.total) > 0 or self.rest_of_stage() > 0.0
+        return before_end and self.ticks_to_end() <= 0
+
+    def ticks_to(self, time: float) -> float:
+        """Whole ticks that are left to a time in the stage."""
+        return whole_ticks(self.pace, time) - self.progress.ticks
+
+    def ticks_to_end(self) -> float:
+        """Whole ticks that are left to ``t_end``.
+
+        A variable step may end behind its tick, and one that is cut at ``t_end`` is no state to go
+        on from: the last two ticks are left to the tail.
+        """
+        spared = 0.0 if self.plan.fraction is None else 2.0
+        return self.ticks_to(self.t_end - self.progress.start) - spared
+
+    def rest_of_stage(self, least: float = 1e-6) -> float:
+        """Time [tau] left of the stage behind its last whole tick; 0 below ``least`` steps."""
+        total = self.total
+        if math.isinf(total):
+            return 0.0
+        left = total - float(self.state.clock[TIME])
+        if left > self.least_time(least) or left < -1e-6 * self.pace.length:
+            return left
+        return 0.0
+
+    def least_time(self, share: float = 1e-6) -> float:
+        """A time [tau] below which rounding leaves something to an end that was reached."""
+        return share * self.pace.h if self.progress.ticks else 0.0
+
+    def ticks_ahead(self) -> int:
+        ticks, pace = self.progress.ticks, self.pace
+        to_frame = pace.frames_every - ticks % pace.frames_every
+        to_review = REVIEW - ticks % REVIEW
+        left = min(
+            self.ticks_to(self.total),
+            self.ticks_to_end(),
+            to_frame,
+            to_review,
+        )
+        return int(left)
+
+    @property
+    def shorter(self) -> str:
+        """What to do about steps that are too long."""
+        if self.step.automatic:
+            return f"shorten dt (for instance {multiple(0.25 * self.step.factor)!r})"
+        return "shorten dt (or leave it 'auto')"
+
+    def look(self, remedy: str) -> np.ndarray:
+        """Forces and a record of the present moment."""
+        moved = self.progress.start, self.plan, self.state, self.constants, self.motion
+        outside = look(*moved, self.measurement, self._row)
+        self._row[columns.TURNED] = self.seen[TURNED]
+        if outside:
+            raise self.misplaced(remedy)
+        return self._row
+
+    def misplaced(self, remedy: str) -> RunError:
+        scales = self.system.scales
+        return misplaced(
+            self.state, self.constants, scales, self.steps, self.time * scales.time, remedy
+        )

@@ -1,0 +1,67 @@
+"""What a formula is once it is read: numbers and names, and what is applied to them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+
+from granular.shared.grammar.functions import CONSTANTS
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Number:
+    """A number as it was written, so that no digit is lost, or one of `CONSTANTS` by its name."""
+
+    text: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Name:
+    """A name with so many primes: ``z''`` has two."""
+
+    name: str
+    primes: int = 0
+
+    @property
+    def text(self) -> str:
+        """As it is written."""
+        return self.name + "'" * self.primes
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Applied:
+    """A sign or a function, applied to its operands.
+
+    Attributes
+    ----------
+    head : str
+        ``"+"`` and ``"*"`` of two or more, ``"/"`` and ``"**"`` of two, ``"-"`` of one (the
+        negative), or the name of a function.
+    operands : tuple of Node
+        In the order of the text.
+    """
+
+    head: str
+    operands: tuple[Node, ...]
+
+
+Node = Number | Name | Applied
+
+
+def names(*trees: Node) -> tuple[Name, ...]:
+    """The names in formulas, each once, in the order of the text."""
+    return tuple(dict.fromkeys(leaf for leaf in _leaves(trees) if isinstance(leaf, Name)))
+
+
+def constants(*trees: Node) -> tuple[str, ...]:
+    """Those of `CONSTANTS` that formulas name, each once."""
+    numbers = (leaf.text for leaf in _leaves(trees) if isinstance(leaf, Number))
+    return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))
+
+
+def _leaves(trees: Iterable[Node]) -> Iterator[Name | Number]:
+    for tree in trees:
+        if isinstance(tree, Applied):
+            yield from _leaves(tree.operands)
+        else:
+            yield tree

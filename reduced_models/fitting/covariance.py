@@ -1,0 +1,150 @@
+"""What the data say of fitted parameters: the covariance of a joint search vector.
+
+Residuals that follow each other, because the noise does or because the law is not quite right, say
+less of some parameters and more of others than white ones. The covariance is the sandwich estimate
+with the autoregression of the residuals between two linearisations (Huber 1967; White 1980,
+doi:10.2307/1912934), which holds for the losses that spare outliers too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from reduced_models.fitting.autoregression import autoregression, spread_of
+from reduced_models.fitting.diagnostics import autocorrelation_time
+from reduced_models.least_squares.residuals import cost_and_weight, sensitivity
+
+if TYPE_CHECKING:
+    from reduced_models.fitting.refinement import JointRecords
+
+LEAST_FREEDOM = 2.0
+_AS_NOISY = 1.5  # times the variance of another record
+_RESOLVED = 1e-12  # share of the greatest strength, a thousand times the rounding of an eigenvalue
+
+
+class Information(NamedTuple):
+    """What the data say at the minimum of a fit.
+
+    Attributes
+    ----------
+    normal : float64 (p, p)
+        J'J of a record's search vector, other records' vectors taken out.
+    covariance : float64 (p, p)
+        Of that vector; zero for entries that are held.
+    residuals : tuple of float64 (n,)
+        Of all records, in amplitudes.
+    fitted : int
+        Entries of the joint search vector that are free.
+    free : bool (p,)
+        Entries of the record's vector that are not held.
+    independent : float
+        Samples that would say as much of a level if they did not follow each other.
+    """
+
+    normal: np.ndarray
+    covariance: np.ndarray
+    residuals: tuple[np.ndarray, ...]
+    fitted: int
+    free: np.ndarray
+    independent: float
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom that the residuals have left."""
+        return max(1.0, sum(map(len, self.residuals)) - self.fitted)
+
+    @property
+    def variance(self) -> float:
+        """Of a residual, enlarged by how the residuals follow each other."""
+        total = sum(float((each**2).sum()) * autocorrelation_time(each) for each in self.residuals)
+        return total / self.freedom
+
+    def quantile(self, confidence: float) -> float:
+        """Student's, for an interval of that confidence."""
+        from scipy.stats import t as student
+
+        freedom = min(self.freedom, max(LEAST_FREEDOM, self.independent - 1.0))
+        return float(student.ppf(0.5 + 0.5 * confidence, freedom))
+
+
+def joint_covariance(
+    joint: JointRecords, theta: np.ndarray, noise: Sequence[float | None]
+) -> tuple[np.ndarray, float]:
+    """Covariance (p, p) of a joint search vector, and the number of independent samples.
+
+    ``noise`` is that of each record in amplitudes, where it is known.
+    """
+    size = joint.vector.size
+    free = np.flatnonzero(~joint.held)
+    bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
+    independent = 0.0
+    parts = zip(joint.grids, joint.vector.places, noise, strict=True)
+    count = sum(len(grid.record) for grid in joint.grids)
+    loss = count / max(1, count - len(free))
+    linear = [
+        grid.linearised(theta[here])
+        for grid, here in zip(joint.grids, joint.vector.places, strict=True)
+    ]
+    alike = _alike([left for left, _ in linear])
+    for (grid, here, known), (left, slopes), ratio in zip(parts, linear, alike, strict=True):
+        _, weight = cost_and_weight(left, grid.loss.numbers, np)
+        bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, grid.loss)[:, None] * slopes)
+        pull = weight * left
+        series = autoregression(pull)
+        level = float((pull**2).mean()) * loss
+        if known is not None:
+            level = known**2
+            spread[np.ix_(here, here)] += level * slopes.T @ slopes
+            independent += len(left)
+        else:
+            spread[np.ix_(here, here)] += loss * ratio * spread_of(slopes, series)
+            still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
+            memory = max(1.0, still / max(level, 1e-300))
+            independent += len(left) / memory
+            level *= memory
+        variance = max(variance, level)
+    found = np.zeros((size, size))
+    found[np.ix_(free, free)] = sandwich(
+        bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
+    )
+    return found, independent
+
+
+def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
+    """Common variance over that of each record, where all are as noisy; otherwise ones."""
+    levels = np.array([float((left**2).mean()) for left in residuals])
+    if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
+        return np.ones(len(levels))
+    counts = np.array([len(left) for left in residuals])
+    return np.asarray((levels * counts).sum() / counts.sum() / levels)
+
+
+def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
+    """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p).
+
+    ``variance`` is that of one residual, for directions that the curvature leaves open.
+    """
+    # Scaled to a unit diagonal first. In directions that the bread hardly holds, the spread is lost
+    # in its own rounding, with either sign: they keep the variance of a mean of the residuals, and
+    # what is below rounding altogether keeps a huge, finite one.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(bread), 1e-300))
+    strengths, directions = np.linalg.eigh(bread * np.outer(scale, scale))
+    known = strengths > strengths[-1] * _RESOLVED
+    inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
+    inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
+    resolved = np.where(known, inverse, 0.0)
+    found = resolved[:, None] * inner * resolved + np.diag(np.where(known, 0.0, variance * inverse))
+    return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
+
+
+def marginal(normal: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Information (p, p) on some entries of a search vector, the others that are free left open."""
+    others = np.setdiff1d(np.flatnonzero(free), places)
+    if not len(others):
+        return normal[np.ix_(places, places)]
+    cross = normal[np.ix_(places, others)]
+    inner = np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
+    return np.asarray(normal[np.ix_(places, places)] - cross @ inner @ cross.T)

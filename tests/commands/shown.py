@@ -1,0 +1,68 @@
+"""Commands and files that guide, README and `--help` show."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import granular.__main__
+import reduced_models.__main__
+import validation.__main__
+from granular.shared.console import Parser
+
+ROOT = Path(__file__).parents[2]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+PARSERS: dict[str, Parser] = {
+    "granular": granular.__main__.parser(),
+    "reduced_models": reduced_models.__main__.parser(),
+    "validation": validation.__main__.parser(),
+}
+
+
+def commands() -> list[str]:
+    """All commands of the toolkit, each once, in the order in which a reader meets them."""
+    parts = (part.strip() for line in (*of_pages(), *of_help()) for part in line.split("&&"))
+    ours = re.compile(r"python -m (granular|reduced_models|validation)\b")
+    return list(dict.fromkeys(filter(ours.match, parts)))
+
+
+def of_pages() -> Iterator[str]:
+    """Of the blocks of commands in README and guide."""
+    for block in blocks("sh"):
+        yield from block.replace("\\\n", " ").splitlines()
+
+
+def of_help() -> Iterator[str]:
+    """Of the examples that `--help` ends with, the parts that a command has among them."""
+    for parser in PARSERS.values():
+        yield from examples(parser)
+        (known,) = (one.choices for one in parser._actions if isinstance(one.choices, dict))
+        for command in known.values():
+            yield from examples(command)
+
+
+def examples(parser: Parser) -> Iterator[str]:
+    """Lines of a parser's epilog that start with its own name."""
+    text = (parser.epilog or "").replace("%(prog)s", parser.prog).replace("\\\n", " ")
+    for line in text.splitlines():
+        if line.strip().startswith(parser.prog):
+            yield line.strip()
+
+
+def files() -> dict[str, str]:
+    """Files that the pages print, by the name in their first line; parts of one are joined."""
+    found: dict[str, str] = {}
+    for block in (*blocks("python"), *blocks("toml")):
+        if named := re.match(r"# ([\w-]+\.(?:py|toml))\n", block):
+            found[named[1]] = found.get(named[1], "") + block
+    return found
+
+
+def blocks(language: str) -> Iterator[str]:
+    """Blocks of code of a language in README and guide."""
+    for path in PAGES:
+        text = path.read_text(encoding="utf-8")
+        for block in re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL):
+            yield textwrap.dedent(block)

@@ -1,0 +1,20 @@
+"""Every command that guide, README and `--help` show is one, as it stands there."""
+
+from __future__ import annotations
+
+import shlex
+
+import pytest
+
+from .shown import PARSERS, commands
+
+
+def test_there_are_commands() -> None:
+    assert len(commands()) > 60
+
+
+@pytest.mark.parametrize("line", commands())
+def test_a_command_that_is_shown_is_one(line: str) -> None:
+    """Names and options are those of the program."""
+    words = shlex.split(line, comments=True)
+    PARSERS[words[2]].parse_args(words[3:])

@@ -1,0 +1,28 @@
+"""The motion as objects of other libraries."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+from .form import HEIGHT, TIME
+
+
+def in_memory() -> dict[str, Any]:
+    """The motion as objects of other libraries."""
+    import pandas
+    import xarray
+
+    frame = pandas.DataFrame({"time [s]": TIME, "height [mm]": 1e3 * HEIGHT})
+    indexed = pandas.Series(HEIGHT, index=pandas.Index(TIME, name="time"), name="z").to_frame()
+    array = xarray.DataArray(
+        1e3 * HEIGHT, dims="time", coords={"time": TIME}, name="height", attrs={"units": "mm"}
+    )
+    return {
+        "DataFrame": frame,
+        "DataFrame with index": indexed,
+        "DataArray": array,
+        "Dataset": array.to_dataset(),
+        "mapping": {"t": TIME, "z": HEIGHT},
+        "read back": pandas.read_csv(io.StringIO(frame.to_csv(index=False))),
+    }

@@ -1,0 +1,190 @@
+"""Numbers of a scene from records of simulated beds."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, Scene, damper, load_scene, simulate
+from granular.shared.console import INTERRUPTED, launch
+from granular.studies.cases import Case
+from reduced_models import calibrate
+from reduced_models.__main__ import main
+
+MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
+
+
+def swing(mass: float, drag: float, seed: int, slower: float = 1.0) -> PistonRecord:
+    """A piston on springs that are a little different from bed to bed."""
+    time = np.linspace(0.0, 2.0, 2000)
+    random = np.random.default_rng(seed)
+    rest = 0.059 * (7.5 / mass) ** 0.35 * (1.0 + 1e-3 * random.normal())
+    omega = 21.8 * (7.5 / mass) ** 0.1 * (1.0 + 1e-3 * random.normal()) / slower
+    decay = 4.0 * drag / mass * 7.5 * (1.0 + 1e-2 * random.normal())
+    height = rest + 1e-3 * np.exp(-decay * time) * np.cos(omega * time)
+    return PistonRecord(time, height + random.normal(0.0, 3e-6, len(time)))
+
+
+class Springs(Executor):
+    """Answers a case with the swing of its mass and drag."""
+
+    def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
+        scene, future = case.scene, Future[Any]()
+        drag = scene.effects.drag.coefficient
+        columns = swing(scene.piston.mass, drag, scene.arrangement.seed).columns
+        figures = {name: values.tolist() for name, values in columns.items()}
+        future.set_result({"figures": figures, "error": None})
+        return future
+
+
+def test_simulations_run_where_they_are_told_to(tmp_path: Path) -> None:
+    """Those of an executor that is given; what does not fit is said, and all of it saved."""
+    record = swing(7.0, 0.11, 100, slower=1.05)
+    with pytest.warns(UserWarning, match="no values give the record's period"):
+        found = calibrate(
+            record, load_scene("damper"), seeds=3, executor=Springs(), out=tmp_path,
+            checks=False, progress=False,
+        )  # fmt: skip
+    assert found.notes
+    assert found.values[DRAG] == pytest.approx(0.11, rel=0.1)
+    assert (tmp_path / "report.html").is_file()
+
+
+def small(**changes: Any) -> Scene:
+    """23 grains that come to rest soon."""
+    return load_scene("damper").replace(
+        **{
+            "grains.count": 23,
+            "cell.width": "15 D",
+            "piston.height": "6 D",
+            "piston.mass": 1.0,
+            "arrangement.height": "5.5 D",
+            "effects.drag.coefficient": 0.5,
+            "protocol.release.duration": 2.0,
+        }
+        | changes
+    )
+
+
+def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRecord:
+    """A record of a run with noise of 1 % of its swing."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        record = simulate(scene, progress=False).piston()
+    noise = np.random.default_rng(seed).normal(0.0, 0.01 * record.height.std(), len(record))
+    return PistonRecord(record.time, record.height + noise, force=record.force if force else None)
+
+
+def test_mass_and_drag_of_few_grains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From another random start, on the command line; again, without a further simulation.
+
+    Simulations run here; `test_an_interrupted_calibration_goes_on` looks at processes of their own.
+    """
+    truth = {MASS: 1.15, DRAG: 0.42}
+    lab_record(small(**truth, **{"arrangement.seed": 11})).to_parquet(tmp_path / "lab.parquet")
+    small().save(tmp_path / "start.toml")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    words = ["calibrate", "lab.parquet", "start.toml", "--parameter", MASS, "--parameter", DRAG,
+             "--seeds", "2", "-o", "out", "--no-checks", "--json", "--quiet"]  # fmt: skip
+    here = ThreadPoolExecutor(1)
+    place = "reduced_models.calibration.calibration.workshop"
+    monkeypatch.setattr(place, lambda _: contextlib.nullcontext(here))
+    assert launch(main, words) == 0
+    printed = json.loads(capsys.readouterr().out)
+    for key, value in truth.items():
+        low, high = printed["parameters"][key]["interval"]
+        assert low < value < high
+        assert printed["parameters"][key]["value"] == pytest.approx(value, rel=0.05)
+    kept = sorted((tmp_path / "out" / "simulations" / "cases").iterdir())
+    assert len(kept) == printed["simulations"]
+    times = [path.stat().st_mtime_ns for path in kept]
+    assert launch(main, words) == 0
+    assert json.loads(capsys.readouterr().out) == printed
+    again = sorted((tmp_path / "out" / "simulations" / "cases").iterdir())
+    assert [path.stat().st_mtime_ns for path in again] == times
+    assert load_scene(tmp_path / "out" / "scene.toml").piston.mass == pytest.approx(1.15, rel=0.05)
+    assert "calibrated" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.long
+def test_an_interrupted_calibration_goes_on(tmp_path: Path) -> None:
+    """Ctrl-C ends it in two lines; the same command makes no simulation a second time."""
+    truth = {MASS: 1.15, DRAG: 0.42, "arrangement.seed": 11}
+    lab_record(small(**truth)).to_csv(tmp_path / "lab.csv")
+    small().save(tmp_path / "start.toml")
+    words = [sys.executable, "-m", "reduced_models", "calibrate", "lab.csv", "start.toml",
+             "--seeds", "2", "-o", "out", "--no-checks", "--quiet"]  # fmt: skip
+
+    def kept() -> dict[Path, int]:
+        cases = (tmp_path / "out" / "simulations" / "cases").glob("[!.]*.json")
+        return {path: path.stat().st_mtime_ns for path in cases}
+
+    first = subprocess.Popen(
+        words, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while first.poll() is None and len(kept()) < 2:
+        time.sleep(0.05)
+    os.killpg(first.pid, signal.SIGINT)
+    _, said = first.communicate(timeout=120)
+    assert first.returncode == INTERRUPTED
+    assert "Traceback" not in said
+    assert "finished simulations are kept in out; the same command goes on" in said
+    done = kept()
+    subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
+    again = kept()
+    assert len(again) > len(done) >= 2
+    assert all(again[path] == when for path, when in done.items())
+
+
+@pytest.mark.long
+def test_mass_and_drag_of_a_bed(tmp_path: Path) -> None:
+    """92 grains, three records of beds of their own: the truth lies within what is stated."""
+    start = damper(count=92)
+    truth = {MASS: 0.85 * start.piston.mass, DRAG: 0.14}
+    for seed in (101, 102, 103):
+        scene = start.replace(**truth, **{"arrangement.seed": seed})
+        found = calibrate(lab_record(scene, seed), start, out=tmp_path, progress=False)
+        for one in found.parameters:
+            assert one.interval[0] < truth[one.key] < one.interval[1]
+            assert one.value == pytest.approx(truth[one.key], rel=0.1)
+            assert one.step < 0.5 * math.log(one.interval[1] / one.interval[0])
+        assert found.simulations <= 40
+
+
+@pytest.mark.long
+def test_remanence_needs_the_force(tmp_path: Path) -> None:
+    """Of 92 grains: with a column of force, mass, drag and remanence are told apart."""
+    start = damper(count=92)
+    truth = {MASS: 0.9 * start.piston.mass, DRAG: 0.12, REMANENCE: 1.24}
+    record = lab_record(start.replace(**truth, **{"arrangement.seed": 104}), force=True)
+    keys = tuple(truth)
+    found = calibrate(record, start, keys, out=tmp_path, progress=False)
+    assert found.undetermined == ()
+    for one in found.parameters:
+        assert one.interval[0] < truth[one.key] < one.interval[1]
+    sharp = math.log(found.intervals[REMANENCE][1] / found.intervals[REMANENCE][0])
+    silent = PistonRecord(record.time, record.height)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = calibrate(silent, start, keys, out=tmp_path, progress=False, checks=False)
+    for one in found.parameters:
+        assert one.interval[0] < truth[one.key] < one.interval[1]
+    blunt = math.log(found.intervals[REMANENCE][1] / found.intervals[REMANENCE][0])
+    assert blunt > 3.0 * sharp
