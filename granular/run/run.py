@@ -34,6 +34,7 @@ from granular.protocol.motion import path
 from granular.protocol.stage import Timed, stage_motion
 from granular.run.pace import set_pace, set_steps
 from granular.run.standing import PLACE, Standing
+from granular.run.threads import Threads
 from granular.run.watch import watch_of
 
 CALL_SECONDS = 0.1
@@ -44,6 +45,7 @@ class Run(Standing):
     """The engine's working object: state, progress and recorder, advanced call by call."""
 
     _call_ticks = 1
+    threads = Threads(1)
 
     def figures(self) -> dict[str, Any]:
         """What a user should know of how the run went."""
@@ -121,7 +123,7 @@ class Run(Standing):
                 return
         ticks = self.ticks_ahead()
         if ticks > 0:
-            self._call(min(ticks, self._call_ticks))
+            self._call(min(ticks, 1 if self.threads.trying else self._call_ticks))
         else:
             left = self.rest_of_stage()
             self._short_tick(left)
@@ -149,6 +151,7 @@ class Run(Standing):
         seconds = time.perf_counter() - begun
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
+            self.threads.hear(done * pace.steps, seconds)
         on_record = progress.ticks % pace.every == 0
         last = rows[-2] if on_record else rows[-1]
         progress.stiffest = max(progress.stiffest, last[columns.STIFFEST] * pace.h)

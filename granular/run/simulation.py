@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
-import os
 import signal
 import time
 import warnings
@@ -14,7 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 
 from granular.engine.ledger import doubtful
@@ -23,7 +20,6 @@ from granular.engine.step_size import Step
 from granular.engine.system import System, natural_system, own_code_compiles
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
-from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.run.accuracy import accurate
 from granular.run.allowed import check_end, check_method, check_step
 from granular.run.checkpoint import read_checkpoint
@@ -35,11 +31,11 @@ from granular.run.run import Run
 from granular.run.snapshot import restore, snapshot
 from granular.run.sources import own_sources
 from granular.run.store import Store, read_settings
+from granular.run.threads import Threads, set_threads, threads_of
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, Interrupted, RunError, StoreError
-from granular.shared.messages import quoted
 from granular.shared.stops import Stop, deferred_stop
 from granular.shared.version import versions
 
@@ -122,13 +118,14 @@ def simulate(
     check_end(scene, t_end)
     check_step(step, scene, t_end)
     _warn_of_cadence(step, scene)
-    count = _thread_count(scene, threads)
+    count = threads_of(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
-    _set_threads(count)
+    set_threads(count)
     settings = _settings(scene, dt, plan) | told
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
+    run.threads = Threads(count if threads is None else 1)
     with deferred_stop() as stop:
         store = None if out is None else _open_store(Path(out), run, settings, resume)
         try:
@@ -236,46 +233,6 @@ def _warn_of_cadence(step: Step, scene: Scene) -> None:
             f"{step.seconds:g} s",
             stacklevel=3,
         )
-
-
-def _thread_count(scene: Scene, threads: int | None) -> int:
-    available = int(numba.config.NUMBA_NUM_THREADS)
-    if threads is None:
-        parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
-        return min(available, PARTS) if parted and _threads_are_quick(scene) else 1
-    if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= available:
-        raise InputError(f"threads = {quoted(threads)}; give a whole number from 1 to {available}")
-    return threads
-
-
-def _threads_are_quick(scene: Scene) -> bool:
-    """Whether threads start within a small share of a step.
-
-    Numba's own start in some 50 microseconds, several times a step of stripes and mesh; those of
-    OpenMP and of TBB in one or two.
-    """
-    if scene.pair_method == "direct":
-        return True
-    if numba.config.THREADING_LAYER == "workqueue":
-        return False
-    for pool in ("omppool", "tbbpool"):
-        try:
-            importlib.import_module(f"numba.np.ufunc.{pool}")
-        except ImportError:
-            continue
-        return True
-    return False
-
-
-def _set_threads(count: int) -> None:
-    try:
-        numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
-    except ValueError as error:
-        layer = os.environ.get("NUMBA_THREADING_LAYER")
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"NUMBA_THREADING_LAYER = {layer!r} cannot be used ({reason}); leave it out"
-        ) from None
 
 
 def _settings(scene: Scene, dt: float | str, method: Method) -> dict[str, Any]:

@@ -1,0 +1,115 @@
+"""How many threads a run takes, by how long its steps take.
+
+The bits are the same for any number. Where other programs want the processors, threads that wait
+for each other can take hundreds of times as long as one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+
+import numba
+
+from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+SHORTEST, LONGEST = 1.0, 60.0
+"""Seconds until the number that took longer is tried again: at first, and after many trials, each
+of which doubles them."""
+
+
+class Threads:
+    """One thread, or as many as there can be: what was quicker when it was tried last.
+
+    Attributes
+    ----------
+    most : int
+    count : int
+        The present number.
+    trying : bool
+        Whether the next call is to be a short one: it may take long.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.most = self.count = most
+        self.trying = most > 1
+        self._took: dict[int, float] = {}
+        self._until, self._wait = 0.0, SHORTEST
+
+    def hear(self, steps: int, seconds: float) -> None:
+        """Learn how long steps took with the present number, and set the next one."""
+        if self.most == 1 or steps == 0:
+            return
+        self._took[self.count] = seconds / steps
+        now = time.perf_counter()
+        other = 1 if self.count == self.most else self.most
+        if other not in self._took:
+            self.trying, chosen = True, other
+        elif not self.trying and now < self._until:
+            return
+        elif self.trying:
+            self.trying, self._until = False, now + self._wait
+            self._wait = min(2.0 * self._wait, LONGEST)
+            chosen = min(self._took, key=lambda count: self._took[count])
+        else:
+            self.trying, chosen = True, other
+        self.count = chosen
+        set_threads(chosen)
+
+
+def threads_of(scene: Scene, asked: int | None) -> int:
+    """The number that is asked for, or the most that can pay off.
+
+    Raises
+    ------
+    InputError
+        If there are not so many.
+    """
+    available = int(numba.config.NUMBA_NUM_THREADS)
+    if asked is None:
+        parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
+        return min(available, PARTS) if parted and _start_quickly(scene) else 1
+    if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= available:
+        raise InputError(f"threads = {quoted(asked)}; give a whole number from 1 to {available}")
+    return asked
+
+
+def _start_quickly(scene: Scene) -> bool:
+    """Whether threads start within a small share of a step.
+
+    Numba's own take some 50 microseconds for it, several times a step of stripes and mesh; those
+    of OpenMP and of TBB one or two.
+    """
+    if scene.pair_method == "direct":
+        return True
+    if numba.config.THREADING_LAYER == "workqueue":
+        return False
+    for pool in ("omppool", "tbbpool"):
+        try:
+            importlib.import_module(f"numba.np.ufunc.{pool}")
+        except ImportError:
+            continue
+        return True
+    return False
+
+
+def set_threads(count: int) -> None:
+    """Let the kernels take so many threads.
+
+    Raises
+    ------
+    InputError
+        If the layer of threads that the environment names cannot be used.
+    """
+    try:
+        numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))
+    except ValueError as error:
+        layer = os.environ.get("NUMBA_THREADING_LAYER")
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"NUMBA_THREADING_LAYER = {layer!r} cannot be used ({reason}); leave it out"
+        ) from None

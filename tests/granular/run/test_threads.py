@@ -1,0 +1,99 @@
+"""Threads are taken where they are quicker; the bits do not tell how many there were."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import pytest
+
+from granular import Scene, simulate
+from granular.run import threads
+from granular.run.threads import Threads, threads_of
+
+TWO = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one processor")
+
+
+def heard(found: Threads, seconds: dict[int, float], calls: int) -> list[int]:
+    """The numbers of threads that are taken, where steps take so long with each."""
+    taken = []
+    for _ in range(calls):
+        taken.append(found.count)
+        found.hear(10, 10 * seconds[found.count])
+    return taken
+
+
+@TWO
+@pytest.mark.parametrize(("slow", "quick"), [(1, 2), (2, 1)])
+def test_the_quicker_number_is_taken(slow: int, quick: int) -> None:
+    """Both are tried, in short calls, and then the quicker one is kept."""
+    found = Threads(2)
+    assert found.trying
+    taken = heard(found, {slow: 5e-4, quick: 1e-4}, 6)
+    assert set(taken[:2]) == {1, 2}
+    assert taken[2:] == [quick] * 4
+    assert not found.trying
+    assert numba.get_num_threads() == quick
+
+
+@TWO
+def test_the_other_number_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another program may have gone, or come."""
+    clock = iter(np.arange(0.0, 1e4, 0.5))
+    monkeypatch.setattr(threads.time, "perf_counter", lambda: float(next(clock)))
+    found = Threads(2)
+    assert heard(found, {1: 1e-4, 2: 5e-4}, 3)[-1] == 1
+    taken = heard(found, {1: 1e-4, 2: 5e-5}, 40)
+    assert taken[-1] == 2
+    assert taken.count(1) < 10
+
+
+def test_one_thread_stays_one() -> None:
+    found = Threads(1)
+    assert heard(found, {1: 1.0}, 3) == [1, 1, 1]
+    assert not found.trying
+
+
+def test_small_beds_and_the_source_s_list_take_one(bed: Scene) -> None:
+    large = bed.replace(
+        **{
+            "grains.count": 2000,
+            "cell.width": "140 D",
+            "piston.height": "62 D",
+            "arrangement.height": "60 D",
+        }
+    )
+    assert threads_of(bed, None) == 1
+    assert threads_of(large.replace(**{"pairs.method": "verlet-list"}), None) == 1
+    assert threads_of(large, 1) == 1
+
+
+@TWO
+@pytest.mark.parametrize("method", ["cut-off", "mesh", "direct"])
+def test_large_beds_take_several(bed: Scene, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    large = bed.replace(
+        **{
+            "grains.count": 2000,
+            "cell.width": "140 D",
+            "piston.height": "62 D",
+            "arrangement.height": "60 D",
+            "pairs.method": method,
+        }
+    )
+    monkeypatch.setattr(numba.config, "THREADING_LAYER", "workqueue")
+    assert (threads_of(large, None) > 1) == (method == "direct")
+
+
+@TWO
+@pytest.mark.long  # quick: the sums over pairs, one by one
+@pytest.mark.parametrize("method", ["cut-off", "mesh"])
+def test_runs_have_the_same_bits(bed: Scene, method: str) -> None:
+    large = bed.replace(
+        **{"grains.count": 1500, "cell.width": "121 D", "piston.height": "41 D",
+           "arrangement.height": "40 D", "pairs.method": method}
+    )  # fmt: skip
+    ends = [
+        simulate(large, dt=2e-5, t_end=2e-3, threads=count, progress=False).dataset
+        for count in (1, 2, None)
+    ]
+    for one in ends[1:]:
+        np.testing.assert_array_equal(one["position"], ends[0]["position"])
