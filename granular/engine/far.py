@@ -6,7 +6,7 @@ from granular.compiled import Array, compiled
 from granular.engine.compensation import speed_up
 from granular.engine.constants import Constants, moments_of
 from granular.engine.state import State
-from granular.pairs.far_field import FarForces, find_far_forces
+from granular.pairs.far_field import FarForces, find_far_forces, has_changed
 
 
 @compiled(inline=True)
@@ -23,7 +23,11 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
 
 @compiled(inline=True)
 def refresh_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
-    """Find the far field where it is a part of every force; where it acts in impulses, it stays."""
+    """Find the far field where it is a part of every force; where it acts in impulses, it stays.
+
+    It also stays where grains rub and none has moved by more than
+    `granular.pairs.far_field.STILL`: grains at rest feel the same force to the last bit.
+    """
     if far is None:
         return 0
     return _refresh(far.held, far, state, constants)
@@ -32,6 +36,15 @@ def refresh_far_field(far: FarForces | None, state: State, constants: Constants)
 @compiled(inline=True)
 def _refresh(held: Array | None, far: FarForces, state: State, constants: Constants) -> int:
     if held is None:
+        return _refresh_rubbing(far.met, far, state, constants)
+    return 0
+
+
+@compiled(inline=True)
+def _refresh_rubbing(met: Array | None, far: FarForces, state: State, constants: Constants) -> int:
+    if met is None:
+        return find_far_field(far, state, constants)
+    if has_changed(met, state.x, state.y, constants.grains):
         return find_far_field(far, state, constants)
     return 0
 

@@ -154,7 +154,8 @@ def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | Non
             f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
             f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
         )
-    return FarField(radius, width, height, _far_every(scene, method))
+    rubbing = scene.effects.friction is not None and scene.pairs.far_every is None
+    return FarField(radius, width, height, _far_every(scene, method), rubbing)
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:

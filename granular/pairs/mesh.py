@@ -14,9 +14,9 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.convolution import TERMS, WIDTH, convolve
+from granular.pairs.convolution import TERMS, convolve
 from granular.pairs.direct import PARTED_FROM
-from granular.pairs.lanes import padded
+from granular.pairs.lanes import WIDTH, padded
 from granular.pairs.mesh_kernel import levels_over, mesh_tables
 
 LEFT, LOW, ACROSS, UP = range(4)

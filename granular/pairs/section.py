@@ -44,7 +44,8 @@ class Pairs(Section):
         dense as a full compression (packing fraction 0.241).
     far_every : int or None
         Of the mesh: steps from one evaluation of the far field to the next. 8 if not given, where
-        no grain rubs and the method is Verlet's; otherwise 1.
+        no grain rubs and the method is Verlet's. Where grains rub it is found again once one has
+        moved by 5e-4 diameters, and at every step with 1 given. Otherwise 1.
     """
 
     method: str = choice(*METHODS, default="auto")

@@ -11,16 +11,23 @@ from hypothesis import strategies as st
 
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
+from granular.engine.far import refresh_far_field
+from granular.engine.step_size import Step
+from granular.engine.system import natural_system
+from granular.methods import method_named
 from granular.pairs import far_field, mesh, mesh_kernel
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_field import FarField, FarForces, far_forces_room
+from granular.pairs.far_field import STILL, FarField, FarForces, far_forces_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
 from granular.pairs.split import far_cube, far_fifth
+from granular.run.run import Run
+from granular.run.standing import PLACE
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
 spread = entry(mesh.spread)
+evaluate_far = entry(refresh_far_field)
 find_far_forces = entry(far_field.find_far_forces)
 
 
@@ -281,6 +288,43 @@ def test_order_with_impulses(small_damper: Scene) -> None:
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(slopes, 2.0, atol=0.1)
+
+
+def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> None:
+    """It is found again for a grain that moves on, whichever and however it moves."""
+    method = method_named("stormer-verlet")
+    scene = on_mesh(rubbing(small_bed))
+    system = natural_system(scene, method=method)
+    run = Run(scene, system, method, Step(), None)
+    run.begin_stage()
+    state, far = run.state, run.state.far_forces
+    assert far is not None
+    before = far.fx.copy()
+    for by, finds in ((0.4 * STILL, False), (-0.8 * STILL, False), (1.6 * STILL, True)):
+        for places in (state.x, state.y):
+            far.fx[:] = before
+            start = places.copy()
+            places[5] += by
+            evaluate_far(far, state, run.constants)
+            assert (far.fx != before).any() == finds
+            places[:] = start
+            run.look(PLACE)
+    assert system.constants.acting.far is not None
+    often = natural_system(on_mesh(rubbing(small_bed), far_every=1), method=method)
+    assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=False)
+
+
+@pytest.mark.long  # quick: when the far field is found again
+def test_bed_that_rubs_rests_under_the_same_force(small_bed: Scene) -> None:
+    """As with the far field found at every step, and grains that stick stand still exactly."""
+    runs = [
+        simulate(on_mesh(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
+        for keys in ({}, {"far_every": 1})
+    ]
+    forces = [one["piston_force"].values[-1] for one in runs]
+    assert forces[0] == pytest.approx(forces[1], rel=5e-4)
+    moved = np.abs(runs[0]["position"].values[-1] - runs[0]["position"].values[-2])
+    assert (moved == 0.0).mean() > 0.5
 
 
 @pytest.mark.long
