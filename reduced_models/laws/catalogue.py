@@ -7,6 +7,7 @@ from granular.shared.errors import InputError
 from reduced_models.laws.bouc_wen import BOUC_WEN
 from reduced_models.laws.coulomb import COULOMB
 from reduced_models.laws.duffing import DUFFING
+from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 from reduced_models.laws.linear import LINEAR
 from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
@@ -27,6 +28,7 @@ LAWS = {
         QUADRATIC_DRAG,
         COULOMB,
         BOUC_WEN,
+        ELASTOPLASTIC_BED,
     )
 }
 
