@@ -1,8 +1,8 @@
 """A bed that carries a weight like a crystal of dipoles, and yields in shear when it is squeezed.
 
 Magnets pressed into a height z by a piston push back in two ways. Their mean pressure grows as a
-power of the packing: force = weight (rest/z)^power, where power = 5/2 for dipoles, whose pressure is
-that of their hexagonal lattice. A bed that is squeezed from above alone is also sheared, and a
+power of the packing: force = weight (rest/z)^power, where power = 5/2 for dipoles, whose pressure
+is that of their hexagonal lattice. A bed that is squeezed from above alone is also sheared, and a
 lattice resists that with a stress of its own, w times the pressure: it builds up with the strain
 dz/z by the shear modulus, and stops growing where the lattice yields,
 
@@ -11,8 +11,8 @@ dz/z by the shear modulus, and stops growing where the lattice yields,
 So the bed is stiffer for small motions than for large ones, and takes energy whenever it yields.
 With w = 0 for ever it is the power-law spring.
 
-Where a scene is known, three numbers are: weight = g, power = 5/2, and lam = N gamma/(6 M), the drag
-of N grains that follow the piston affinely.
+Where a scene is known, three numbers are: weight = g, power = 5/2, and lam = N gamma/(6 M), the
+drag of N grains that follow the piston affinely.
 """
 
 from __future__ import annotations
@@ -47,8 +47,14 @@ ELASTOPLASTIC_BED = Law(
     ),
     start=_start,
     positive=("lam", "weight", "rest", "power", "modulus", "strength"),
-    units={"lam": "1/s", "weight": "m/s^2", "rest": "m", "power": "1", "modulus": "1",
-           "strength": "1"},  # fmt: skip
+    units={
+        "lam": "1/s",
+        "weight": "m/s^2",
+        "rest": "m",
+        "power": "1",
+        "modulus": "1",
+        "strength": "1",
+    },
     source="pressure of the dipole lattice, and a shear stress that yields",
     resolution=2,
 )
