@@ -78,11 +78,14 @@ def prices(path: Path | None = None, progress: bool = True) -> dict[str, Any]:
         If the file cannot be written.
     """
     import tomli_w
-    from tqdm import tqdm
+
+    from granular.shared.progress import progress_bar
 
     rows = [
         _row(one)
-        for one in tqdm(priced_scenes(), desc="prices", disable=not progress, unit="scene")
+        for one in progress_bar(
+            iterable=priced_scenes(), desc="prices", wanted=progress, unit="scene"
+        )
     ]
     made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
     found = {"made": made, "scenes": rows}

@@ -34,7 +34,7 @@ def recovery(
     fits the first seed of each level from the first three starts of the search, or from one; the
     best of them counts.
     """
-    from tqdm import tqdm
+    from granular.shared.progress import progress_bar
 
     noises, seeds = (NOISES, SEEDS) if full else (_QUICK, 1)
     cases = [
@@ -44,7 +44,7 @@ def recovery(
         for seed in range(seeds)
     ]
     peers = _PEER_STARTS if full else _QUICK_PEER_STARTS
-    shown = tqdm(cases, desc="recovery", disable=not progress, leave=False)
+    shown = progress_bar(iterable=cases, desc="recovery", wanted=progress, leave=False)
     fits = [_fitted(system, noise, seed, peers) for system, noise, seed in shown]
     rows = [_row(k, [one for one in fits if one["system"] == k]) for k in range(len(SYSTEMS))]
     reached = sum(one["ratio"] <= REACHED for one in fits)

@@ -71,6 +71,7 @@ def test_units() -> None:
     assert si_value("5 mm", "m") == 0.005
     assert si_value("8.33 mm/s", "m/s") == 0.00833
     assert si_value("20 D", "m", 0.006) == 0.12
+    assert si_value("0.2 D", "m", 0.006) == 0.0012
     assert si_value("1e-2 D/s", "m/s", 0.006) == pytest.approx(6e-5)
     assert si_value("9.8 N/kg", "m/s^2") == 9.8
     assert si_value("2", "kg") == 2.0
