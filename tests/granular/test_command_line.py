@@ -32,6 +32,13 @@ def test_scenes_and_show(command: Command) -> None:
     assert "packing fraction 0.2409" in done.stdout
 
 
+def test_methods_list_themselves(command: Command) -> None:
+    done = command("granular", "methods")
+    assert "stormer-verlet    order 2, 1 force a step, " in done.stdout
+    done = command("granular", "methods", "--json")
+    assert json.loads(done.stdout)["kahan-li-8"]["order"] == 8
+
+
 def test_run_says_that_nothing_is_kept(command: Command) -> None:
     done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
     assert "0 to 0.005 s" in done.stdout

@@ -210,3 +210,14 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path, damper: Scene) 
     file = tmp_path / "marked.toml"
     file.write_text(damper.to_toml(), encoding="utf-8-sig")
     assert load_scene(file) == damper
+
+
+def test_a_scene_shows_itself_in_a_few_lines() -> None:
+    scene = load_scene("damper")
+    assert repr(scene).splitlines() == [
+        "Scene 'damper': 368 of 6 mm, cell 360 mm wide, piston at 120 mm, 7.5 kg",
+        "  effects: dipole, drag, gravity, walls",
+        "  stages: drop, lift, release",
+    ]
+    assert "368 of 6 mm" in scene._repr_latex_()
+    assert "by = 0.0012 }" in scene.to_toml()
