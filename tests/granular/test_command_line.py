@@ -39,6 +39,25 @@ def test_methods_list_themselves(command: Command) -> None:
     assert json.loads(done.stdout)["kahan-li-8"]["order"] == 8
 
 
+@pytest.mark.parametrize(
+    ("words", "blamed"),
+    [
+        ((), "error: dt = 5 s is longer than from record to record"),
+        (
+            ("--set", "output.scalars=10", "--set", "output.frames=10"),
+            "error: step 1, t = 5 s, grain 0: dt = 5 s is ",
+        ),
+    ],
+)
+def test_a_step_that_is_too_long_is_to_blame(
+    command: Command, words: tuple[str, ...], blamed: str
+) -> None:
+    done = command("granular", "run", "single-particle", "--dt", "5", "--t-end", "20", *words)
+    (line,) = done.stderr.splitlines()[-1:]
+    assert line.startswith(blamed)
+    assert "shorten dt" in line
+
+
 def test_run_says_that_nothing_is_kept(command: Command) -> None:
     done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
     assert "0 to 0.005 s" in done.stdout
