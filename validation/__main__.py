@@ -59,7 +59,9 @@ examples:
 examples:
   %(prog)s                  # shows the results that come with the package
   %(prog)s --quick -o out/published""",
-    "recovery": "example:\n  %(prog)s --full -o out/recovery     # 260 fits, an hour",
+    "recovery": """\
+example:
+  %(prog)s --full -o out/recovery     # an hour; goes on where it was stopped""",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:

@@ -10,6 +10,7 @@ import datetime
 import math
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,11 +21,13 @@ from granular.run.time_step import checked_step
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
+from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.cost.measuring import points, run, starts_of, truths
+from validation.cost.measuring import Truth, points, run, starts_of, truths
 from validation.cost.point import Point, Setting
-from validation.quantities import QUANTITIES, MeasuredQuantity
+from validation.parts import FAILED, Part, Piece, Plain, measured
+from validation.quantities import QUANTITIES
 
 
 class Priced(NamedTuple):
@@ -47,6 +50,12 @@ class Priced(NamedTuple):
     others: tuple[str, ...]
     reference: str
     starts: int
+
+    @property
+    def key(self) -> Plain:
+        """What its pieces are kept under."""
+        return {"scene": self.scene.digest(), "quantities": list(self.quantities),
+                "reference": self.reference, "starts": self.starts}  # fmt: skip
 
 
 def priced_scenes() -> tuple[Priced, ...]:
@@ -72,20 +81,28 @@ def priced_scenes() -> tuple[Priced, ...]:
 def prices(path: Path | None = None, progress: bool = True) -> dict[str, Any]:
     """Measure the table, and write it where `granular` reads it, or to another file.
 
+    What is finished is kept in a folder of the file's name (``out/prices`` without a file), and is
+    taken from there when the same is asked again.
+
     Raises
     ------
     InputError
         If the file cannot be written.
+    GranularError
+        If a reference fails.
     """
     import tomli_w
 
-    from granular.shared.progress import progress_bar
-
+    scenes = priced_scenes()
+    kept = Path("out", "prices") if path is None else path.with_suffix("")
+    known = measured(_references(scenes), kept, progress=progress)
+    failed = next((one for one in known if FAILED in one), None)
+    if failed is not None:
+        raise GranularError(f"the reference of {failed['label']} failed: {failed[FAILED]}")
+    rungs = iter(measured(_rungs(scenes, known), kept, progress=progress))
     rows = [
-        _row(one)
-        for one in progress_bar(
-            iterable=priced_scenes(), desc="prices", wanted=progress, unit="scene"
-        )
+        _row(one, truth, [next(rungs) for _ in _settings(one)])
+        for one, truth in zip(scenes, known, strict=True)
     ]
     made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
     found = {"made": made, "scenes": rows}
@@ -94,41 +111,75 @@ def prices(path: Path | None = None, progress: bool = True) -> dict[str, Any]:
     return found
 
 
-def _row(one: Priced) -> dict[str, Any]:
-    chosen = [QUANTITIES[name] for name in one.quantities]
+def _references(scenes: Sequence[Priced]) -> Part:
+    """What each scene's settings are measured against."""
+    return Part(
+        "references",
+        lambda _: [Piece(one.scene.name, one.key, partial(_truth, one)) for one in scenes],
+    )
+
+
+def _rungs(scenes: Sequence[Priced], known: Sequence[Plain]) -> Part:
+    """The settings of all scenes."""
+    pieces = [
+        Piece(
+            f"{one.scene.name}, {setting.family}, {setting.dt}",
+            one.key | {"setting": [setting.method, str(setting.dt)]},
+            partial(_rung, one, setting, truth),
+        )
+        for one, truth in zip(scenes, known, strict=True)
+        for setting in _settings(one)
+    ]
+    return Part("settings", lambda _: pieces)
+
+
+def _settings(one: Priced) -> list[Setting]:
+    """What is run in a scene."""
+    others = [Setting("blanes-moan-4", dt) for dt in one.others]
+    return [Setting("stormer-verlet", dt) for dt in one.steps] + others
+
+
+def _truth(one: Priced) -> Plain:
+    """Values of each quantity over the starts, and their scatter."""
     scenes = starts_of(one.scene, one.starts - 1)
     reference = Setting("stormer-verlet", one.reference)
+    chosen = [QUANTITIES[name] for name in one.quantities]
     given = [None if each.exact is not None else reference for each in chosen]
-    truth = truths(scenes, chosen, given, None)
-    settings = [Setting("stormer-verlet", dt) for dt in one.steps]
-    settings += [Setting("blanes-moan-4", dt) for dt in one.others]
-    rungs = [_rung(one.scene, scenes, chosen, setting, truth) for setting in settings]
     return {
-        "name": one.scene.name, "grains": one.scene.grains.count, "kind": kind_of(one.scene),
-        "starts": len(scenes), "reference": one.reference,
-        "floors": {q.name: rounded(t.floor) for q, t in zip(chosen, truth, strict=True)},
-        "rungs": [rung for rung in rungs if rung is not None],
+        name: {"values": [float(value) for value in truth.values], "floor": truth.floor}
+        for name, truth in zip(one.quantities, truths(scenes, chosen, given, None), strict=True)
+    }
+
+
+def _rung(one: Priced, setting: Setting, truth: Plain) -> Plain:
+    """A row of the table; empty for a setting that fails."""
+    scenes = starts_of(one.scene, one.starts - 1)
+    chosen = [QUANTITIES[name] for name in one.quantities]
+    known = [Truth("", tuple(each["values"]), each["floor"]) for each in truth.values()]
+    found = points(scenes, chosen, setting, known, None, 1)
+    if any(each.failed for each in found):
+        return {}
+    begun = time.process_time()  # other programs take none of it
+    seen = run(one.scene, setting, None).settings()["step_times_highest_frequency"]
+    seconds = time.process_time() - begun
+    return {
+        "method": setting.method, "dt": str(setting.dt),
+        "fraction": checked_step(setting.dt, one.scene).fraction, "frequency": rounded(seen),
+        "seconds": rounded(seconds),
+        "bounds": {
+            name: rounded(each.bound) for name, each in zip(one.quantities, found, strict=True)
+        },
+        "clear": _clear(one.quantities, found),
     }  # fmt: skip
 
 
-def _rung(
-    scene: Scene, scenes: Sequence[Scene], chosen: Sequence[MeasuredQuantity], setting: Setting,
-    truth: Sequence[Any],
-) -> dict[str, Any] | None:  # fmt: skip
-    """A row of the table; None for a setting that fails."""
-    found = points(scenes, chosen, setting, truth, None, 1)
-    if any(one.failed for one in found):
-        return None
-    begun = time.process_time()  # other programs take none of it
-    seen = run(scene, setting, None).settings()["step_times_highest_frequency"]
-    seconds = time.process_time() - begun
-    names = [one.name for one in chosen]
+def _row(one: Priced, truth: Plain, rungs: Sequence[Plain]) -> Plain:
+    """A scene of the table."""
     return {
-        "method": setting.method, "dt": str(setting.dt),
-        "fraction": checked_step(setting.dt, scene).fraction, "frequency": rounded(seen),
-        "seconds": rounded(seconds),
-        "bounds": {name: rounded(one.bound) for name, one in zip(names, found, strict=True)},
-        "clear": _clear(names, found),
+        "name": one.scene.name, "grains": one.scene.grains.count, "kind": kind_of(one.scene),
+        "starts": one.starts, "reference": one.reference,
+        "floors": {name: rounded(each["floor"]) for name, each in truth.items()},
+        "rungs": [rung for rung in rungs if "method" in rung],
     }  # fmt: skip
 
 

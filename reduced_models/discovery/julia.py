@@ -6,11 +6,8 @@ place: importing PySR without them would fetch both.
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import logging
 import os
-import shutil
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -19,6 +16,8 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.grammar import Function
+from granular.shared.messages import quoted
+from reduced_models.discovery.julia_probe import missing
 from reduced_models.discovery.scaled import scaled
 
 if TYPE_CHECKING:
@@ -26,6 +25,10 @@ if TYPE_CHECKING:
 
 COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"')
 """What installs PySR, and then Julia with PySR's Julia packages."""
+
+_ENOUGH = 1.0
+"""Mean square error over that of the noise at which a search ends: the right expression comes to
+0.66 to 0.96 of it, since it follows a little of the noise."""
 
 _ITERATIONS = 60
 _MOST_NODES = 30
@@ -79,28 +82,6 @@ def elliptic_mappings() -> dict[str, Callable[[Any, Any], Any]]:
     return {name: sympy.Function(name) for name in _SERIES}
 
 
-def missing() -> str | None:
-    """What PySR lacks here, in words; None where it can run. Never downloads anything."""
-    if importlib.util.find_spec("pysr") is None:
-        return "the package pysr is not installed"
-    julia = os.environ.get("PYTHON_JULIAPKG_EXE") or os.environ.get("PYTHON_JULIACALL_EXE")
-    project = os.environ.get("PYTHON_JULIACALL_PROJECT")
-    if julia and project:
-        if shutil.which(julia) is None:
-            return f"there is no Julia at {julia!r}"
-        return None if os.path.isdir(project) else f"there is no Julia project at {project!r}"
-    return None if _resolved() else "Julia, or PySR's Julia packages, are not there"
-
-
-def _resolved() -> bool:
-    """Whether juliapkg has all in place; a dry run looks without installing."""
-    logging.getLogger("juliapkg").setLevel(logging.ERROR)
-    try:
-        return bool(importlib.import_module("juliapkg").resolve(dry_run=True))
-    except Exception:  # whatever is wrong with it, PySR cannot run
-        return False
-
-
 def require_julia() -> None:
     """Raise `InputError`, with the commands that cure it, unless PySR can run."""
     lack = missing()
@@ -116,12 +97,23 @@ def regressor() -> Any:
 
     Julia takes the signal over otherwise, and ends the process. Without its signals it may have
     but one thread, and a search that can be repeated has no more. What the user set stands.
+
+    Raises
+    ------
+    InputError
+        If the import fails, whatever the reason: it starts Julia and loads its packages.
     """
     os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
     os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # PySR warns of either setting
-        from pysr import PySRRegressor
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # PySR warns of either setting
+            from pysr import PySRRegressor
+    except Exception as error:  # Julia's, juliapkg's and the network's are of no common kind
+        raise InputError(
+            f"PySR could not be started: {type(error).__name__}: {quoted(str(error))}; try "
+            f"{COMMANDS[1]}"
+        ) from error
     return PySRRegressor
 
 
@@ -140,7 +132,7 @@ def settings(
         "deterministic": True,
         "parallelism": "serial",
         "random_state": seed,
-        "temp_equation_file": True,
+        "temp_equation_file": False,  # it would be left behind
         "progress": False,
         "verbosity": 0,
         "input_stream": "devnull",
@@ -161,14 +153,19 @@ def pysr_expressions(
     ------
     InputError
         If PySR or Julia is not there.
+    KeyboardInterrupt
+        After Ctrl-C, also where Julia took it.
     """
     require_julia()
     samples = scaled(inputs, target)
-    search = regressor()(
-        # An expression at the noise is good enough.
-        early_stop_condition=0.5 * (noise / samples.target_size) ** 2,
-        **settings(functions, elliptic, seed),
-    )
-    search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
-    # Not the column of SymPy's objects: PySR evaluates its texts to make them.
-    return samples.read(search.equations_["equation"], ELLIPTIC if elliptic else {})
+    with tempfile.TemporaryDirectory(prefix="granular-damper-") as folder:
+        search = regressor()(
+            early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,
+            output_directory=folder,
+            **settings(functions, elliptic, seed),
+        )
+        search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
+        if getattr(search, "interrupted_", False):
+            raise KeyboardInterrupt
+        # Not the column of SymPy's objects: PySR evaluates its texts to make them.
+        return samples.read(search.equations_["equation"], ELLIPTIC if elliptic else {})

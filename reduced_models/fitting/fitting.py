@@ -22,6 +22,7 @@ from reduced_models.fitting.assessment import Training, models_of
 from reduced_models.fitting.bootstrap import REPLICATES
 from reduced_models.fitting.case import Case, split
 from reduced_models.fitting.drift import drifting
+from reduced_models.fitting.history import checked_histories, with_histories
 from reduced_models.fitting.interpolation import interpolated
 from reduced_models.fitting.options import (
     HOLDOUT,
@@ -33,6 +34,7 @@ from reduced_models.fitting.options import (
     check_options,
     fixed_values,
     initial_of,
+    is_history,
     pairs_of,
     records_of,
     starts_of,
@@ -167,10 +169,12 @@ def fit(
     loss : "linear", "soft_l1" or "huber"
         What residuals cost: their squares, or less where they are far beyond the noise, so that
         outliers weigh little; intervals are then those of the sandwich estimate.
-    initial : "rest", "free" or mapping of str to float, optional
+    initial : "rest", "free", mapping of str to float, or PistonRecord, optional
         The start of the motion: at velocity zero, or free with the hidden states too, or numbers
-        (or ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Otherwise
-        height and velocity are free, and hidden states are zero.
+        (or ``"free"``) for ``height`` [m], ``velocity`` [m/s] and hidden states by name. Or the
+        record of the motion before, that ends where this one begins (for several records a list of
+        such): hidden states are carried along it. Otherwise height and velocity are free, and
+        hidden states are zero.
     input_interpolation : str, optional
         What an input does between samples: ``"spline"``, ``"linear"``, ``"previous"`` (it keeps its
         last value) or ``"band-limited"``; otherwise that with the least held-out error.
@@ -222,6 +226,7 @@ def fit(
         interpolation=input_interpolation or "spline",
         known_noise=noise is not None,
     )
+    histories = checked_histories(chosen, initial, records) if is_history(initial) else []
     best = best_candidate(chosen, map, case, starts, seed)
     if not math.isfinite(best.cost):
         raise InputError(
@@ -231,6 +236,8 @@ def fit(
     if driving(chosen.inputs) and input_interpolation is None and holdout > 0.0:
         best = interpolated(best, case)
     joint, theta = best.joint, best.theta
+    if histories:
+        joint, theta = with_histories(joint, theta, case.data, histories)
     if drift:
         joint, theta = drifting(joint, theta, case.samples)
     found = judged_fit(joint, theta, case.samples)

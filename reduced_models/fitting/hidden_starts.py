@@ -8,7 +8,7 @@ those of the record. The best of many random draws are then fitted to the accele
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,13 +37,13 @@ def hidden_starts(law: Law, guess: FirstGuesses, record: PistonRecord, draw: Dra
     nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / guess.period)))
     motion = smoothed(record, guess.period, nodes)
     drive = drive_at(record.time, [column(record, name) for name in law.inputs], motion.time)
-    accelerations = _accelerations(law, motion, drive)
+    carried = along(law, motion, drive)
     scale = max(float(np.abs(motion.acceleration).max()), 1e-300)
     half = motion.acceleration[:, None]
 
     def misfits(values: np.ndarray) -> np.ndarray:
         """Differences (n, m) for parameters (m, p), in units of the greatest acceleration."""
-        found = (accelerations(values.T) - half) / scale
+        found = (carried(values.T).acceleration - half) / scale
         return np.nan_to_num(np.clip(found, -_FAR, _FAR), nan=_FAR)
 
     best = np.empty((0, len(law.parameters)))
@@ -61,12 +61,22 @@ def hidden_starts(law: Law, guess: FirstGuesses, record: PistonRecord, draw: Dra
     return np.asarray(values[good])
 
 
-def _accelerations(law: Law, motion: Smoothed, drive: np.ndarray) -> Callable[..., np.ndarray]:
+class Carried(NamedTuple):
+    """What a law says along a motion: accelerations (n, m), and hidden states (h, m) at its end."""
+
+    acceleration: np.ndarray
+    hidden: np.ndarray
+
+
+def along(law: Law, motion: Smoothed, drive: np.ndarray) -> Callable[[np.ndarray], Carried]:
+    """A function of parameters (p, m); hidden states go from zero along the motion.
+
+    They do so by Heun's method; ``drive`` (n, inputs) holds the inputs.
+    """
     field = compiled_field(law.equation, law.inputs, "numpy")
     z, v, time = motion.height, motion.velocity, motion.time
 
-    def accelerations(values: np.ndarray) -> np.ndarray:
-        """Along the motion (n, m), for parameters (p, m); hidden states by Heun's method."""
+    def carried(values: np.ndarray) -> Carried:
         count = values.shape[1]
         hidden = np.zeros((len(law.hidden), count))
         found = np.empty((len(time), count))
@@ -85,9 +95,9 @@ def _accelerations(law: Law, motion: Smoothed, drive: np.ndarray) -> Callable[..
                     late = np.array(rates(k + 1, ahead)[1:])
                     moved = hidden + 0.5 * step * (slope + late)
                     hidden = np.nan_to_num(np.clip(moved, -_FAR, _FAR))
-        return found
+        return Carried(found, hidden)
 
-    return accelerations
+    return carried
 
 
 def _normal(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:

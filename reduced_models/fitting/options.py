@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 import numpy as np
 
@@ -24,7 +24,9 @@ MOST_STARTS = 10_000
 
 Bounds = Mapping[str, tuple[float | None, float | None]]
 Fixed = Mapping[str, float | Sequence[float]]
-Initial = Literal["free", "rest"] | Mapping[str, float | str]
+Initial = (
+    Literal["free", "rest"] | Mapping[str, float | str] | PistonRecord | Sequence[PistonRecord]
+)
 INTERVALS = ("linear", "bootstrap", "profile")
 
 
@@ -184,11 +186,13 @@ def initial_of(law: Law, initial: Initial | None) -> dict[str, float]:
         return {}
     if initial == "rest":
         return {"velocity": 0.0, **dict.fromkeys(law.hidden, 0.0)}
+    if is_history(initial):
+        return {}
     names = ("height", "velocity", *law.hidden)
     if not isinstance(initial, Mapping):
         raise InputError(
             f"initial = {quoted(initial)}; give 'rest', 'free' or numbers by name, for "
-            f"{', '.join(names)}"
+            f"{', '.join(names)}, or the motion before"
         )
     found = dict.fromkeys(law.hidden, 0.0)
     for name, value in initial.items():
@@ -199,6 +203,15 @@ def initial_of(law: Law, initial: Initial | None) -> dict[str, float]:
         else:
             found[name] = _number(f"initial {name}", value)
     return found
+
+
+def is_history(
+    initial: Initial | None,
+) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
+    """Whether the start of a motion is told by the motion before it."""
+    if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
+        return all(isinstance(one, PistonRecord) for one in initial)
+    return isinstance(initial, PistonRecord)
 
 
 def weights_of(

@@ -20,7 +20,7 @@ import pytest
 
 from granular import load_scene
 
-from .shown import ROOT, commands, files
+from .shown import ROOT, blocks, commands, files
 
 LONGEST = 1200.0
 """Seconds after which a command counts as hanging."""
@@ -32,6 +32,9 @@ HOURS = re.compile(
 """Commands that take many minutes or hours: begun as they stand, and stopped by Ctrl-C."""
 BEGUN = 45.0
 """Seconds that those are given."""
+
+MAIN_JOB = "python -m reduced_models identify damper -o out"
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 BROUGHT = re.compile(r"SNLS80mV\.csv")
 """Files that a user brings, and whose licence does not let them be made here."""
@@ -96,8 +99,22 @@ def test_it_runs_as_it_stands(line: str, folder: Path) -> None:
     prepare(line, folder)
     seconds = BEGUN if HOURS.search(line) else LONGEST
     status, said = ended(line, folder, seconds)
-    assert "Traceback" not in said, said
-    assert status == (130 if HOURS.search(line) else 0), said
+    assert "Traceback" not in said, said[-3000:]
+    assert status == (130 if HOURS.search(line) else 0), said[-3000:]
+    if line == MAIN_JOB:
+        assert_shown(said)
+
+
+def assert_shown(said: str) -> None:
+    """What the README shows of the main job is printed, its numbers to a hundredth."""
+    printed = {NUMBER.sub("#", one.strip()): NUMBER.findall(one) for one in said.splitlines()}
+    shown = [one for block in blocks("text") if "power-law" in block for one in block.splitlines()]
+    assert len(shown) > 10
+    for line in filter(None, map(str.strip, shown)):
+        numbers = printed[NUMBER.sub("#", line)]
+        assert list(map(float, numbers)) == pytest.approx(
+            list(map(float, NUMBER.findall(line))), rel=0.01
+        )
 
 
 def ended(line: str, folder: Path, seconds: float) -> tuple[int, str]:
@@ -113,4 +130,4 @@ def ended(line: str, folder: Path, seconds: float) -> tuple[int, str]:
     except subprocess.TimeoutExpired:
         os.killpg(command.pid, signal.SIGINT)
         said, _ = command.communicate(timeout=60.0)
-    return command.returncode, said[-3000:]
+    return command.returncode, said

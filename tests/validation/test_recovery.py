@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from granular.shared.errors import InputError
-from validation.recovery import programme
+from validation.recovery import peer, programme
 from validation.recovery.silverbox import silverbox
-from validation.recovery.systems import SYSTEMS, clean_motion, made_record
+from validation.recovery.systems import SYSTEMS, clean_motion, law_of_system, made_record
 
 
 def test_thirteen_systems() -> None:
@@ -30,9 +30,44 @@ def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[:1])
     found = programme.recovery(tmp_path, progress=False)
     assert found["fits"] == found["reached"] == 1
-    assert found["wrongly agreed"] == 0
+    assert found["wrongly agreed"] == found["rows"][0]["SciPy starts stopped"] == 0
     assert "1 of 1 fits" in programme.recovery_text(found)
     assert (tmp_path / "recovery.json").exists()
+
+
+def test_what_is_done_is_found_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[:1])
+    first = programme.recovery(tmp_path, progress=False)
+
+    def never(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(programme, "_fitted", never)
+    monkeypatch.setattr(programme, "scipy_fit", never)
+    assert programme.recovery(tmp_path, progress=False) == first
+    with pytest.raises(AssertionError):
+        programme.recovery(progress=False)
+
+
+def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bouc-Wen, whose steps shrink to nothing at some parameters: the table says where it ended."""
+    place = [system.name for system in SYSTEMS].index("Bouc-Wen")
+    record = made_record(place, 0.01, 0)
+    given = peer.problem(record, law_of_system(SYSTEMS[place]), 1)
+    monkeypatch.setattr(peer, "MOST_CALLS", 20)
+    attempt = peer.scipy_fit(given)[0]
+    assert attempt.stopped
+    assert attempt.calls == 20 * len(record)
+    assert 0.01 * record.height.std() < attempt.residual < 1e6
+
+    monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[place : place + 1])
+    monkeypatch.setattr(programme, "law_of_system", law_of_system)
+    monkeypatch.setattr(programme, "made_record", lambda *_: record)
+    fitted = {"ratio": 1.0, "agree": 1.0, "seconds": 1.0}
+    monkeypatch.setattr(programme, "_fitted", lambda _: fitted)
+    text = programme.recovery_text(programme.recovery(progress=False))
+    assert "1 of 1 at 20,000 calls" in text
+    assert "SciPy is stopped where" in text
 
 
 def test_a_file_that_is_not_the_benchmark_says_so(tmp_path: Path) -> None:

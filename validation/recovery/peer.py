@@ -2,46 +2,150 @@
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 import warnings
-from typing import Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
+from granular.shared.shelf import digest
 from reduced_models.fitting.case import split
 from reduced_models.fitting.options import HOLDOUT, STARTS
 from reduced_models.fitting.start_vectors import start_vectors, unknowns_of
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
+from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.inputs import TIME, column
 
+MOST_CALLS = 1500
+"""Calls of a law for each sample of a record, after which least squares from a start is stopped.
+
+What converges needs 100 to 1000. Without a limit, laws that have a variable step shrink to nothing
+at some trial parameters keep SciPy busy for hours.
+"""
+_MOST_OF_A_SOLUTION = 100  # calls for each sample, after which a solution is given up
 _MOST_TRIALS = 40
 _FAR = 1e6
-_MOST_CALLS = 100  # of the law for each sample, after which a solution is given up
 _DIFFERENCE = 1e-5  # of an entry, for slopes: the solver's error is far below what that changes
+_DIGITS = 24
+
+
+class Attempt(NamedTuple):
+    """Least squares from one start.
+
+    Attributes
+    ----------
+    residual : float
+        Root mean square of the best trial [m].
+    calls : int
+        Of the law.
+    stopped : bool
+        Whether it was stopped at its limit of calls.
+    """
+
+    residual: float
+    calls: int
+    stopped: bool
 
 
 class _GivenUpError(Exception):
     """A solution takes too long."""
 
 
-def scipy_fit(record: PistonRecord, law: Law, starts: int) -> list[float]:
-    """Root mean squared residuals [m], one for each of the first random starts of the search.
+class _StoppedError(Exception):
+    """There are no calls left."""
 
-    They are those that ``fit(record, law)`` starts from.
-    """
-    from scipy.integrate import solve_ivp
-    from scipy.interpolate import CubicSpline
+
+@dataclasses.dataclass
+class _Calls:
+    """How often a law was called: since the start, and for a solution."""
+
+    most: int
+    most_of_a_solution: int
+    made: int = 0
+    of_a_solution: int = 0
+
+    def count(self) -> None:
+        if self.made >= self.most:
+            raise _StoppedError
+        if self.of_a_solution >= self.most_of_a_solution:
+            raise _GivenUpError
+        self.made += 1
+        self.of_a_solution += 1
+
+
+class _Problem(NamedTuple):
+    """A record, the unknowns of a law, and where the search of `fit` starts."""
+
+    record: PistonRecord
+    unknowns: Unknowns
+    starts: np.ndarray
+
+
+def problem(record: PistonRecord, law: Law, starts: int) -> _Problem:
+    """The first of the random starts that ``fit(record, law)`` searches from."""
+    data = split(record, HOLDOUT, None, None)
+    unknowns = unknowns_of(law, HeightMap(), data.guess, data.training)
+    random = np.random.default_rng(0)
+    found = start_vectors(unknowns, data.guess, data.training, STARTS, random)
+    return _Problem(record, unknowns, found[:starts])
+
+
+def problem_key(given: _Problem) -> str:
+    """A digest of all that determines what SciPy makes of a problem."""
+    import scipy
+
+    record, law = given.record, given.unknowns.law
+    content = {
+        "record": [record.time.tolist(), record.height.tolist()],
+        "starts": given.starts.tolist(),
+        "scales": given.unknowns.scales.tolist(),
+        "law": [law.equation, law.inputs, law.parameters, law.positive],
+        "code": Path(__file__).read_text(encoding="utf-8"),
+        "scipy": scipy.__version__,
+    }
+    return digest(content, _DIGITS)
+
+
+def scipy_fit(given: _Problem) -> list[Attempt]:
+    """What least squares reaches from each start."""
+    return [_attempt(given, theta) for theta in given.starts]
+
+
+def _attempt(given: _Problem, theta: np.ndarray) -> Attempt:
     from scipy.optimize import least_squares
 
+    samples = len(given.record)
+    calls = _Calls(MOST_CALLS * samples, _MOST_OF_A_SOLUTION * samples)
+    held = np.arange(len(theta)) >= given.unknowns.free + 2  # hidden states at the start
+    solved = _residuals(given, calls)
+    best = np.inf
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        nonlocal best
+        found = solved(np.where(held, theta, x))
+        best = min(best, float(np.sqrt((found**2).mean())))
+        return found
+
+    try:
+        least_squares(residuals, theta, max_nfev=_MOST_TRIALS, x_scale="jac", diff_step=_DIFFERENCE)
+    except _StoppedError:
+        return Attempt(best, calls.made, stopped=True)
+    return Attempt(best, calls.made, stopped=False)
+
+
+def _residuals(given: _Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarray]:
+    """Solution minus record [m] (n,) as a function of the search vector."""
+    from scipy.integrate import odeint
+    from scipy.interpolate import CubicSpline
+
+    record, unknowns = given.record, given.unknowns
     time, height = record.time, record.height
-    data = split(record, HOLDOUT, None, None)
-    guess = data.guess
-    unknowns = unknowns_of(law, HeightMap(), guess, data.training)
-    random = np.random.default_rng(0)
-    thetas = start_vectors(unknowns, guess, data.training, STARTS, random)[:starts]
+    law = unknowns.law
     field = compiled_field(law.equation, law.inputs, "numpy")
     drives = [
         (lambda t: t) if name == TIME else CubicSpline(time, column(record, name))
@@ -50,34 +154,26 @@ def scipy_fit(record: PistonRecord, law: Law, starts: int) -> list[float]:
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         values, _, _, z0, v0, hidden = unknowns.physical(theta)
-
-        calls = itertools.count()
+        calls.of_a_solution = 0
 
         def rates(t: float, state: np.ndarray) -> list[Any]:
-            # Some trial parameters let LSODA go on for ever.
-            if next(calls) > _MOST_CALLS * len(time):
-                raise _GivenUpError
+            calls.count()
             return [state[1], *field(*state, *(float(drive(t)) for drive in drives), *values)]
 
+        full = np.full(len(time), _FAR)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of solutions that end early
             try:
-                found = solve_ivp(
-                    rates, (time[0], time[-1]), [z0, v0, *hidden], "LSODA", t_eval=time, rtol=1e-8,
-                    atol=1e-10 * guess.amplitude,
-                ).y[0]  # fmt: skip
+                found, told = odeint(
+                    rates, [z0, v0, *hidden], time, full_output=True, tfirst=True, rtol=1e-8,
+                    atol=1e-10 * unknowns.amplitude,
+                )  # fmt: skip
             except _GivenUpError:
-                found = np.empty(0)
-        full = np.full(len(time), _FAR)
-        full[: len(found)] = found - height[: len(found)]
+                return full
+        reached = len(time)
+        if told["message"] != "Integration successful.":
+            reached = 1 + int(np.argmax(told["tcur"] < time[1:]))
+        full[:reached] = found[:reached, 0] - height[:reached]
         return np.clip(np.nan_to_num(full, nan=_FAR), -_FAR, _FAR)
 
-    best = []
-    for theta in thetas:
-        held = np.arange(len(theta)) >= unknowns.free + 2
-        found = least_squares(
-            lambda x, theta=theta, held=held: residuals(np.array(np.where(held, theta, x))),
-            theta, max_nfev=_MOST_TRIALS, x_scale="jac", diff_step=_DIFFERENCE,
-        )  # fmt: skip
-        best.append(float(np.sqrt((found.fun**2).mean())))
-    return best
+    return residuals

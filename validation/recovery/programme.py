@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import hashlib
 import statistics
 import time
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.run.record import PistonRecord
 from granular.shared.files import write_json
-from validation.recovery.peer import scipy_fit
-from validation.recovery.systems import NOISES, SEEDS, SYSTEMS, clean_motion, made_record
+from granular.shared.shelf import Shelf, digest
+from validation.parts import KEY_LENGTH, machine
+from validation.recovery.peer import MOST_CALLS, problem, problem_key, scipy_fit
+from validation.recovery.systems import (
+    NOISES,
+    SEEDS,
+    SYSTEMS,
+    clean_motion,
+    law_of_system,
+    made_record,
+)
 from validation.table import table
 
 REACHED = 1.05
@@ -25,6 +37,14 @@ _PEER_STARTS = 3
 _QUICK_PEER_STARTS = 1
 
 
+class Case(NamedTuple):
+    """A record of a system: the system's place in `SYSTEMS`, its noise, and the noise's seed."""
+
+    system: int
+    noise: float
+    seed: int
+
+
 def recovery(
     out: str | Path | None = None, *, full: bool = False, progress: bool = True
 ) -> dict[str, Any]:
@@ -32,22 +52,29 @@ def recovery(
 
     ``full`` takes four levels of noise and five seeds, otherwise one of each. SciPy's least squares
     fits the first seed of each level from the first three starts of the search, or from one; the
-    best of them counts.
+    best of them counts. Each fit is kept in ``out`` as soon as it is done, and found again there
+    while nothing that determines it has changed.
     """
-    from granular.shared.progress import progress_bar
-
     noises, seeds = (NOISES, SEEDS) if full else (_QUICK, 1)
     cases = [
-        (system, noise, seed)
+        Case(system, noise, seed)
         for system in range(len(SYSTEMS))
         for noise in noises
         for seed in range(seeds)
     ]
-    peers = _PEER_STARTS if full else _QUICK_PEER_STARTS
-    shown = progress_bar(iterable=cases, desc="recovery", wanted=progress, leave=False)
-    fits = [_fitted(system, noise, seed, peers) for system, noise, seed in shown]
-    rows = [_row(k, [one for one in fits if one["system"] == k]) for k in range(len(SYSTEMS))]
-    reached = sum(one["ratio"] <= REACHED for one in fits)
+    starts = _PEER_STARTS if full else _QUICK_PEER_STARTS
+    shelf = None if out is None else Shelf(Path(out) / "fits")
+    fits = _fits(cases, shelf, progress=progress)
+    peers = _peers([case for case in cases if not case.seed], starts, shelf, progress=progress)
+    rows = [
+        _row(
+            k,
+            [fit for case, fit in zip(cases, fits, strict=True) if case.system == k],
+            [peer for case, peer in peers if case.system == k],
+        )
+        for k in range(len(SYSTEMS))
+    ]
+    reached = sum(row["reached"] for row in rows)
     found = {
         "fits": len(fits),
         "reached": reached,
@@ -57,38 +84,95 @@ def recovery(
         "rows": rows,
     }
     if out is not None:
-        Path(out).mkdir(parents=True, exist_ok=True)
         write_json(Path(out) / "recovery.json", found)
     return found
 
 
-def _fitted(system: int, noise: float, seed: int, peers: int) -> dict[str, Any]:
+def _fits(cases: Sequence[Case], shelf: Shelf | None, *, progress: bool) -> list[dict[str, Any]]:
+    from tqdm import tqdm
+
+    fits = []
+    for case in tqdm(cases, desc="fits", disable=not progress, leave=False):
+        key = _key(case)
+        found = None if shelf is None else shelf.read(key)
+        if found is None:
+            found = _fitted(case)
+            if shelf is not None:
+                shelf.keep(key, found)
+        fits.append(found)
+    return fits
+
+
+def _peers(
+    cases: Sequence[Case], starts: int, shelf: Shelf | None, *, progress: bool
+) -> list[tuple[Case, dict[str, Any]]]:
+    from tqdm import tqdm
+
+    peers = []
+    for case in tqdm(cases, desc="SciPy", disable=not progress, leave=False):
+        given = problem(made_record(*case), law_of_system(SYSTEMS[case.system]), starts)
+        key = f"scipy-{problem_key(given)}"
+        found = None if shelf is None else shelf.read(key)
+        if found is None:
+            begun = time.perf_counter()
+            attempts = scipy_fit(given)
+            found = {
+                "ratios": [one.residual / _noise_of(case, given.record) for one in attempts],
+                "stopped": [one.calls for one in attempts if one.stopped],
+                "seconds": (time.perf_counter() - begun) / starts,
+            }
+            if shelf is not None:
+                shelf.keep(key, found)
+        peers.append((case, found))
+    return peers
+
+
+def _noise_of(case: Case, record: PistonRecord) -> float:
+    """Root mean square of the noise in a record [m]: no fit of the true law leaves more."""
+    return float(np.sqrt(((record.height - clean_motion(case.system).height) ** 2).mean()))
+
+
+def _fitted(case: Case) -> dict[str, Any]:
     from reduced_models.fitting.fitting import fit
 
-    record = made_record(system, noise, seed)
-    level = noise * float(clean_motion(system).height.std())
+    record = made_record(*case)
     begun = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is doubted is counted here
-        model = fit(record, SYSTEMS[system].law)
-    seconds = time.perf_counter() - begun
-    found: dict[str, Any] = {
-        "system": system,
-        "ratio": model.quality.residual / level,
+        model = fit(record, SYSTEMS[case.system].law)
+    return {
+        "ratio": model.quality.residual / _noise_of(case, record),
         "agree": model.quality.converged / model.quality.starts,
-        "seconds": seconds,
+        "seconds": time.perf_counter() - begun,
     }
-    if seed == 0:
-        begun = time.perf_counter()
-        best = scipy_fit(record, model.law, peers)
-        found["peer"] = [each / level for each in best]
-        found["peer seconds"] = (time.perf_counter() - begun) / peers
-    return found
 
 
-def _row(system: int, fits: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    peers = [one for one in fits if "peer" in one]
-    ratios = np.concatenate([one["peer"] for one in peers])
+def _key(case: Case) -> str:
+    content = {
+        "case": case, "system": SYSTEMS[case.system]._asdict(), "sources": _sources(),
+        "on": machine(),
+    }  # fmt: skip
+    return f"fit-{digest(content, KEY_LENGTH)}"
+
+
+@cache
+def _sources() -> str:
+    """A digest of all code that a fit may depend on."""
+    import granular
+    import reduced_models
+
+    found = hashlib.sha256((Path(__file__).parent / "systems.py").read_bytes())
+    for package in (granular, reduced_models):
+        assert package.__file__ is not None
+        for path in sorted(Path(package.__file__).parent.rglob("*.py")):
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def _row(
+    system: int, fits: Sequence[dict[str, Any]], peers: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    ratios = np.concatenate([one["ratios"] for one in peers])
     return {
         "system": SYSTEMS[system].name,
         "fits": len(fits),
@@ -97,30 +181,48 @@ def _row(system: int, fits: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "starts that agree": statistics.mean(one["agree"] for one in fits),
         "seconds": statistics.median(one["seconds"] for one in fits),
         "SciPy fits": len(peers),
-        "SciPy reached": sum(min(one["peer"]) <= REACHED for one in peers),
+        "SciPy reached": sum(min(one["ratios"]) <= REACHED for one in peers),
+        "SciPy starts": len(ratios),
         "SciPy starts that reach it": float((ratios <= REACHED).mean()),
-        "SciPy seconds a start": statistics.median(one["peer seconds"] for one in peers),
+        "SciPy starts stopped": sum(len(one["stopped"]) for one in peers),
+        "SciPy calls when stopped": max(
+            (calls for one in peers for calls in one["stopped"]), default=0
+        ),
+        "SciPy seconds a start": statistics.median(one["seconds"] for one in peers),
     }
+
+
+def _stopped(row: dict[str, Any]) -> str:
+    """How many of SciPy's starts were stopped, and where."""
+    if not row["SciPy starts stopped"]:
+        return "none"
+    return (
+        f"{row['SciPy starts stopped']} of {row['SciPy starts']} at "
+        f"{row['SciPy calls when stopped']:,} calls"
+    )
 
 
 def recovery_text(found: dict[str, Any]) -> str:
     """The table, and the totals in words."""
     header = (
         "system", "reached", "worst residual/noise", "starts that agree", "s", "SciPy",
-        "its starts", "s",
+        "its starts", "stopped", "s",
     )  # fmt: skip
     rows = [
         (
             row["system"], f"{row['reached']} of {row['fits']}", f"{row['worst']:.3f}",
             f"{100 * row['starts that agree']:.0f} %", f"{row['seconds']:.2f}",
             f"{row['SciPy reached']} of {row['SciPy fits']}",
-            f"{100 * row['SciPy starts that reach it']:.0f} %",
+            f"{100 * row['SciPy starts that reach it']:.0f} %", _stopped(row),
             f"{row['SciPy seconds a start']:.2f}",
         )
         for row in found["rows"]
     ]  # fmt: skip
-    return (
+    words = (
         f"{table(header, rows).text()}\n"
         f"{found['reached']} of {found['fits']} fits leave a residual within {REACHED} of the "
         f"noise; {found['wrongly agreed']} of the others say that all starts agree"
     )
+    if any(row["SciPy starts stopped"] for row in found["rows"]):
+        words += f"\nSciPy is stopped where a start has called the law {MOST_CALLS} times a sample"
+    return words

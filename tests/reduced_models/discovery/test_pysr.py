@@ -14,7 +14,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import discover
-from reduced_models.discovery import julia
+from reduced_models.discovery import julia, julia_probe
 
 TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))
@@ -73,15 +73,120 @@ def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A Julia project with all that PySR needs, by its manifest."""
+    manifest = 'manifest_format = "2.0"\n'
+    for name in ("SymbolicRegression", "PythonCall"):
+        manifest += f'[[deps.{name}]]\nuuid = "0"\nversion = "1.0.0"\n'
+    (tmp_path / "Manifest.toml").write_text(manifest)
+    return tmp_path
+
+
+PLACES = [
+    ("0.9.36", {"EXE": "python", "PROJECT": "full"}, None),
+    ("0.9.28", {"EXE": "python", "PROJECT": "full"}, None),
+    ("0.9.27", {"EXE": "python", "PROJECT": "full"}, "0.9.28 and newer only"),
+    ("0.9.36", {"EXE": "python"}, "must be set together"),
+    ("0.9.36", {"PROJECT": "full"}, "must be set together"),
+    ("0.9.36", {"EXE": "/nowhere/julia", "PROJECT": "full"}, "no Julia at '/nowhere/julia'"),
+    ("0.9.36", {"EXE": "python", "PROJECT": "/nowhere"}, "no Julia project at '/nowhere'"),
+    ("0.9.36", {"EXE": "python", "PROJECT": "empty"}, "lacks SymbolicRegression and PythonCall"),
+    ("0.9.36", {"EXE": "python", "PROJECT": "broken"}, "lacks SymbolicRegression and PythonCall"),
+    ("0.9.36", {}, "are not there"),
+]
+
+
+@pytest.mark.parametrize(("juliacall", "given", "lack"), PLACES)
 def test_given_julia_is_looked_at_and_not_run(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    juliacall: str, given: dict[str, str], lack: str | None, monkeypatch: pytest.MonkeyPatch,
+    project: Path,
+) -> None:  # fmt: skip
+    (project / "empty").mkdir()
+    (project / "broken").mkdir()
+    (project / "broken" / "Manifest.toml").write_text("[[deps.Symb")
+    places = {"full": str(project), "empty": str(project / "empty"),
+              "broken": str(project / "broken"), "python": sys.executable}  # fmt: skip
+    monkeypatch.setattr(julia_probe, "_resolved", lambda: False)
+    monkeypatch.setattr(julia_probe, "version", lambda _: juliacall)
+    monkeypatch.setattr(julia_probe.importlib.util, "find_spec", lambda _: object())
+    for name in ("EXE", "PROJECT"):
+        monkeypatch.delenv(f"PYTHON_JULIACALL_{name}", raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(f"PYTHON_JULIACALL_{name}", places.get(value, value))
+    found = julia_probe.missing()
+    assert found is None if lack is None else lack in str(found)
+
+
+def test_what_only_juliapkg_reads_is_left_to_its_dry_run(
+    monkeypatch: pytest.MonkeyPatch, project: Path
 ) -> None:
+    """Its own variable names a Julia, and no project: with juliacall's the two make no pair."""
     pytest.importorskip("juliapkg")
-    monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(tmp_path))
     monkeypatch.setenv("PYTHON_JULIAPKG_EXE", sys.executable)
-    assert julia.missing() is None
-    monkeypatch.setenv("PYTHON_JULIAPKG_EXE", "/nowhere/julia")
-    assert "/nowhere/julia" in str(julia.missing())
+    monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(project))
+    monkeypatch.delenv("PYTHON_JULIACALL_EXE", raising=False)
+    assert julia_probe.missing() is not None
+
+
+def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "pysr.py").write_text("raise Exception('no package\\nin this project')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "pysr", raising=False)
+    with pytest.raises(InputError, match="could not be started: Exception") as caught:
+        julia.regressor()
+    assert "\n" not in str(caught.value)
+
+
+def searched(monkeypatch: pytest.MonkeyPatch, interrupted: bool) -> dict[str, object]:
+    """Settings that a search is made with, and what is in its folder while it runs."""
+    import types
+
+    import pandas as pd
+
+    seen: dict[str, object] = {}
+
+    class Search:
+        def __init__(self, **settings: object) -> None:
+            seen.update(settings)
+            self.interrupted_ = interrupted
+
+        def fit(self, matrix: np.ndarray, target: np.ndarray, variable_names: list[str]) -> None:
+            folder = Path(str(seen["output_directory"]))
+            assert folder.is_dir()
+            (folder / "hall_of_fame.csv").write_text("1")
+            self.equations_ = pd.DataFrame({"equation": ["x0 * 2.0"]})
+
+    monkeypatch.setattr(julia, "missing", lambda: None)
+    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
+    x = np.linspace(-1.0, 1.0, 50)
+    seen["found"] = julia.pysr_expressions({"x": x}, 3.0 * x, noise=0.03)
+    seen["size"] = float(np.std(3.0 * x))
+    return seen
+
+
+def test_a_search_ends_at_the_noise_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = searched(monkeypatch, interrupted=False)
+    assert seen["early_stop_condition"] == pytest.approx((0.03 / float(str(seen["size"]))) ** 2)
+    assert seen["temp_equation_file"] is False
+    assert not Path(str(seen["output_directory"])).exists()
+    assert seen["found"]
+
+
+def test_ctrl_c_that_julia_took_is_heeded(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        searched(monkeypatch, interrupted=True)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(julia.missing() is not None, reason="there is no Julia with PySR's packages")
+def test_a_real_search() -> None:
+    """A damped swing with 1 % noise, wherever Julia is."""
+    time = np.linspace(0.0, 40.0, 2000)
+    height = np.exp(-0.05 * time) * np.cos(1.4 * time)
+    noise = np.random.default_rng(0).normal(0.0, 0.01 * height.std(), len(time))
+    found = discover(PistonRecord(time, height + noise), "pysr")
+    assert {term.text for term in found.best.terms} == {"z", "z'"}
 
 
 def test_settings_suit_the_real_constructor() -> None:

@@ -13,6 +13,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import Law, compare, fit
+from reduced_models.fitting.fitting import law_of
 from reduced_models.laws.solution import solution
 from reduced_models.laws.symmetry import at_home, symmetries
 from reduced_models.laws.words import law_from_text
@@ -65,6 +66,45 @@ def test_the_time_in_a_law() -> None:
         assert model.parameters[name] == pytest.approx(value, rel=1e-5)
     later = model.simulate(np.linspace(0.0, 60.0, 300))
     assert later.height[-1] == pytest.approx(0.05 * (60.0 - 0.2 / 1.1) / 1.1, rel=1e-3)
+
+
+MEANT = {
+    "z'' + c*z' + k*z = a*t": ("c", "k", "a"),  # t is the time
+    "z'' + c*z' + 2*pi*k*z = g": ("c", "k", "g"),  # pi is a number
+    "z'' + c*z' + k*(e**z - 1) = 0": ("c", "k"),  # and so is e
+    "z'' + c*z' + k*z^3 = g": ("c", "k", "g"),
+    "z'' + c*abs(z')*z' + k*z = g": ("c", "k", "g"),
+    "z'' + c*Abs(z')*z' + k*Max(z - r, 0) = 0": ("c", "k", "r"),
+    "z'' + λ*z' + ω**2*z = 0": ("λ", "ω"),
+    "z'' + lambda*z' + k*z = 0": ("lambda", "k"),
+    "theta'' + 2*lam*theta' + k*sin(theta - rest) = 0": ("lam", "k", "rest"),
+    "x'' + c*x' + k*x = 0": ("c", "k"),
+    "m*z'' + c*z' + k*z = 0": ("m", "c", "k"),
+}
+
+
+@pytest.mark.parametrize("text", MEANT)
+def test_words_mean_what_they_say(text: str, made: Callable[..., PistonRecord]) -> None:
+    """Each is read for a record, and what is fitted are the parameters, no more and no fewer."""
+    assert law_of(text, made("linear")).parameters == MEANT[text]
+
+
+ASKED_ABOUT = {
+    "z'' + k*z = a*force": "add the column, or declare the parameter",
+    "z'' + k*z = a*velocity": "write z' for it",
+    "z'' + k*z = Pi": "write pi",
+    "z'' + k*z = max()": "max",
+    "z'' + k*z = sqare(z)": "is no function",
+}
+
+
+@pytest.mark.parametrize("text", ASKED_ABOUT)
+def test_other_words_are_asked_about(text: str, made: Callable[..., PistonRecord]) -> None:
+    """By `fit`, in one line that says what to write."""
+    with pytest.raises(InputError) as caught:
+        fit(made("linear"), text)
+    assert ASKED_ABOUT[text] in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,198 @@
+"""What scene and study files may hold, as a JSON schema: for editors that complete and check.
+
+A schema holds types, names and limits of single keys. What hangs on two keys at once is checked
+when a scene is read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+from typing import Any
+
+from granular.effects.listed import Listed
+from granular.effects.parameters import Parametric, Values
+from granular.effects.registry import find, names
+from granular.effects.walls import Wall
+from granular.methods.tables import METHODS
+from granular.scene.loading import scene_names
+from granular.scene.scene import Effects, Scene
+from granular.scene.schema import (
+    Kind,
+    Many,
+    Numbers,
+    One,
+    OneOf,
+    Points,
+    Quantity,
+    Section,
+    Text,
+    Whole,
+)
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+Schema = dict[str, Any]
+
+_ATTRIBUTE = re.compile(r"^    (?P<names>\w+(?:, \w+)*) : .*\n(?P<words>(?:^        .*\n?)*)", re.M)
+_LIMITS = {"above": "exclusiveMinimum", "least": "minimum", "below": "exclusiveMaximum",
+           "most": "maximum"}  # fmt: skip
+_TEXT = {"type": "string", "minLength": 1, "maxLength": 200}
+
+
+def scene_schema() -> Schema:
+    """The schema of scene files, with the effects that are known here."""
+    return {"$schema": DIALECT, "title": "scene of granular-damper", **_section(Scene)}
+
+
+def study_schema() -> Schema:
+    """The schema of study files."""
+    step = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _TEXT]}
+    changes = {"type": "object", "description": "keys of the scene, and their values"}
+    own = {
+        "dt": step | {"description": "time step [s], or auto, auto/2, auto*2, ..."},
+        "t_end": step | {"description": "end of each run [s]; the whole protocol without"},
+        "method": {"anyOf": [{"enum": list(METHODS)}, _TEXT, {"type": "object"}]},
+    }
+    return {
+        "$schema": DIALECT, "title": "study of granular-damper", "type": "object",
+        "required": ["scene"], "additionalProperties": False,
+        "properties": {
+            "scene": {"anyOf": [{"enum": list(scene_names())}, _TEXT],
+                      "description": "a packaged scene, or a path from here"},
+            "measure": _TEXT | {"description": "what is measured of each run: last-values, or the "
+                                               "name of a measure of one's own"},
+            **own,
+            "changes": changes | {"description": "keys of the scene that all cases change"},
+            "grid": changes | {"description": "lists of values, of which all combinations are run"},
+            "cases": {"type": "array", "items": changes, "description": "changes, one by one"},
+        },
+    }  # fmt: skip
+
+
+def _section(section: type[Section]) -> Schema:
+    """A section as an object."""
+    if section is Effects:
+        known = {name: found for name in names() if (found := find(name)) is not None}
+        return _object({name: _effect(one) for name, one in known.items()}, [], section)
+    if issubclass(section, Wall):
+        plain = _of_fields(section)
+        plain["additionalProperties"] = True  # parameters of a law of one's own
+        del plain["properties"]["own"]
+        return {"anyOf": [_TEXT, plain]}
+    return _of_fields(section)
+
+
+def _effect(effect: type[Section]) -> Schema:
+    """An effect: its section, true where no key must be given, or none."""
+    if issubclass(effect, Listed):
+        (fields,) = (one for one in dataclasses.fields(effect) if one.name == "fields")
+        item = _section(fields.metadata["kind"].section)
+        return {"anyOf": [{"type": "array", "items": item}, item, {"const": "none"}]}
+    found = _section(effect)
+    if not found.get("required"):
+        found = {"anyOf": [found, {"const": True}, {"const": "none"}]}
+    return found
+
+
+def _of_fields(section: type[Section]) -> Schema:
+    properties, required = {}, []
+    words = _words(section)
+    for field in dataclasses.fields(section):
+        kind: Kind = field.metadata["kind"]
+        if isinstance(kind, Values):
+            continue
+        schema = _kind(kind)
+        if kind.optional:
+            schema = {"anyOf": [schema, {"const": "none"}]}
+        if field.name in words:
+            schema = schema | {"description": words[field.name]}
+        if isinstance(field.default, str | int | float):
+            schema = schema | {"default": field.default}
+        if field.default is dataclasses.MISSING:
+            required.append(field.name)
+        properties[field.name] = schema
+    return _object(properties, required, section)
+
+
+def _object(properties: Schema, required: list[str], section: type[Section]) -> Schema:
+    found: Schema = {"type": "object", "properties": properties, "required": required,
+                     "additionalProperties": issubclass(section, Parametric)}  # fmt: skip
+    first = (section.__doc__ or "").strip().split("\n\n")[0]
+    return found | ({"description": " ".join(first.split())} if first else {})
+
+
+@functools.singledispatch
+def _kind(kind: Kind) -> Schema:
+    """What a field may hold; anything where its kind is its own."""
+    return {}
+
+
+@_kind.register
+def _(kind: Quantity) -> Schema:
+    limits = {
+        word: getattr(kind, name)
+        for name, word in _LIMITS.items()
+        if getattr(kind, name) is not None
+    }
+    unit = "" if kind.unit == "1" else f", such as '1 {kind.unit}'"
+    with_unit = _TEXT | {"description": f"a number with a unit{unit}"}
+    return {"anyOf": [{"type": "number", **limits}, with_unit]}
+
+
+@_kind.register
+def _(kind: Whole) -> Schema:
+    return {"type": "integer", "minimum": kind.least, "maximum": kind.most}
+
+
+@_kind.register
+def _(kind: OneOf) -> Schema:
+    return {"enum": list(kind.names)}
+
+
+@_kind.register
+def _(kind: Text) -> Schema:
+    return dict(_TEXT)
+
+
+@_kind.register
+def _(kind: Points) -> Schema:
+    place = _kind(Quantity(unit=kind.unit))
+    return {"type": "array", "items": {"type": "array", "items": place, "minItems": 2,
+                                       "maxItems": 2}}  # fmt: skip
+
+
+@_kind.register
+def _(kind: Numbers) -> Schema:
+    return {"type": "array", "items": _kind(kind.each)}
+
+
+@_kind.register
+def _(kind: One) -> Schema:
+    assert kind.section is not None
+    return _section(kind.section)
+
+
+@_kind.register
+def _(kind: Many) -> Schema:
+    if kind.kinds is None:
+        assert kind.section is not None
+        return {"type": "array", "items": _section(kind.section), "minItems": kind.least}
+    choices = []
+    for name, section in kind.kinds.items():
+        one = _section(section)
+        one["properties"] = {"kind": {"const": name}, **one["properties"]}
+        one["required"] = ["kind", *one["required"]]
+        choices.append(one)
+    return {"type": "array", "items": {"oneOf": choices}, "minItems": kind.least}
+
+
+def _words(section: type[Section]) -> dict[str, str]:
+    """What the docstrings of a section and its bases say of each key."""
+    found: dict[str, str] = {}
+    for one in section.__mro__:
+        for match in _ATTRIBUTE.finditer((one.__dict__.get("__doc__") or "") + "\n"):
+            words = " ".join(match["words"].split())
+            for name in match["names"].split(", "):
+                found.setdefault(name, words)
+    return found

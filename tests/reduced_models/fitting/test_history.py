@@ -1,0 +1,97 @@
+"""Hidden states at the start of a record, from the motion before it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models import ReducedModel, fit
+from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.equation import compiled_field
+
+TRUE = {"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}
+TIME = np.linspace(0.0, 55.0, 2750)
+CUT = 15.0
+NOISE = 0.003
+
+
+@functools.cache
+def motion() -> np.ndarray:
+    """Height, velocity and hidden state (3, n), by SciPy."""
+    from scipy.integrate import solve_ivp
+
+    law = LAWS["bouc-wen"]
+    field = compiled_field(law.equation, (), "numpy")
+    values = [TRUE[name] for name in law.parameters]
+    found = solve_ivp(
+        lambda _, y: [y[1], *field(*y, *values)], (0.0, TIME[-1]), [3.0, 0.0, 0.0], "DOP853",
+        rtol=1e-10, atol=1e-12, t_eval=TIME,
+    )  # fmt: skip
+    return np.asarray(found.y)
+
+
+def whole() -> PistonRecord:
+    """A swing with hysteresis, that begins before the stretch that is fitted."""
+    noise = np.random.default_rng(0).normal(0.0, NOISE, len(TIME))
+    return PistonRecord(TIME, motion()[0] + noise)
+
+
+def check(law: str) -> ReducedModel:
+    record = whole()
+    before, after = record.between(0.0, CUT), record.between(CUT, TIME[-1])
+    model = fit(after, law, initial=before, starts=8)
+    assert model.quality.residual == pytest.approx(NOISE, rel=0.05)
+    for name, value in TRUE.items():
+        low, high = model.intervals[name]
+        assert abs(model.parameters[name] - value) < 1.5 * (high - low)
+    return model
+
+
+def test_hidden_states_follow_from_what_was_before() -> None:
+    model = check("bouc-wen")
+    assert abs(true := motion()[2][np.searchsorted(TIME, CUT)]) > 0.2
+    assert model.hidden["w"] == pytest.approx(true, abs=0.01)
+    late = whole().between(CUT, TIME[-1])
+    still = dataclasses.replace(model, hidden={}).simulate(late.time - late.time[0]).height
+    assert np.abs(still - late.height).max() > 10.0 * NOISE
+
+
+@pytest.mark.long
+def test_hidden_states_of_a_text() -> None:
+    """With them as they were, no more is left over than where they are free."""
+    model = check(LAWS["bouc-wen"].equation)
+    late = whole().between(CUT, TIME[-1])
+    free = fit(late, "bouc-wen", initial="free")
+    assert model.hidden["w"] == pytest.approx(free.hidden["w"], abs=0.1)
+    assert model.quality.residual < 1.01 * free.quality.residual
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        wrong = fit(late, "bouc-wen")
+    assert wrong.quality.residual > 1.5 * NOISE
+
+
+def test_what_is_no_history(made: Callable[..., PistonRecord]) -> None:
+    record = whole()
+    late = record.between(CUT, TIME[-1])
+    for initial, words in (
+        (
+            record.between(0.0, 5.0),
+            r"ends at 4\.\d+ s, and the record begins at 15\.\d+ s; cut both",
+        ),
+        (record, "cut both from one record"),
+        ([record.between(0.0, CUT)] * 2, "2 motions for 1 records; give one before each"),
+        (PistonRecord(TIME, TIME, force=TIME).between(0.0, CUT), "columns"),
+    ):
+        with pytest.raises(InputError, match=words):
+            fit(late, "bouc-wen", initial=initial)
+    with pytest.raises(InputError, match="has no hidden state"):
+        fit(made("linear"), "linear", initial=record)
+    with pytest.raises(InputError, match="or the motion before"):
+        fit(late, "bouc-wen", initial=3)  # type: ignore[call-overload]  # what types forbid
