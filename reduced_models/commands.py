@@ -55,6 +55,13 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
     return found
 
 
+def list_laws(options: Any) -> None:
+    """List the laws that come with the package."""
+    from reduced_models.laws.catalogue import LAWS
+
+    emit(LAWS.words(), repr(LAWS), options.json)
+
+
 def identify_source(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
     from granular.own import import_own

@@ -209,9 +209,9 @@ def _study(
     progress: bool,
 ) -> WorkPrecision:
     """The points that it takes to choose, family by family."""
-    from tqdm import tqdm
+    from granular.shared.progress import progress_bar
 
-    with tqdm(desc="reference", disable=not progress, leave=False, unit="setting") as bar:
+    with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
         (truth,) = truths(scenes, [quantity], [reference], until)
         tried: list[Point] = []
         for family in dict.fromkeys(one.family for one in settings):

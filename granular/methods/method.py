@@ -103,6 +103,12 @@ class Method:
     def takes_dry_friction(self) -> bool:
         return self.tableau is None and not self.backward and not self.variable
 
+    def __str__(self) -> str:
+        calls = f"{self.force_calls} force{'s' * (self.force_calls != 1)} a step"
+        return ", ".join(
+            [f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source]
+        )
+
     def to_plain(self) -> dict[str, Any]:
         """The table as plain data, which `method_of` takes."""
         plain: dict[str, Any] = {"name": self.name, "order": self.order, "source": self.source}

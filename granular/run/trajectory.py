@@ -89,6 +89,11 @@ class Trajectory:
 
         return preformatted(repr(self)) + self.dataset._repr_html_()
 
+    def _repr_latex_(self) -> str:
+        from granular.shared.latex import text
+
+        return text(repr(self))
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the piston's height over time; without a piston the kinetic energy of the grains."""
         from granular.shared.plotting import axes_or_new

@@ -255,10 +255,31 @@ class Scene(Section):
         """A scene from plain data; the unit D means the diameter of the first species."""
         return super().from_plain(plain, diameter or _first_diameter(plain))
 
+    def __repr__(self) -> str:
+        grains = " + ".join(
+            f"{count} of {1e3 * one.diameter:.6g} mm"
+            for one, count in zip(self.grains.species, self.grains.counts(), strict=True)
+        )
+        piston = ""
+        if self.piston is not None:
+            mass = "" if self.piston.mass is None else f", {self.piston.mass:.6g} kg"
+            piston = f", piston at {1e3 * self.piston.height:.6g} mm{mass}"
+        effects = ", ".join(one.key for one in self.effects.all)
+        return (
+            f"Scene {self.name!r}: {grains}, cell {1e3 * self.cell.width:.6g} mm wide{piston}\n"
+            f"  effects: {effects or 'none'}\n"
+            f"  stages: {', '.join(stage.name for stage in self.protocol)}"
+        )
+
     def _repr_html_(self) -> str:
         from granular.shared.html import preformatted
 
         return preformatted(self.to_toml())
+
+    def _repr_latex_(self) -> str:
+        from granular.shared.latex import text
+
+        return text(repr(self))
 
     def to_toml(self) -> str:
         """The scene as a TOML file's text; `load_scene` reads an equal scene from it."""
