@@ -6,7 +6,6 @@ for each other can take hundreds of times as long as one.
 
 from __future__ import annotations
 
-import importlib
 import os
 import time
 
@@ -88,13 +87,23 @@ def _start_quickly(scene: Scene) -> bool:
         return True
     if numba.config.THREADING_LAYER == "workqueue":
         return False
-    for pool in ("omppool", "tbbpool"):
-        try:
-            importlib.import_module(f"numba.np.ufunc.{pool}")
-        except ImportError:
-            continue
-        return True
-    return False
+    return _has_openmp() or _has_tbb()
+
+
+def _has_openmp() -> bool:
+    try:
+        from numba.np.ufunc import omppool  # type: ignore[attr-defined]  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def _has_tbb() -> bool:
+    try:
+        from numba.np.ufunc import tbbpool  # type: ignore[attr-defined]  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def set_threads(count: int) -> None:

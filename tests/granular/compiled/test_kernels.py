@@ -14,14 +14,14 @@ from granular.pairs.vector import lane_sum
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_a_kernel_for_kernels_says_so_to_python() -> None:
-    with pytest.raises(TypeError, match=r"granular\.pairs\.mesh\._share is a kernel for other"):
-        mesh._share(1, 1)
+    with pytest.raises(TypeError, match=r"granular\.pairs\.mesh\.spline is a kernel for other"):
+        mesh.spline(0.5)
 
 
 def test_entry_makes_a_form_that_python_can_call() -> None:
     values = np.arange(16.0)
     assert entry(lane_sum)(values) == values.sum()
-    assert entry(mesh._share)(1, 1) == 0.5
+    assert entry(mesh.spline)(0.0)[3] == 0.0
     assert drag.flow(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 
 
