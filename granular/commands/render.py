@@ -11,7 +11,7 @@ from granular.shared.errors import InputError
 WHAT = "draw a still or a movie of a run"
 EXAMPLES = """\
 examples:
-  %(prog)s runs/bed -o bed.png --colour force
+  %(prog)s runs/bed -o force.png --colour force
   %(prog)s runs/bed -o start.svg --frame 0
   %(prog)s runs/bed -o bed.mp4 --colour sides --stage settle --fps 30
 
