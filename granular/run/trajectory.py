@@ -121,7 +121,7 @@ class Trajectory:
         """
         from granular.run.view import view_of
 
-        return view_of(self)
+        return view_of(self.scene, self.dataset, [(one.name, one.start) for one in self.stages])
 
     def stage(self, name: str) -> StageResult:
         """The result of a stage by its name.

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.live import LivePage
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:
-    from granular.run.trajectory import Trajectory
+    import xarray
 
 TEMPLATE = Path(__file__).with_name("view.html")
 MOST_VALUES = 1_500_000
@@ -22,15 +24,13 @@ MOST_RECORDS = 6000
 HEIGHT = 640
 
 
-def view_of(run: Trajectory) -> LivePage:
-    """The page of a run; of many frames every second, third ... is in it."""
-    data = run.dataset
+def view_of(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]) -> LivePage:
+    """The page of a run, its stages by name and start [s]; of many frames some are in it."""
     frames, grains = data.sizes["frame"], data.sizes["grain"]
     if not frames:
         raise InputError("the run has no frames; run it for longer, or lower output.frames")
     every = max(1, -(-frames * grains * 4 // MOST_VALUES))
     chosen = data.isel(frame=slice(None, None, every))
-    scene = run.scene
     plain: dict[str, Any] = {
         "width": scene.cell.width,
         "diameters": scene.grains.diameters().tolist(),
@@ -38,16 +38,15 @@ def view_of(run: Trajectory) -> LivePage:
         "frames": chosen["frame_time"].values.tolist(),
         "position": _packed(chosen["position"].values),
         "velocity": _packed(chosen["velocity"].values),
-        "stages": [{"name": one.name, "start": one.start} for one in run.stages],
-        "top": _top(run),
-        **_records(run),
+        "stages": [{"name": name, "start": start} for name, start in stages],
+        "top": _top(scene, data),
+        **_records(data),
     }
     return LivePage.of(TEMPLATE, f"scene {scene.name}", plain, HEIGHT)
 
 
-def _records(run: Trajectory) -> dict[str, Any]:
+def _records(data: xarray.Dataset) -> dict[str, Any]:
     """Time, and height and velocity of the piston; without one the grains' kinetic energy."""
-    data = run.dataset
     every = max(1, -(-data.sizes["time"] // MOST_RECORDS))
     part = data.isel(time=slice(None, None, every))
     found: dict[str, Any] = {"time": part["time"].values.tolist()}
@@ -61,12 +60,11 @@ def _records(run: Trajectory) -> dict[str, Any]:
     return found | {"curve": height.tolist(), "phase": velocity.tolist()}
 
 
-def _top(run: Trajectory) -> float:
+def _top(scene: Scene, data: xarray.Dataset) -> float:
     """Height that holds piston and grains [m]."""
-    data = run.dataset
     places = data["position"].values[..., 1]
-    top = float(np.nanmax(places, initial=0.0)) + run.scene.grains.diameters().max(initial=0.0)
-    if "frame_height" in data and run.scene.piston is not None:
+    top = float(np.nanmax(places, initial=0.0)) + scene.grains.diameters().max(initial=0.0)
+    if "frame_height" in data and scene.piston is not None:
         top = max(top, float(data["frame_height"].values.max()))
     return top
 
