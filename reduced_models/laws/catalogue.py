@@ -8,6 +8,7 @@ from granular.shared.listing import Listing
 from reduced_models.laws.bouc_wen import BOUC_WEN
 from reduced_models.laws.coulomb import COULOMB
 from reduced_models.laws.duffing import DUFFING
+from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 from reduced_models.laws.linear import LINEAR
 from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
@@ -26,6 +27,7 @@ _ALL = (
     QUADRATIC_DRAG,
     COULOMB,
     BOUC_WEN,
+    ELASTOPLASTIC_BED,
 )
 
 LAWS = Listing(((law.name, law) for law in _ALL), lambda law: law.equation)
