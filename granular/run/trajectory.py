@@ -96,6 +96,11 @@ class Trajectory:
 
         return text(repr(self))
 
+    @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind scene and method; see `granular.cite`."""
+        return (*self.scene.literature, *self.method.literature)
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the piston's height over time; without a piston the kinetic energy of the grains."""
         from granular.shared.plotting import axes_or_new
