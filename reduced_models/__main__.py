@@ -212,7 +212,7 @@ def _add_design(one: Parser) -> None:
 def _add_maps(one: Parser) -> None:
     one.add_argument(
         "-o", "--out", metavar="DIR", required=True,
-        help="directory for report.html and study.csv; the same one again goes on",
+        help="directory for report.html, sliders.html and study.csv; the same one again goes on",
     )  # fmt: skip
     one.add_argument(
         "--simulate", action="store_true", help="simulate the study anew (about half an hour)"

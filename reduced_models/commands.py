@@ -228,6 +228,7 @@ def map_dampers(options: Any) -> None:
         write_text(target / "study.csv", study.to_csv(index=False))
         maps = DamperMaps(study)
     maps_page(maps).save(target / "report.html")
+    maps.view().save(target / "sliders.html")
     errors = {name: surface.error for name, surface in maps.surfaces.items()}
     lines = [f"maps of {len(maps.dampers)} dampers; errors of prediction (leave-one-out):"]
     lines += [

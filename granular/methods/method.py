@@ -83,6 +83,11 @@ class Method:
         return self.tableau is None and not self.variable
 
     @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind it; see `granular.cite`."""
+        return (self.source,)
+
+    @property
     def force_calls(self) -> int:
         """Evaluations of all forces a step."""
         if self.tableau is not None:

@@ -38,13 +38,14 @@ __all__ = [
 ]
 
 _FEWER = "#a0a4a8"
-_MORE = "#d1495b"
+_MORE = "#b5179e"
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Interior Voronoi cells in the colours of [D, 4.2.3.4], and the grains' centres.
 
-    Five sides or fewer are grey, hexagons green (the darker, the more regular), seven or more red.
+    Five sides or fewer are grey, hexagons green (the darker, the more regular), seven or more
+    purple: the source has red, which some eyes do not tell from green.
     """
     from matplotlib import colormaps
     from matplotlib.collections import PolyCollection

@@ -18,6 +18,7 @@ from granular.scene.arrangement import Arrangement, initial_motion
 from granular.scene.parts import Cell, Grains, Output, Piston
 from granular.scene.schema import FieldError, Many, One, Section, declare, one, text, unknown
 from granular.scene.units import si_value
+from granular.shared.citing import words_of_module
 from granular.shared.errors import SceneError
 from granular.shared.files import write_text
 from granular.shared.messages import quoted
@@ -126,6 +127,12 @@ class Scene(Section):
     arrangement: Arrangement = one(Arrangement, default=Arrangement())
     protocol: tuple[Stage, ...] = declare(Many(kinds=KINDS), default=())
     output: Output = one(Output, default=Output())
+
+    @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind its effects; see `granular.cite`."""
+        parts = [one for effect in self.effects.all for one in (effect, *effect.parts)]
+        return tuple(words_of_module(type(one)) for one in parts)
 
     def validate(self) -> None:
         self._check_piston()
