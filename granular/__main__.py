@@ -26,7 +26,7 @@ a first run, looked at:
   %(prog)s scenes
   %(prog)s show bed
   %(prog)s run bed --t-end 0.5 -o runs/bed
-  %(prog)s render runs/bed -o bed.png --colour speed"""
+  %(prog)s render runs/bed -o speed.png --colour speed"""
 
 COMMANDS = {
     "scenes": scenes,

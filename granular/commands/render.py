@@ -12,7 +12,7 @@ from granular.shared.messages import quoted
 WHAT = "draw a still or a movie of a run"
 EXAMPLES = """\
 examples:
-  %(prog)s runs/bed -o bed.png --colour force
+  %(prog)s runs/bed -o force.png --colour force
   %(prog)s runs/bed -o start.svg --frame 0
   %(prog)s runs/bed -o bed.mp4 --colour sides --stage settle --fps 30
   %(prog)s runs/bed -o slow.mp4 --speed 0.1

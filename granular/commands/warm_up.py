@@ -10,7 +10,7 @@ from granular.shared.errors import InputError
 WHAT = "compile what scenes need, once and for all later starts"
 EXAMPLES = """\
 examples:
-  %(prog)s                    (all packaged scenes; for images and continuous integration)
+  %(prog)s                    # all packaged scenes; for images and continuous integration
   %(prog)s damper my-bed.toml --set effects.friction=true"""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ import pytest
 
 from granular import load_scene
 
-from .shown import ROOT, blocks, commands, files
+from .shown import ROOT, blocks, commands, files, of_help
 
 LONGEST = 1200.0
 """Seconds after which a command counts as hanging."""
@@ -85,7 +86,14 @@ def forced() -> list[str]:
 
 
 def prepare(line: str, folder: Path) -> None:
-    """Write `lab.csv` in the form of which the command speaks."""
+    """Write `lab.csv` in the form of which the command speaks, and make room for a help's example.
+
+    Files of the same name as in the guide are gone then: one was followed, or the other.
+    """
+    words = shlex.split(line, comments=True)
+    if line in of_help() and "-o" in words and not {"--resume", "sweep"} & set(words):
+        target = folder / words[words.index("-o") + 1]
+        shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
     if "--decimal ," in line:
         text = ["Messung 4", *("" for _ in range(11)), "t;dist", *rows(1.0, sign=",")]
     else:
