@@ -74,20 +74,25 @@ def figure(
 
 
 def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
-    """The axes given, or those of a new figure.
-
-    A notebook, or a program that uses pyplot, shows the new figure; elsewhere it has no window.
-    """
+    """The axes given, or those of a new figure."""
     if ax is not None:
         return ax
+    new: Axes = new_axes(width=width, height=height)
+    return new
+
+
+def new_axes(rows: int = 1, **options: Any) -> Any:
+    """Axes of a new figure; options as for `figure`.
+
+    A notebook, or a program that uses pyplot, shows the figure; elsewhere it has no window.
+    """
     make = None
     if "matplotlib.pyplot" in sys.modules or "ipykernel" in sys.modules:
         from matplotlib import pyplot
 
         make = pyplot.figure
-    with figure(width=width, height=height, make=make) as (_, found):
-        new: Axes = found
-    return new
+    with figure(rows, make=make, **options) as (_, found):
+        return found
 
 
 def draw_bed(

@@ -206,7 +206,7 @@ class Comparison:
         ax.xaxis.set_major_formatter("{x:g}")  # powers would be too small on a phone
         ax.set_xlabel("held-out error [% of the rms swing]")
         ax.grid(visible=False, axis="y")
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
         return ax
 
     @property

@@ -156,15 +156,15 @@ class ReducedModel(FittedLaw):
         InputError
             As `follow`, or `decay` without a record.
         """
-        from granular.shared.plotting import axes_or_new
+        from granular.shared.plotting import axes_or_new, new_axes
 
         if record is None:
             return prediction.plot(self, self._farthest_decay(), None, axes_or_new(ax))
         motion = self.follow(record)
-        found = prediction.plot(self, motion, record, axes_or_new(ax, height=4.2))
         if ax is None:
-            prediction.plot_left_over(motion, record, found)
-        return found
+            ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
+            prediction.plot_left_over(motion, record, below)
+        return prediction.plot(self, motion, record, ax)
 
     def _farthest_decay(self) -> PistonRecord:
         if self.at_rest is None:

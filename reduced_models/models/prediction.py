@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -135,16 +135,15 @@ def plot(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax
     label = plain_label(model.law.name)
     ax.plot(motion.time, factor * motion.height, color=COLOURS[0], label=label)
     ax.set(xlabel="time [s]", ylabel=f"{model.coordinate} [{unit}]")
-    ax.legend(loc="upper right")
+    ax.legend(loc="upper right", frameon=False)
     return ax
 
 
 def plot_left_over(motion: PistonRecord, record: PistonRecord, ax: Axes) -> None:
-    """What a motion leaves over of a record, below it."""
+    """What a motion leaves over of a record."""
     from granular.shared.plotting import COLOURS
 
     unit, factor = ("rad", 1.0) if record.angle else ("mm", 1e3)
-    inset: Any = ax.inset_axes((0.0, -0.55, 1.0, 0.32), sharex=ax)
     left = factor * (record.height - motion.height)
-    inset.plot(record.time, left, color=COLOURS[1], linewidth=0.6)
-    inset.set_ylabel(f"left over [{unit}]")
+    ax.plot(record.time, left, color=COLOURS[1], linewidth=0.6)
+    ax.set(xlabel="time [s]", ylabel=f"left over [{unit}]")
