@@ -94,6 +94,17 @@ def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord
     assert "and so does a fit to accelerations" in str(right)
 
 
+def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(
+    made: Callable[..., PistonRecord],
+) -> None:
+    """One start at half the frequency ends where nothing is explained."""
+    with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
+        model = fit(made("linear"), "linear", start={"omega": 0.5}, starts=1)
+    assert model.quality.collocation == "better"
+    assert model.quality.relative < 0.011
+    assert model.parameters["omega"] == pytest.approx(1.05, rel=0.01)
+
+
 def quadratic(share: float) -> PistonRecord:
     """A linear swing with a little drag that grows with the speed squared."""
     law = Law("mixed", "z'' + 2*lam*z' + c*abs(z')*z' + omega**2*z = g0")
