@@ -16,6 +16,7 @@ from .scene.loading import load_scene as load_scene
 from .scene.loading import scene_names as scene_names
 from .scene.scene import Scene as Scene
 from .scene.schema import quantity as quantity
+from .shared.citing import cite as cite
 from .shared.errors import GranularError as GranularError
 from .shared.errors import InputError as InputError
 from .shared.version import __version__ as __version__

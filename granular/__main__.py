@@ -5,7 +5,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from granular.commands import export, observe, render, run, scenes, schema, show, sweep, warm_up
+from granular.commands import (
+    export,
+    methods,
+    observe,
+    render,
+    run,
+    scenes,
+    schema,
+    show,
+    sweep,
+    warm_up,
+)
 from granular.shared.console import Parser, command_parser, launch
 
 PROG = "python -m granular"
@@ -19,6 +30,7 @@ a first run, looked at:
 
 COMMANDS = {
     "scenes": scenes,
+    "methods": methods,
     "show": show,
     "schema": schema,
     "run": run,

@@ -53,6 +53,9 @@ examples:
 examples:
   %(prog)s --frequency 3.2 --damping 0.1 -o out
   %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out""",
+    "laws": """\
+example:
+  %(prog)s""",
     "look": LOOK_EXAMPLES,
     "maps": """\
 examples:
@@ -80,6 +83,7 @@ def parser(prog: str = PROG) -> Parser:
     top, add = command_parser(prog, "From a motion to its equation.", EXAMPLES)
     _add_identify(add("identify", "simulate or read a motion, compare laws, and write a report"))
     add_look(add("look", "show what is understood of a record's file, before anything is fitted"))
+    add_output(add("laws", "list the laws that can be fitted by their names"))
     _add_fit(add("fit", "fit one law to one record, or to several at once"))
     _add_discover(add("discover", "find the structure of the law in a record, or in several"))
     _add_compare(add("compare", "judge laws on held-out stretches and records"))
@@ -208,7 +212,7 @@ def _add_design(one: Parser) -> None:
 def _add_maps(one: Parser) -> None:
     one.add_argument(
         "-o", "--out", metavar="DIR", required=True,
-        help="directory for report.html and study.csv; the same one again goes on",
+        help="directory for report.html, sliders.html and study.csv; the same one again goes on",
     )  # fmt: skip
     one.add_argument(
         "--simulate", action="store_true", help="simulate the study anew (about half an hour)"
@@ -247,6 +251,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
 
     {
         "identify": commands.identify_source,
+        "laws": commands.list_laws,
         "look": run_look,
         "fit": commands.fit_sources,
         "discover": commands.discover_source,

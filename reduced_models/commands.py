@@ -55,6 +55,13 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
     return found
 
 
+def list_laws(options: Any) -> None:
+    """List the laws that come with the package."""
+    from reduced_models.laws.catalogue import LAWS
+
+    emit(LAWS.words(), repr(LAWS), options.json)
+
+
 def identify_source(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
     from granular.own import import_own
@@ -221,6 +228,7 @@ def map_dampers(options: Any) -> None:
         write_text(target / "study.csv", study.to_csv(index=False))
         maps = DamperMaps(study)
     maps_page(maps).save(target / "report.html")
+    maps.view().save(target / "sliders.html")
     errors = {name: surface.error for name, surface in maps.surfaces.items()}
     lines = [f"maps of {len(maps.dampers)} dampers; errors of prediction (leave-one-out):"]
     lines += [

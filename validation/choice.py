@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
+from granular.methods import METHODS
 from granular.run.allowed import is_allowed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -23,7 +24,8 @@ SEEDS = 4
 """Further starts of a scene that has random ones: five show a scatter to a third of itself."""
 
 HOPELESS = 2.0
-"""A family is given up where its next step would cost this many times what was found."""
+"""A family is given up, or not begun, where its next step would cost this many times what was
+found."""
 
 REFERENCE = "stormer-verlet"
 REFERENCES = (*STEPS[2:], "auto/16")
@@ -209,9 +211,9 @@ def _study(
     progress: bool,
 ) -> WorkPrecision:
     """The points that it takes to choose, family by family."""
-    from tqdm import tqdm
+    from granular.shared.progress import progress_bar
 
-    with tqdm(desc="reference", disable=not progress, leave=False, unit="setting") as bar:
+    with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
         (truth,) = truths(scenes, [quantity], [reference], until)
         tried: list[Point] = []
         for family in dict.fromkeys(one.family for one in settings):
@@ -219,6 +221,8 @@ def _study(
             for setting in (one for one in settings if one.family == family):
                 best = advice(tried + own, truth.floor, tolerance)
                 if _settled(own, truth.floor, tolerance) or _too_dear(own, best):
+                    break
+                if not own and _hopeless(setting, tried, best):
                     break
                 bar.set_description(f"{family}, {setting.dt}, against {truth.told}")
                 own += points(scenes, [quantity], setting, [truth], until, REPEATS)
@@ -244,6 +248,21 @@ def _too_dear(points: Sequence[Point], best: Advice) -> bool:
     if not done or best.point is None or best.point in points[-1:]:
         return False
     return 2.0 * done[-1].seconds > HOPELESS * best.point.seconds
+
+
+def _hopeless(setting: Setting, tried: Sequence[Point], best: Advice) -> bool:
+    """Whether already a family's longest step must cost far more than the best one so far.
+
+    By its force calls: a run's time is that of its steps times those of each.
+    """
+    known = [one for one in tried if not one.failed and one.setting.dt in STEPS]
+    if not known or best.point is None or setting.dt not in STEPS:
+        return False
+    calls = METHODS[setting.method].force_calls
+    one = known[-1]
+    shorter = STEPS.index(setting.dt) - STEPS.index(str(one.setting.dt))
+    seconds = one.seconds * calls / METHODS[one.setting.method].force_calls * 2.0**shorter
+    return seconds > HOPELESS * best.point.seconds
 
 
 def choice(study: WorkPrecision, tolerance: float) -> Choice:

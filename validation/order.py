@@ -27,6 +27,7 @@ from validation.exact.problem import Moment, Problem
 from validation.table import TextTable, table
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.axes import Axes
 
     from granular.run.trajectory import Trajectory
@@ -168,8 +169,19 @@ class ConvergenceResult:
             ],
         )
 
-    def plot(self, axes: Axes, **style: Any) -> None:
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
+        import pandas
+
+        slopes = (math.nan, *self.slopes)
+        columns = {"step": self.steps, "error": self.errors, "slope": slopes}
+        return pandas.DataFrame({**columns, "seconds": self.seconds})
+
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw error over step, and the fitted line, into logarithmic axes."""
+        from granular.shared.plotting import axes_or_new
+
+        axes = axes_or_new(ax)
         errors = np.array(self.errors)
         shown = np.where(errors > 0.0, errors, np.nan)
         label = self.method if self.fit is None else f"{self.method}, slope {self.fit.value:.3f}"
@@ -184,6 +196,7 @@ class ConvergenceResult:
         axes.set_ylabel("error [m]")
         for line in (axes.xaxis, axes.yaxis):
             line.set_minor_formatter("")  # labels between powers of ten would overlap
+        return axes
 
     def to_plain(self) -> dict[str, Any]:
         """The result as plain data."""

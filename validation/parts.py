@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import platform
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -92,10 +91,10 @@ def measured(
 
 
 def _shown(part: Part, pieces: Sequence[Piece], progress: bool) -> Iterator[Piece]:
-    from tqdm import tqdm
+    from granular.shared.progress import progress_bar
 
-    with tqdm(
-        total=len(pieces), desc=part.name, file=sys.stderr, disable=not progress,
+    with progress_bar(
+        total=len(pieces), desc=part.name, wanted=progress,
         bar_format="{desc} {bar:20} {n_fmt}/{total_fmt} {postfix} [{elapsed}]",
     ) as bar:  # fmt: skip
         for piece in pieces:

@@ -184,10 +184,11 @@ class SourceExperiment:
         )  # fmt: skip
         return table(header, rows)
 
-    def plot(self, axes: Axes) -> None:
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the errors of each form over the step, and those relative to the finest step."""
-        from granular.shared.plotting import COLOURS
+        from granular.shared.plotting import COLOURS, axes_or_new
 
+        axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(one.form for one in self.runs)):
             runs = self.of(form)
             steps = [one.step for one in runs]
@@ -203,11 +204,13 @@ class SourceExperiment:
                 )  # fmt: skip
         axes.set_xlabel("time step [s]")
         axes.set_ylabel("error after 2 s [m]")
+        return axes
 
-    def plot_path(self, axes: Axes) -> None:
+    def plot_path(self, ax: Axes | None = None) -> Axes:
         """Draw the height over time at the finest step, beside free fall."""
-        from granular.shared.plotting import COLOURS, GREY
+        from granular.shared.plotting import COLOURS, GREY, axes_or_new
 
+        axes = axes_or_new(ax)
         run = self.of(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
         axes.plot(time, 1e3 * np.array(run.path), color=COLOURS[0], label=f"step {run.step:g} s")
@@ -218,11 +221,13 @@ class SourceExperiment:
                   zorder=0, label="free fall")  # fmt: skip
         axes.set_xlabel("time [s]")
         axes.set_ylabel("height [mm]")
+        return axes
 
-    def plot_peaks(self, axes: Axes) -> None:
+    def plot_peaks(self, ax: Axes | None = None) -> Axes:
         """Draw how far each peak is from the start's height, at the finest step."""
-        from granular.shared.plotting import COLOURS
+        from granular.shared.plotting import COLOURS, axes_or_new
 
+        axes = axes_or_new(ax)
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
             run = self.of(form)[-1]
             away = np.abs(run.peaks)
@@ -235,6 +240,7 @@ class SourceExperiment:
         axes.set_xlabel("bounce")
         axes.set_ylabel("peak off the start [m]")
         axes.set_xticks(range(1, 1 + len(self.of(PLAIN)[-1].peaks)))
+        return axes
 
     def to_plain(self) -> dict[str, Any]:
         """The experiment as plain data."""

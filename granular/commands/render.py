@@ -7,6 +7,7 @@ from typing import Any
 
 from granular.shared.console import Parser, add_import, add_output, emit
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
 
 WHAT = "draw a still or a movie of a run"
 EXAMPLES = """\
@@ -14,6 +15,7 @@ examples:
   %(prog)s runs/bed -o bed.png --colour force
   %(prog)s runs/bed -o start.svg --frame 0
   %(prog)s runs/bed -o bed.mp4 --colour sides --stage settle --fps 30
+  %(prog)s runs/bed -o slow.mp4 --speed 0.1
 
 colours:
   species       which species a grain is of
@@ -40,7 +42,12 @@ def add_options(one: Parser) -> None:
     )
     one.add_argument("--time", metavar="T", help="take the frame nearest to this time [s]")
     one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
-    one.add_argument("--fps", type=float, metavar="F", help="the movie's frames a second (25)")
+    one.add_argument("--fps", type=float, metavar="F", help="the movie's pictures a second (25)")
+    one.add_argument(
+        "--speed", metavar="X",
+        help="seconds of the run in a second of the movie (1: real time); 'frames' for a picture a "
+        "frame of the run",
+    )  # fmt: skip
     one.add_argument("--force", action="store_true", help="replace the file if it is there")
     add_import(one)
     add_output(one)
@@ -62,10 +69,10 @@ def _render_still(options: Any) -> None:
     from granular.render import save, still
     from granular.scene.units import si_value
 
-    if options.stage is not None or options.fps is not None:
+    if (options.stage, options.fps, options.speed) != (None, None, None):
         raise InputError(
-            "--stage and --fps are for movies (-o bed.mp4); choose a still's frame with --frame or "
-            "--time"
+            "--stage, --fps and --speed are for movies (-o bed.mp4); choose a still's frame with "
+            "--frame or --time"
         )
     if options.frame is not None and options.time is not None:
         raise InputError("--frame and --time name two frames; give one of them")
@@ -86,8 +93,20 @@ def _render_movie(options: Any) -> None:
         options.out,
         colour=options.colour,
         fps=25.0 if options.fps is None else options.fps,
+        speed=_speed(options.speed),
         stage=options.stage,
         overwrite=options.force,
         progress=not options.quiet,
     )
     emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+
+
+def _speed(words: str | None) -> float | None:
+    if words == "frames":
+        return None
+    try:
+        return 1.0 if words is None else float(words)
+    except ValueError:
+        raise InputError(
+            f"--speed {quoted(words)}; give a number such as 0.1, or 'frames'"
+        ) from None

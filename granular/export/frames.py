@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -70,10 +69,10 @@ def bed_frames(
     Grains that have left the cell (their position is NaN) are left out. With ``bar``, a progress
     bar of that name is shown.
     """
-    from tqdm import tqdm
+    from granular.shared.progress import progress_bar
 
     chosen = range(run.dataset.sizes["frame"]) if numbers is None else numbers
-    with tqdm(total=len(chosen), desc=bar, unit="frame", file=sys.stderr, disable=not bar) as shown:
+    with progress_bar(total=len(chosen), desc=bar, unit="frame", wanted=bool(bar)) as shown:
         for start in range(0, len(chosen), BLOCK):
             for frame in _block(run, list(chosen[start : start + BLOCK])):
                 yield frame

@@ -83,6 +83,11 @@ class Method:
         return self.tableau is None and not self.variable
 
     @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind it; see `granular.cite`."""
+        return (self.source,)
+
+    @property
     def force_calls(self) -> int:
         """Evaluations of all forces a step."""
         if self.tableau is not None:
@@ -102,6 +107,12 @@ class Method:
     @property
     def takes_dry_friction(self) -> bool:
         return self.tableau is None and not self.backward and not self.variable
+
+    def __str__(self) -> str:
+        calls = f"{self.force_calls} force{'s' * (self.force_calls != 1)} a step"
+        return ", ".join(
+            [f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source]
+        )
 
     def to_plain(self) -> dict[str, Any]:
         """The table as plain data, which `method_of` takes."""

@@ -10,8 +10,9 @@ from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
+from granular.shared.listing import Listing
 from granular.shared.messages import quoted
-from granular.shared.offered import offered
+from granular.shared.offered import names_offered, offered
 
 GROUP = "granular.methods"
 """Entry points by which an installed distribution offers methods."""
@@ -65,6 +66,12 @@ def method_named(name: str) -> Method:
             f"an installed entry point of the group {GROUP!r}"
         )
     return method if plain == word else compensated(method)
+
+
+def known_methods() -> Listing[Method]:
+    """All methods by their names: built in, of the user's own, and of installed distributions."""
+    names = (*METHODS, *_own, *names_offered(GROUP))
+    return Listing(((name, method_named(name)) for name in dict.fromkeys(names)), str)
 
 
 def compensated(method: Method) -> Method:

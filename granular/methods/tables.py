@@ -15,6 +15,7 @@ import itertools
 import math
 
 from granular.methods.method import Method
+from granular.shared.listing import Listing
 
 
 def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
@@ -131,4 +132,4 @@ _TABLES = (
     ),
 )  # fmt: skip
 
-METHODS = {method.name: method for method in _TABLES}
+METHODS = Listing(((method.name, method) for method in _TABLES), str)

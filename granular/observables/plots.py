@@ -1,6 +1,6 @@
 """Pictures of the observables. Each function draws into the axes given, or into a new figure.
 
-Matplotlib is imported where it is used. Save a picture with ``axes.figure.savefig("file.png")``.
+Matplotlib is imported where it is used. Save a picture with ``ax.figure.savefig("file.png")``.
 """
 
 from __future__ import annotations
@@ -38,18 +38,19 @@ __all__ = [
 ]
 
 _FEWER = "#a0a4a8"
-_MORE = "#d1495b"
+_MORE = "#b5179e"
 
 
-def plot_cells(cells: VoronoiCells, positions: np.ndarray, axes: Axes | None = None) -> Axes:
+def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Interior Voronoi cells in the colours of [D, 4.2.3.4], and the grains' centres.
 
-    Five sides or fewer are grey, hexagons green (the darker, the more regular), seven or more red.
+    Five sides or fewer are grey, hexagons green (the darker, the more regular), seven or more
+    purple: the source has red, which some eyes do not tell from green.
     """
     from matplotlib import colormaps
     from matplotlib.collections import PolyCollection
 
-    axes = axes_or_new(axes, 7.2, 4.2)
+    ax = axes_or_new(ax, 7.2, 4.2)
     polygons = cell_polygons(cells)
     regularity = hexagon_regularity(cells)
     greens = colormaps["Greens"]
@@ -59,165 +60,163 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, axes: Axes | None = N
         else (_FEWER if cells.sides[i] < 6 else _MORE)
         for i in polygons
     ]
-    axes.add_collection(
+    ax.add_collection(
         PolyCollection(
             [1e3 * one for one in polygons.values()],
             facecolors=colours, edgecolors="white", linewidths=0.6,
         )
     )  # fmt: skip
-    axes.plot(*(1e3 * np.asarray(positions)).T, ".", color="#333333", markersize=2.0)
-    return _as_map(axes)
+    ax.plot(*(1e3 * np.asarray(positions)).T, ".", color="#333333", markersize=2.0)
+    return _as_map(ax)
 
 
-def plot_dislocations(found: Dislocations, positions: np.ndarray, axes: Axes | None = None) -> Axes:
+def plot_dislocations(found: Dislocations, positions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Grains, the pentagon and the heptagon of each dislocation, and its Burgers vector."""
-    axes = axes_or_new(axes, 7.2, 4.2)
+    ax = axes_or_new(ax, 7.2, 4.2)
     places = 1e3 * np.asarray(positions)
-    axes.plot(*places.T, ".", color=GREY, markersize=3.0)
+    ax.plot(*places.T, ".", color=GREY, markersize=3.0)
     for column, (colour, marker, label) in enumerate(
         [(COLOURS[0], "p", "five neighbours"), (COLOURS[1], "o", "seven neighbours")]
     ):
         chosen = places[found.pairs[:, column]]
-        axes.plot(*chosen.T, marker, color=colour, markersize=5.0, linestyle="none", label=label)
+        ax.plot(*chosen.T, marker, color=colour, markersize=5.0, linestyle="none", label=label)
     if len(found.pairs):
-        axes.quiver(
+        ax.quiver(
             *(1e3 * found.positions).T, *(1e3 * found.burgers).T,
             angles="xy", scale_units="xy", scale=1.0, width=0.003, color="#333333",
         )  # fmt: skip
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return _as_map(axes)
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    return _as_map(ax)
 
 
-def plot_shares(shares: xarray.Dataset, axes: Axes | None = None) -> Axes:
+def plot_shares(shares: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Shares of pentagons, hexagons, heptagons and others over time [D, Fig. 4.9]."""
-    axes = axes_or_new(axes)
+    ax = axes_or_new(ax)
     time = shares["frame_time"]
     for k, name in enumerate(("pentagons", "hexagons", "heptagons", "others")):
-        axes.plot(time, shares[name], STYLES[k], label=name)
-    axes.set(xlabel="time [s]", ylabel="share of the cells", ylim=(0.0, 1.0))
-    axes.legend()
-    return axes
+        ax.plot(time, shares[name], STYLES[k], label=name)
+    ax.set(xlabel="time [s]", ylabel="share of the cells", ylim=(0.0, 1.0))
+    ax.legend()
+    return ax
 
 
-def plot_series(series: xarray.DataArray, axes: Axes | None = None) -> Axes:
+def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
     """Any observable on ``frame`` or ``time``; one line for each value of a second dimension."""
-    axes = axes_or_new(axes)
+    ax = axes_or_new(ax)
     along = "time" if "time" in series.dims else "frame"
     time = series["time" if along == "time" else "frame_time"]
     others = [dim for dim in series.dims if dim != along]
     if others:
         for k, label in enumerate(series[others[0]].values):
             line = series.isel({others[0]: k})
-            axes.plot(time, line, STYLES[k % len(STYLES)], label=plain_label(label))
-        axes.legend()
+            ax.plot(time, line, STYLES[k % len(STYLES)], label=plain_label(label))
+        ax.legend()
     else:
-        axes.plot(time, series)
-    axes.set(xlabel="time [s]", ylabel=_label(series))
-    return axes
+        ax.plot(time, series)
+    ax.set(xlabel="time [s]", ylabel=_label(series))
+    return ax
 
 
-def plot_hysteresis(run: Trajectory, axes: Axes | None = None) -> Axes:
+def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
     """Piston force over piston height, down and up [D, Fig. 3.4]."""
-    axes = axes_or_new(axes)
+    ax = axes_or_new(ax)
     height, force = 1e3 * run.dataset["piston_height"].values, piston_force(run).values
     moving = np.gradient(height)
     for label, chosen, style in (("down", moving < 0.0, "-"), ("up", moving > 0.0, "--")):
-        axes.plot(
+        ax.plot(
             np.where(chosen, height, np.nan), np.where(chosen, force, np.nan), style, label=label
         )
-    axes.set(xlabel="piston height [mm]", ylabel="piston force [N]")
-    axes.legend()
-    return axes
+    ax.set(xlabel="piston height [mm]", ylabel="piston force [N]")
+    ax.legend()
+    return ax
 
 
-def plot_area_profile(profile: xarray.DataArray, axes: Axes | None = None) -> Axes:
+def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes:
     """Local area fraction by depth below the piston, of one frame or of several [D, Fig. 3.2]."""
-    axes = axes_or_new(axes)
+    ax = axes_or_new(ax)
     frames = profile if "frame" in profile.dims else profile.expand_dims("frame")
     for k in range(frames.sizes["frame"]):
         one = frames.isel(frame=k)
         label = f"{float(one['frame_time']):.3g} s" if "frame_time" in one.coords else None
-        axes.plot(1e3 * one["depth"], one, STYLES[k % len(STYLES)], marker=".", label=label)
-    axes.set(xlabel="depth below the piston [mm]", ylabel="local area fraction")
-    axes.legend(title="time")
-    return axes
+        ax.plot(1e3 * one["depth"], one, STYLES[k % len(STYLES)], marker=".", label=label)
+    ax.set(xlabel="depth below the piston [mm]", ylabel="local area fraction")
+    ax.legend(title="time")
+    return ax
 
 
-def plot_correlation_function(function: xarray.DataArray, axes: Axes | None = None) -> Axes:
+def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None) -> Axes:
     """g(r) or g6(r) of a run, on ``distance``."""
-    axes = axes_or_new(axes)
-    axes.plot(1e3 * function["distance"], function)
-    axes.set(xlabel="distance [mm]", ylabel=_label(function))
-    return axes
+    ax = axes_or_new(ax)
+    ax.plot(1e3 * function["distance"], function)
+    ax.set(xlabel="distance [mm]", ylabel=_label(function))
+    return ax
 
 
-def plot_force_distribution(histograms: dict[str, Histogram], axes: Axes | None = None) -> Axes:
+def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = None) -> Axes:
     """Probability density of the force on the grains, by species [D, Fig. 4.21]."""
-    axes = axes_or_new(axes)
+    ax = axes_or_new(ax)
     for k, (name, one) in enumerate(histograms.items()):
-        axes.stairs(
+        ax.stairs(
             one.density, one.edges, fill=True, alpha=0.35, color=COLOURS[k % len(COLOURS)],
             label=f"{plain_label(name)}: {one.counts.sum()} grains",
         )  # fmt: skip
-    axes.set(xlabel="force on the grain [N]", ylabel="probability density [1/N]")
-    axes.legend()
-    return axes
+    ax.set(xlabel="force on the grain [N]", ylabel="probability density [1/N]")
+    ax.legend()
+    return ax
 
 
-def plot_order_correlation(
-    orders: np.ndarray, shares: np.ndarray, axes: Axes | None = None
-) -> Axes:
+def plot_order_correlation(orders: np.ndarray, shares: np.ndarray, ax: Axes | None = None) -> Axes:
     """Psi6 over the share of hexagons, with the line of best fit [D, Fig. 4.13]."""
-    axes = axes_or_new(axes, 4.2, 3.4)
+    ax = axes_or_new(ax, 4.2, 3.4)
     orders, shares = np.asarray(orders), np.asarray(shares)
     known = np.isfinite(orders) & np.isfinite(shares)
-    axes.plot(shares[known], orders[known], "o", markersize=3.5)
+    ax.plot(shares[known], orders[known], "o", markersize=3.5)
     if np.ptp(shares[known]) > 0.0:
         ends = np.array([shares[known].min(), shares[known].max()])
-        axes.plot(ends, np.polyval(np.polyfit(shares[known], orders[known], 1), ends), "--")
-    axes.set(xlabel="share of hexagons n6", ylabel="Psi6")
-    return axes
+        ax.plot(ends, np.polyval(np.polyfit(shares[known], orders[known], 1), ends), "--")
+    ax.set(xlabel="share of hexagons n6", ylabel="Psi6")
+    return ax
 
 
 def plot_biexponential(
-    fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, axes: Axes | None = None
+    fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: Axes | None = None
 ) -> Axes:
     """The samples and the fitted law [D, Fig. 4.8]."""
-    axes = axes_or_new(axes)
-    axes.plot(x, y, "o", markersize=4.0, label="samples")
+    ax = axes_or_new(ax)
+    ax.plot(x, y, "o", markersize=4.0, label="samples")
     fine = np.linspace(np.min(x), np.max(x), 200)
-    axes.plot(fine, fit.values(fine), label="A exp(l1 x) + B exp(l2 x)")
-    axes.set(xlabel="x", ylabel="y")
-    axes.legend()
-    return axes
+    ax.plot(fine, fit.values(fine), label="A exp(l1 x) + B exp(l2 x)")
+    ax.set(xlabel="x", ylabel="y")
+    ax.legend()
+    return ax
 
 
-def plot_response(responses: list[xarray.Dataset], axes: Axes | None = None) -> Axes:
+def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Axes:
     """Amplitude ratio of each harmonic over the drive's frequency, with errors."""
-    axes = axes_or_new(axes)
+    ax = axes_or_new(ax)
     frequencies = [one.attrs["frequency"] for one in responses]
     for k, harmonic in enumerate(responses[0]["harmonic"].values):
         ratio, error = (
             [float(one[name].sel(harmonic=harmonic)) for one in responses]
             for name in ("ratio", "ratio_error")
         )
-        axes.errorbar(
+        ax.errorbar(
             frequencies, ratio, error, fmt="o" + STYLES[k % len(STYLES)], markersize=4.0,
             capsize=2.0, label=f"harmonic {harmonic}",
         )  # fmt: skip
-    axes.set_yscale("log")
+    ax.set_yscale("log")
     unit = responses[0]["ratio"].attrs["units"]
-    axes.set(xlabel="frequency of the drive [Hz]", ylabel=f"amplitude ratio [{unit}]")
-    axes.legend()
-    return axes
+    ax.set(xlabel="frequency of the drive [Hz]", ylabel=f"amplitude ratio [{unit}]")
+    ax.legend()
+    return ax
 
 
-def _as_map(axes: Axes) -> Axes:
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.grid(visible=False)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]")
-    return axes
+def _as_map(ax: Axes) -> Axes:
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    ax.grid(visible=False)
+    ax.set(xlabel="x [mm]", ylabel="y [mm]")
+    return ax
 
 
 def _label(array: xarray.DataArray) -> str:

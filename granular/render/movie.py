@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from granular.export.frames import bed_frames, opened
+from granular.export.frames import BedFrame, bed_frames, opened
 from granular.render.colourings import colouring
+from granular.render.moments import bed_at, movie_times
 from granular.render.picture import BedPicture, colour_limits, highest
 from granular.render.selection import stage_frames
 from granular.run.trajectory import Trajectory
@@ -28,12 +30,15 @@ def movie(
     *,
     colour: str = "species",
     fps: float = 25.0,
+    speed: float | None = 1.0,
     stage: str | None = None,
     overwrite: bool = False,
     progress: bool = True,
 ) -> Path:
-    """Write a movie with one picture a frame of the run, as MP4 (H.264) or GIF by the path's end.
+    """Write a movie of the run in real time, as MP4 (H.264) or GIF by the path's end.
 
+    Between two frames grains go on the cubic paths that have their places and velocities there; the
+    piston is where it was recorded, and its height over time stands below the bed.
     The scale of the bed and the colours are the same all along; the colours end at the 99th
     percentile of all values. Ctrl-C ends the movie after the picture at hand: the file holds what
     was made until then.
@@ -48,6 +53,9 @@ def movie(
         What the colours show: a name of `granular.render.COLOURINGS`.
     fps : float
         Pictures a second; a GIF plays at most 50.
+    speed : float or None
+        Seconds of the run that a second of the movie shows: 1 is real time, 0.1 ten times slower.
+        None for a picture a frame of the run, with nothing in between.
     stage : str, optional
         Only the frames of this stage.
     overwrite : bool
@@ -60,43 +68,49 @@ def movie(
     Path
         The file.
 
+    Warns
+    -----
+    UserWarning
+        If frames lie so far apart that the paths between them are guesses.
+
     Raises
     ------
     InputError
         If the run cannot be read, has no such stage, the colour or the format is unknown, ``fps``
-        is not possible, the file exists or cannot be written, or the library ``imageio-ffmpeg``
-        that an MP4 needs is missing.
+        or ``speed`` is not possible, the file exists or cannot be written, or the library
+        ``imageio-ffmpeg`` that an MP4 needs is missing.
     KeyboardInterrupt
         After Ctrl-C, when the file is complete.
     """
     colouring(colour)
     path = Path(path)
     write = _writer(path, fps)
+    if speed is not None and not 0.0 < speed < math.inf:
+        raise InputError(
+            f"speed {speed:g} is not above 0; give 1 for real time, or None for a picture a frame"
+        )
     run = opened(run)
     numbers = stage_frames(run, stage)
     check_target(path, overwrite)
+    times = run.dataset["frame_time"].values[numbers]
+    if speed is not None:
+        times = movie_times(times, speed, fps)
     top = highest(run, bed_frames(run, numbers))
     limits = colour_limits(run, colour, bed_frames(run, numbers))
-    picture = BedPicture(run, colour, limits, top)
+    picture = BedPicture(run, colour, limits, top, (float(times[0]), float(times[-1])))
+    bar = path.name if progress else None
+    beds = bed_frames(run, numbers, bar) if speed is None else bed_at(run, numbers, times, bar)
     with replacing(path, overwrite) as part, deferred_stop() as stop:
-        made = write(
-            part, _images(run, picture, numbers, path.name if progress else None, stop), fps
-        )
-    if made < len(numbers):
-        warnings.warn(f"{path} holds the {made} pictures of {len(numbers)} made", stacklevel=2)
+        made = write(part, _images(picture, beds, stop), fps)
+    if made < len(times):
+        warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)
         raise stop.error()
     return path
 
 
-def _images(
-    run: Trajectory,
-    picture: BedPicture,
-    numbers: Sequence[int],
-    bar: str | None,
-    stop: Stop,
-) -> Iterator[np.ndarray]:
+def _images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:
     """The pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
-    for frame in bed_frames(run, numbers, bar):
+    for frame in beds:
         picture.show(frame)
         yield picture.pixels()
         if stop.asked:

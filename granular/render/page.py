@@ -27,10 +27,15 @@ def wall_thickness(scene: Scene) -> float:
     return 0.018 * 1e3 * scene.cell.width
 
 
-def new_page(scene: Scene, top: float) -> tuple[Figure, Axes, Axes]:
+CURVE = 1.5
+"""Height of what stands below the bed in a movie, with its labels [inch]."""
+
+
+def new_page(scene: Scene, top: float, below: float = 0.0) -> tuple[Figure, Axes, Axes]:
     """A figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes beside it.
 
-    Its width and height are even numbers of pixels at 120 an inch, as movies want them.
+    ``below`` is left free under the bed [inch]. The figure's width and height are even
+    numbers of pixels at 120 an inch, as movies want them.
     """
     from matplotlib.figure import Figure
 
@@ -39,10 +44,11 @@ def new_page(scene: Scene, top: float) -> tuple[Figure, Axes, Axes]:
     inch = min(WIDEST / width, TALLEST / height)
     size = [
         2.0 * round((start + length * inch + end) * DPI / 2.0) / DPI
-        for start, length, end in ((LEFT, width, RIGHT), (BOTTOM, height, TOP))
+        for start, length, end in ((LEFT, width, RIGHT), (BOTTOM + below, height, TOP))
     ]
     figure = Figure(figsize=(size[0], size[1]), dpi=DPI, facecolor="white")
-    bed = (LEFT / size[0], BOTTOM / size[1], width * inch / size[0], height * inch / size[1])
+    low = (BOTTOM + below) / size[1]
+    bed = (LEFT / size[0], low, width * inch / size[0], height * inch / size[1])
     axes = figure.add_axes(bed)
     axes.set_xlim(-edge, width - edge)
     axes.set_ylim(-edge, height - edge)
@@ -53,6 +59,13 @@ def new_page(scene: Scene, top: float) -> tuple[Figure, Axes, Axes]:
     axes.tick_params(length=2.5, width=0.6, color=WALL)
     side = figure.add_axes((bed[0] + bed[2] + 0.15 / size[0], bed[1], 1.5 / size[0], bed[3]))
     return figure, axes, side
+
+
+def axes_below(figure: Figure, bed: Axes) -> Axes:
+    """Axes in the room that a page has left free below the bed."""
+    place = bed.get_position()
+    tall = figure.get_figheight()
+    return figure.add_axes((place.x0, BOTTOM / tall, place.width, (CURVE - 0.55) / tall))
 
 
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from granular.export.frames import BedFrame
 from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import View, classes, colouring
-from granular.render.page import INK, draw_walls, new_page, wall_thickness
+from granular.render.curve import PistonCurve
+from granular.render.page import CURVE, INK, axes_below, draw_walls, new_page, wall_thickness
 from granular.run.trajectory import Trajectory
 from granular.shared.plotting import plain_label
 
@@ -28,13 +29,20 @@ ENDS = (1.0, 99.0)
 class BedPicture:
     """A figure of the bed, for one frame after the other.
 
+    With a span of time [s] it has the piston's height over it below the bed.
+
     Attributes
     ----------
     figure : matplotlib Figure
     """
 
     def __init__(
-        self, run: Trajectory, colour: str, limits: tuple[float, float], top: float
+        self,
+        run: Trajectory,
+        colour: str,
+        limits: tuple[float, float],
+        top: float,
+        span: tuple[float, float] | None = None,
     ) -> None:
         import matplotlib as mpl
 
@@ -45,7 +53,11 @@ class BedPicture:
         self._times = run.dataset["time"].values
         self._forces = run.dataset["piston_force"].values if "piston_force" in run.dataset else None
         with mpl.rc_context({"font.size": 9.0, "font.family": "DejaVu Sans"}):
-            self.figure, self._axes, side = new_page(run.scene, top)
+            curve = span is not None and "piston_height" in run.dataset
+            self.figure, self._axes, side = new_page(run.scene, top, CURVE if curve else 0.0)
+            self._curve = None
+            if span is not None and curve:
+                self._curve = PistonCurve(run, *span, axes_below(self.figure, self._axes))
             draw_walls(self._axes, run.scene, top)
             self._draw_moving_parts()
             if self._classes:
@@ -139,6 +151,8 @@ class BedPicture:
         self._where.set_text(self._state(frame))
         if frame.height is not None:
             self._piston.set_y(1e3 * frame.height)
+        if self._curve is not None:
+            self._curve.show(frame.time)
 
     def pixels(self) -> np.ndarray:
         """The picture as bytes (height, width, 3)."""

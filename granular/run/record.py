@@ -19,6 +19,7 @@ from granular.shared.files import replacing
 from granular.shared.messages import quoted, visible
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.axes import Axes
 
     from granular.readers.meaning import Meaning
@@ -110,6 +111,14 @@ class PistonRecord:
             f"{'angle' if self.angle else 'height'} from {least} to {greatest} {unit}"
             + (f"; also {others}" if others else "")
         )
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """All columns as a table of pandas; units of its own ones in ``attrs``."""
+        import pandas
+
+        table = pandas.DataFrame(self.columns)
+        table.attrs["units"] = self.units
+        return table
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the height [mm], or the angle [rad], over time."""

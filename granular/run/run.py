@@ -281,7 +281,8 @@ class Run(Standing):
         if wrong is not None:
             seconds = self.system.scales.time
             moment = float(rows[wrong[0], columns.TIME]) * seconds
-            raise unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self.shorter)
+            found = unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self.shorter)
+            raise found.blaming(self.blame)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at

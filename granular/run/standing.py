@@ -10,7 +10,7 @@ from granular.engine import columns
 from granular.engine.checkpoint import Progress
 from granular.engine.failures import misplaced
 from granular.engine.ledger import Ledger
-from granular.engine.loop import TURNED, look
+from granular.engine.loop import STIFFEST, TURNED, look
 from granular.engine.state import Measurement, State, new_measurement, new_state
 from granular.engine.step import plan_of
 from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
@@ -147,6 +147,14 @@ class Standing:
             return f"shorten dt (for instance {multiple(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
+    @property
+    def blame(self) -> str:
+        """That a step given in seconds is too long for the stiffest mode; nothing if it is not."""
+        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.pace.h / math.tau
+        if self.step.seconds is None or not swings * math.tau > 1.0:
+            return ""
+        return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
+
     def look(self, remedy: str) -> np.ndarray:
         """Forces and a record of the present moment."""
         moved = self.progress.start, self.plan, self.state, self.constants, self.motion
@@ -158,6 +166,7 @@ class Standing:
 
     def misplaced(self, remedy: str) -> RunError:
         scales = self.system.scales
-        return misplaced(
+        found = misplaced(
             self.state, self.constants, scales, self.steps, self.time * scales.time, remedy
         )
+        return found.blaming(self.blame)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+    from granular.shared.live import LivePage
+
 
 @dataclasses.dataclass(frozen=True)
 class StageResult:
@@ -89,6 +91,16 @@ class Trajectory:
 
         return preformatted(repr(self)) + self.dataset._repr_html_()
 
+    def _repr_latex_(self) -> str:
+        from granular.shared.latex import text
+
+        return text(repr(self))
+
+    @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind scene and method; see `granular.cite`."""
+        return (*self.scene.literature, *self.method.literature)
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the piston's height over time; without a piston the kinetic energy of the grains."""
         from granular.shared.plotting import axes_or_new
@@ -101,6 +113,20 @@ class Trajectory:
             ax.axvline(one.start, color="0.6", linewidth=0.8, linestyle=":")
         ax.set(xlabel="time [s]", ylabel=f"{name.replace('_', ' ')} [{unit}]")
         return ax
+
+    def view(self) -> LivePage:
+        """The bed, the piston's curve and its phase plane in motion, as a page for a notebook.
+
+        ``run.view().save("view.html")`` writes it for a browser; it needs nothing else.
+
+        Raises
+        ------
+        InputError
+            If the run has no frames.
+        """
+        from granular.run.view import view_of
+
+        return view_of(self.scene, self.dataset, [(one.name, one.start) for one in self.stages])
 
     def stage(self, name: str) -> StageResult:
         """The result of a stage by its name.

@@ -13,14 +13,21 @@ REST_TOLERANCE = 1e-4
 """Rest where the stage gives no tolerance [D], [D/tau]."""
 
 
+def rest_limit(run: Standing) -> float:
+    """What moves less is at rest [D], [D/tau]; negative where the stage does not end so."""
+    stage = run.stage
+    if not isinstance(stage, Timed) or stage.until != "rest":
+        return -1.0
+    if stage.tolerance is None:
+        return REST_TOLERANCE
+    return stage.tolerance / run.system.scales.length
+
+
 def watch_of(run: Standing) -> Watch:
     """For the present stage of a run."""
     stage, pace, scales = run.stage, run.pace, run.system.scales
-    rest, window = -1.0, 0
-    if isinstance(stage, Timed) and stage.until == "rest":
-        rest = REST_TOLERANCE
-        if stage.tolerance is not None:
-            rest = stage.tolerance / scales.length
+    rest, window = rest_limit(run), 0
+    if isinstance(stage, Timed) and rest >= 0.0:
         window = math.ceil(min(stage.window / scales.time / pace.length, MOST_COUNT))
     stiff = run.step.stiff if run.plan.fraction is None else math.inf
     assert run.ledger is not None

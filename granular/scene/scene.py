@@ -18,6 +18,7 @@ from granular.scene.arrangement import Arrangement, initial_motion
 from granular.scene.parts import Cell, Grains, Output, Piston
 from granular.scene.schema import FieldError, Many, One, Section, declare, one, text, unknown
 from granular.scene.units import si_value
+from granular.shared.citing import words_of_module
 from granular.shared.errors import SceneError
 from granular.shared.files import write_text
 from granular.shared.messages import quoted
@@ -126,6 +127,12 @@ class Scene(Section):
     arrangement: Arrangement = one(Arrangement, default=Arrangement())
     protocol: tuple[Stage, ...] = declare(Many(kinds=KINDS), default=())
     output: Output = one(Output, default=Output())
+
+    @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind its effects; see `granular.cite`."""
+        parts = [one for effect in self.effects.all for one in (effect, *effect.parts)]
+        return tuple(words_of_module(type(one)) for one in parts)
 
     def validate(self) -> None:
         self._check_piston()
@@ -255,10 +262,31 @@ class Scene(Section):
         """A scene from plain data; the unit D means the diameter of the first species."""
         return super().from_plain(plain, diameter or _first_diameter(plain))
 
+    def __repr__(self) -> str:
+        grains = " + ".join(
+            f"{count} of {1e3 * one.diameter:.6g} mm"
+            for one, count in zip(self.grains.species, self.grains.counts(), strict=True)
+        )
+        piston = ""
+        if self.piston is not None:
+            mass = "" if self.piston.mass is None else f", {self.piston.mass:.6g} kg"
+            piston = f", piston at {1e3 * self.piston.height:.6g} mm{mass}"
+        effects = ", ".join(one.key for one in self.effects.all)
+        return (
+            f"Scene {self.name!r}: {grains}, cell {1e3 * self.cell.width:.6g} mm wide{piston}\n"
+            f"  effects: {effects or 'none'}\n"
+            f"  stages: {', '.join(stage.name for stage in self.protocol)}"
+        )
+
     def _repr_html_(self) -> str:
         from granular.shared.html import preformatted
 
         return preformatted(self.to_toml())
+
+    def _repr_latex_(self) -> str:
+        from granular.shared.latex import text
+
+        return text(repr(self))
 
     def to_toml(self) -> str:
         """The scene as a TOML file's text; `load_scene` reads an equal scene from it."""

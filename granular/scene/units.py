@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from decimal import Decimal
 
 from granular.shared.errors import SceneError
 from granular.shared.messages import quoted, visible
@@ -135,6 +136,7 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
         raise SceneError(
             f"{quoted(text)} has the unit {visible(written)}; a quantity in {unit} is wanted"
         )
-    # Dividing by an exact power of ten keeps "5 mm" equal to 0.005 to the last bit.
-    inverse = round(1.0 / size) if size < 1.0 else 0
-    return number / inverse if inverse and 1.0 / inverse == size else number * size
+    if not 0.0 < abs(number) < math.inf:
+        return number
+    # By decimal numbers "0.2 D" of 6 mm is 0.0012 m, and not 0.0012000000000000001 m.
+    return float(Decimal(match[1]) * Decimal(repr(size)))

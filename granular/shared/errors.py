@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 from granular.shared.messages import one_line
 
@@ -91,6 +91,10 @@ class RunError(GranularError, RuntimeError):
         self.trajectory: object = None
         where = f"step {step}, t = {time:.9g} s" + ("" if grain is None else f", grain {grain}")
         super().__init__(f"{where}: {cause}; {remedy}")
+
+    def blaming(self, words: str) -> Self:
+        """The same error, with what is to blame before its cause."""
+        return type(self)(words + self.cause, **self._facts())
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuilt, (type(self), self.cause, self._facts())

@@ -55,6 +55,20 @@ def preformatted(words: object) -> str:
     return f"<pre>{_escaped(words)}</pre>"
 
 
+def paragraph(words: object) -> str:
+    """A text of one paragraph as HTML."""
+    return f"<p>{_escaped(words)}</p>"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table as HTML."""
+    head = "".join(f"<th>{_escaped(cell)}</th>" for cell in header)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
 class Page:
     """An HTML page that grows from top to bottom."""
 
@@ -68,7 +82,7 @@ class Page:
         self._parts.append(f"<h2>{_escaped(title)}</h2>")
 
     def text(self, words: str) -> None:
-        self._parts.append(f"<p>{_escaped(words)}</p>")
+        self._parts.append(paragraph(words))
 
     def note(self, words: str) -> None:
         """A paragraph that must not be overlooked."""
@@ -87,12 +101,7 @@ class Page:
         self._parts.append(f'<div class="equation">{mathml}</div>')
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        head = "".join(f"<th>{_escaped(cell)}</th>" for cell in header)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
-        )
-        table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-        self._parts.append(f'<div class="scroll">{table}</div>')
+        self._parts.append(f'<div class="scroll">{table(header, rows)}</div>')
 
     def figure(self, drawing: Figure, caption: str) -> None:
         """A matplotlib figure, as lines that stay sharp at any size."""

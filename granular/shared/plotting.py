@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from granular.scene.scene import Scene
 
-COLOURS = ("#20639b", "#d1495b", "#3a7d44", "#b8860b", "#6a4c93", "#2a9d8f", "#8d5524", "#555555")
-"""Line colours, told apart also with colour-blind eyes when the line styles differ too."""
+COLOURS = ("#20639b", "#c94c54", "#75a97e", "#b88407", "#8778d0", "#289d8e", "#855020", "#54585e")
+"""Line colours, told apart by colour-blind eyes of all three kinds too."""
 READABLE = 13.5
 """Size of letters [pt] that can be read on a phone, where a figure is half as wide."""
 STYLES = ("-", "--", "-.", ":")

@@ -279,9 +279,11 @@ class _Bar:
     def __init__(self, title: str, total: int, reused: int, wanted: bool) -> None:
         self._failed, self._bar = 0, None
         if wanted:
-            from tqdm import tqdm
+            from granular.shared.progress import progress_bar
 
-            self._bar = tqdm(total=total, initial=reused, desc=title, unit="case", smoothing=0.1)
+            self._bar = progress_bar(
+                total=total, initial=reused, desc=title, unit="case", smoothing=0.1
+            )
 
     def __enter__(self) -> _Bar:
         return self

@@ -23,6 +23,8 @@ from reduced_models.designs.study import COMMITTED
 if TYPE_CHECKING:
     import pandas
 
+    from granular.shared.live import LivePage
+
 COLUMNS = ("mass", "grains", "drag", "small_share")
 LOGARITHMIC = ("rest_height", "frequency", "damping_ratio")
 PLAIN = ("quadratic", "cubic")
@@ -146,6 +148,17 @@ class DamperMaps:
     def at(self, name: str, place: np.ndarray) -> float:
         """A map at a place (4,); the logarithm of the first three figures."""
         return float(_terms(place, DEGREES[name]) @ self.surfaces[name].coefficients)
+
+    def view(self) -> LivePage:
+        """The maps under sliders, as a page for a notebook; ``.save`` writes it for a browser."""
+        from reduced_models.designs.view import Terms, view_of
+
+        return view_of(
+            {
+                name: Terms(one.coefficients, _powers(DEGREES[name]), one.error)
+                for name, one in self.surfaces.items()
+            }
+        )
 
 
 @functools.cache

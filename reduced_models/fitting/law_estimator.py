@@ -1,22 +1,27 @@
 """A law as an estimator in the manner of scikit-learn: fit, predict, score.
 
-It follows scikit-learn's conventions (``get_params``, ``set_params``, attributes that end in an
-underscore) and does not need that library.
+It works in that library's searches and pipelines, and does not need it: only a search asks for
+`LawEstimator.__sklearn_tags__`, and has the library then.
 """
 
 from __future__ import annotations
 
-from typing import Any, Self
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from granular.run.record import PistonRecord
+from granular.scene.schema import unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
 from reduced_models.fitting.fitting import fit
-from reduced_models.fitting.options import STARTS
+from reduced_models.fitting.options import HOLDOUT, STARTS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
+
+if TYPE_CHECKING:
+    from sklearn.utils import Tags
 
 
 class LawEstimator:
@@ -28,22 +33,37 @@ class LawEstimator:
         As for `fit`.
     starts : int
         Random starts.
+    holdout : float
+        As for `fit`; 0 in a search, which holds out by itself.
 
     Attributes
     ----------
     model_ : ReducedModel
         After `fit`.
+    n_features_in_ : int
+        1, the time.
     """
 
     model_: ReducedModel
+    n_features_in_: int
 
-    def __init__(self, law: str | Law = "van-der-pol-like", starts: int = STARTS) -> None:
+    def __init__(
+        self,
+        law: str | Law = "van-der-pol-like",
+        starts: int = STARTS,
+        holdout: float = HOLDOUT,
+    ) -> None:
         self.law = law
         self.starts = starts
+        self.holdout = holdout
+
+    def __repr__(self) -> str:
+        given = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
+        return f"LawEstimator({given})"
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """What the estimator was made with."""
-        return {"law": self.law, "starts": self.starts}
+        return {"law": self.law, "starts": self.starts, "holdout": self.holdout}
 
     def set_params(self, **parameters: Any) -> Self:
         """Change what it was made with.
@@ -55,39 +75,130 @@ class LawEstimator:
         """
         for name, value in parameters.items():
             if name not in self.get_params():
-                raise InputError(
-                    f"there is no parameter {quoted(name)}; there are 'law' and 'starts'"
-                )
+                raise InputError(unknown(name, tuple(self.get_params()), "parameter"))
             setattr(self, name, value)
         return self
 
-    def fit(self, times: np.ndarray, heights: np.ndarray) -> Self:
-        """Fit to heights (n,) [m] at times (n,) or (n, 1) [s]."""
-        self.model_ = fit(PistonRecord(_flat(times), heights), self.law, starts=self.starts)
-        self._start = float(_flat(times)[0])
+    def fit(self, X: Any, y: Any) -> Self:
+        """Fit to heights y (n,) [m] at times X (n,) or (n, 1) [s], in any order.
+
+        Raises
+        ------
+        InputError
+            If they make no record (two heights at one time, a value that is not finite), or the law
+            cannot be fitted to it.
+        """
+        times, heights = _times(X), _heights(y)
+        if len(times) != len(heights):
+            raise InputError(f"{len(times)} times for {len(heights)} heights; give one for each")
+        order = np.argsort(times, kind="stable")
+        record = PistonRecord(times[order], heights[order])
+        self.model_ = fit(record, self.law, starts=self.starts, holdout=self.holdout)
+        self.n_features_in_ = 1
+        self._start = float(record.time[0])
         return self
 
-    def predict(self, times: np.ndarray) -> np.ndarray:
-        """Heights (n,) [m] at times (n,) or (n, 1) [s] from the start of the fitted record on."""
+    def predict(self, X: Any) -> np.ndarray:
+        """Heights (n,) [m] at times X (n,) or (n, 1) [s] from the start of the fitted record on.
+
+        Raises
+        ------
+        InputError
+            Before a fit (for scikit-learn it is a NotFittedError too), for times before the record,
+            or where the motion blows up.
+        """
         if not hasattr(self, "model_"):
-            raise InputError("the estimator has seen no data; call fit first")
-        wanted = _flat(times)
-        if not len(wanted) or wanted.min() < self._start:
+            raise _not_fitted("the estimator has seen no data; call fit first")
+        wanted = _times(X)
+        if not len(wanted):
+            raise InputError("there are no times; give at least one")
+        if wanted.min() < self._start:
             raise InputError(
                 f"predict starts where the fitted record does, at {self._start:g} s; give times "
-                "from there on"
+                "from there on: TimeSeriesSplit makes such folds"
             )
         grid = np.unique(np.concatenate([[self._start], wanted]))
-        if len(grid) < 2:
+        if len(grid) == 1:
             return np.full(len(wanted), self.model_.initial[0])
         return self.model_.simulate(grid).height[np.searchsorted(grid, wanted)]
 
-    def score(self, times: np.ndarray, heights: np.ndarray) -> float:
-        """Coefficient of determination R^2 of the prediction."""
-        wanted = np.asarray(heights, dtype=np.float64)
-        left = ((wanted - self.predict(times)) ** 2).sum()
-        return float(1.0 - left / ((wanted - wanted.mean()) ** 2).sum())
+    def score(self, X: Any, y: Any) -> float:
+        """Coefficient of determination R^2 of the prediction; 0 where the heights are all one."""
+        wanted = _heights(y)
+        left = ((wanted - self.predict(X)) ** 2).sum()
+        spread = ((wanted - wanted.mean()) ** 2).sum()
+        return float(1.0 - left / spread) if spread > 0.0 else 0.0
+
+    def __sklearn_tags__(self) -> Tags:
+        """What scikit-learn asks of an estimator: here a regressor of one column, the time."""
+        from sklearn.utils import InputTags, RegressorTags, Tags, TargetTags
+
+        return Tags(
+            estimator_type="regressor",
+            target_tags=TargetTags(required=True),
+            regressor_tags=RegressorTags(poor_score=True),  # on tables that are no motion in time
+            input_tags=InputTags(one_d_array=True),
+        )
 
 
-def _flat(times: np.ndarray) -> np.ndarray:
-    return np.asarray(times, dtype=np.float64).reshape(len(times))
+def _times(given: Any) -> np.ndarray:
+    """Times (n,) of a column or a vector."""
+    array = _real(given, "the times X")
+    if array.ndim == 2 and array.shape[1] == 0:
+        raise InputError(
+            f"0 feature(s) (shape={array.shape}) while a minimum of 1 is required: the time"
+        )
+    if array.ndim == 2 and array.shape[1] != 1:
+        raise InputError(
+            f"X has {array.shape[1]} features, but LawEstimator is expecting 1 features as input: "
+            "the time"
+        )
+    if array.ndim not in (1, 2):
+        raise InputError(f"the times X have the shape {array.shape}; give (n,) or (n, 1)")
+    return array.reshape(len(array))
+
+
+def _heights(given: Any) -> np.ndarray:
+    """Heights (n,) of a vector, or with a warning of a column."""
+    if given is None:
+        raise InputError(
+            "LawEstimator requires y to be passed, but the target y is None; give the heights [m]"
+        )
+    array = _real(given, "the heights y")
+    if array.ndim == 2 and array.shape[1] == 1:
+        words = "A column-vector y was passed when a 1d array was expected; it is flattened"
+        warnings.warn(words, _of_sklearn("DataConversionWarning", UserWarning), stacklevel=3)
+        return array[:, 0]
+    if array.ndim != 1:
+        raise InputError(f"the heights y have the shape {array.shape}; give (n,)")
+    return array
+
+
+def _real(given: Any, name: str) -> np.ndarray:
+    """An array of real numbers."""
+    if hasattr(given, "tocsr"):
+        raise InputError(f"{name} are a sparse matrix; give a dense array, as by .toarray()")
+    array = np.asarray(given)
+    if np.iscomplexobj(array):
+        raise InputError(f"Complex data not supported: {name} are complex; give real numbers")
+    try:
+        array = array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} hold something that is no number ({error})") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} hold NaN or inf; give finite numbers")
+    return array
+
+
+def _not_fitted(message: str) -> InputError:
+    """An error that scikit-learn, where it is loaded, takes for its NotFittedError too."""
+    kind = _of_sklearn("NotFittedError", InputError)
+    return (
+        kind(message) if kind is InputError else type("NotFitted", (InputError, kind), {})(message)
+    )
+
+
+def _of_sklearn(name: str, otherwise: type[Any]) -> type[Any]:
+    """A class of scikit-learn's exceptions, where that is loaded."""
+    found: type[Any] = getattr(sys.modules.get("sklearn.exceptions"), name, otherwise)
+    return found

@@ -12,7 +12,8 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.models.roll_out import RollOut
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import pandas
+    from matplotlib.axes import Axes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ class Row:
         }
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """Laws on the same data, the best first.
 
@@ -150,32 +151,68 @@ class Comparison:
             "rows": [row.to_plain() for row in self.rows],
         }
 
-    def plot(self) -> Figure:
-        """Held-out errors of the laws, beside the noise and a piston at rest."""
-        from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label
+    def __repr__(self) -> str:
+        names = ", ".join(row.name for row in self.rows)
+        return f"Comparison of {len(self.rows)} laws, the best first: {names}\n  {self.verdict}"
+
+    def _repr_html_(self) -> str:
+        from granular.shared import html
+
+        return html.table(self.header, self._filled()) + html.paragraph(self.verdict)
+
+    def _repr_latex_(self) -> str:
+        from granular.shared.latex import array
+
+        return array(self._filled(), self.header)
+
+    def _filled(self) -> list[tuple[str, ...]]:
+        width = len(self.header)
+        return [(*row, *[""] * (width - len(row))) for row in self.cells()]
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A law a row, errors in rms swings; columns as in `Row`, ``record 1`` ... held out."""
+        import pandas
+
+        rows = [
+            {
+                "law": row.name, "parameters": row.parameters, "error": row.error,
+                "held-out stretch": pooled(row.stretches) if row.stretches else math.nan,
+                **{f"record {k + 1}": one.relative for k, one in enumerate(row.records)},
+                "AIC": row.aic, "BIC": row.bic, "blow-ups": row.blow_ups, "failure": row.failure,
+            }
+            for row in self.rows
+        ]  # fmt: skip
+        return pandas.DataFrame(rows)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the held-out errors of the laws, beside the noise and a piston at rest."""
+        from granular.shared.plotting import COLOURS, GREY, axes_or_new, plain_label
 
         sound = [row for row in self.rows if not row.failure][::-1]
-        with figure(height=1.8 + 0.45 * len(sound), size=READABLE) as (drawing, axes):
-            greatest = max(
-                [self.at_rest, *(row.error for row in sound if math.isfinite(row.error))]
-            )
-            names = [row.name if len(row.name) < 30 else f"{row.name[:29]}…" for row in sound]
-            values = [min(100.0 * row.error, 1e3 * greatest) for row in sound]
-            # By place, since names that are cut may be alike.
-            axes.barh(range(len(sound)), values, color=COLOURS[0])
-            axes.set_yticks(range(len(sound)), [plain_label(name) for name in names])
-            for level, words, style in (
-                (self.at_rest, "a piston at rest", "--"),
-                (self.noise, "noise", ":"),
-            ):
-                if level > 1e-3 * min(row.error for row in sound):
-                    axes.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter("{x:g}")  # powers would be too small on a phone
-            axes.set_xlabel("held-out error [% of the rms swing]")
-            axes.grid(visible=False, axis="y")
-            drawing.legend(loc="outside upper right", ncols=2)
-            return drawing
+        ax = axes_or_new(ax, height=self.drawing_height)
+        greatest = max([self.at_rest, *(row.error for row in sound if math.isfinite(row.error))])
+        names = [row.name if len(row.name) < 30 else f"{row.name[:29]}…" for row in sound]
+        values = [min(100.0 * row.error, 1e3 * greatest) for row in sound]
+        # By place, since names that are cut may be alike.
+        ax.barh(range(len(sound)), values, color=COLOURS[0])
+        ax.set_yticks(range(len(sound)), [plain_label(name) for name in names])
+        for level, words, style in (
+            (self.at_rest, "a piston at rest", "--"),
+            (self.noise, "noise", ":"),
+        ):
+            if level > 1e-3 * min(row.error for row in sound):
+                ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
+        ax.set_xscale("log")
+        ax.xaxis.set_major_formatter("{x:g}")  # powers would be too small on a phone
+        ax.set_xlabel("held-out error [% of the rms swing]")
+        ax.grid(visible=False, axis="y")
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        return ax
+
+    @property
+    def drawing_height(self) -> float:
+        """Height of a drawing with a bar for each law [inch]."""
+        return 1.8 + 0.45 * sum(not row.failure for row in self.rows)
 
 
 def pooled(errors: Sequence[float]) -> float:

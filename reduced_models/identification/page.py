@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 
 from granular.shared.html import Page, number
+from granular.shared.plotting import READABLE, figure
 from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.data import IdentificationData
@@ -76,7 +77,9 @@ def _table(page: Page, table: Comparison) -> None:
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, of the fits to whole records, count "
         "from the least."
     )
-    page.figure(table.plot(), "Held-out errors of the laws.")
+    with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
+        table.plot(axes)
+        page.figure(drawing, "Held-out errors of the laws.")
 
 
 def _left_out(page: Page, found: IdentificationData) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
+from granular.shared.listing import Listing
 from reduced_models.laws.bouc_wen import BOUC_WEN
 from reduced_models.laws.coulomb import COULOMB
 from reduced_models.laws.duffing import DUFFING
+from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 from reduced_models.laws.linear import LINEAR
 from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
@@ -15,20 +17,20 @@ from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG
 from reduced_models.laws.van_der_pol import VAN_DER_POL
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
-LAWS = {
-    law.name: law
-    for law in (
-        LINEAR,
-        VAN_DER_POL_LIKE,
-        VAN_DER_POL,
-        DUFFING,
-        POLYNOMIAL_SPRING,
-        POWER_LAW_SPRING,
-        QUADRATIC_DRAG,
-        COULOMB,
-        BOUC_WEN,
-    )
-}
+_ALL = (
+    LINEAR,
+    VAN_DER_POL_LIKE,
+    VAN_DER_POL,
+    DUFFING,
+    POLYNOMIAL_SPRING,
+    POWER_LAW_SPRING,
+    QUADRATIC_DRAG,
+    COULOMB,
+    BOUC_WEN,
+    ELASTOPLASTIC_BED,
+)
+
+LAWS = Listing(((law.name, law) for law in _ALL), lambda law: law.equation)
 
 
 def law_named(name: str) -> Law:

@@ -74,6 +74,11 @@ class Law:
                 object.__setattr__(self, "inputs", (*self.inputs, TIME))
 
     @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind it; see `granular.cite`."""
+        return (self.source,)
+
+    @property
     def parsed(self) -> Parsed:
         """The equation taken apart."""
         return parse(self.equation, self.inputs)

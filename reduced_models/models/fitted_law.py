@@ -102,6 +102,11 @@ class FittedLaw:
         return self.map.text(digits, self.coordinate, self.unit)
 
     @property
+    def literature(self) -> tuple[str, ...]:
+        """Texts that name the papers behind its law; see `granular.cite`."""
+        return self.law.literature
+
+    @property
     def equation(self) -> sympy.Eq:
         """The law in z(t), with symbols for the parameters."""
         return self.law.sympy_equation()

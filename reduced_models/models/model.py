@@ -25,7 +25,7 @@ from reduced_models.models.schema import FORMAT, checked, read_model
 from reduced_models.records.inputs import Interpolation
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 _MARGIN = 0.05  # of the range of heights seen
 _COLLOCATION = {
@@ -35,7 +35,7 @@ _COLLOCATION = {
 }
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class ReducedModel(FittedLaw):
     """A law with parameters.
 
@@ -145,9 +145,52 @@ class ReducedModel(FittedLaw):
             return dataclasses.replace(self, initial=other)
         return dataclasses.replace(self, hidden={**self.hidden, name: value})
 
-    def plot(self, record: PistonRecord) -> Figure:
-        """A record that the model was fitted to, the model's motion, and what is left over."""
-        return prediction.plot(self, record)
+    def plot(self, record: PistonRecord | None = None, ax: Axes | None = None) -> Axes:
+        """Draw the model's motion over a record that it was fitted to.
+
+        Without a record: how it swings from the farthest height that it has seen. In a figure of
+        its own what is left over of the record stands below.
+
+        Raises
+        ------
+        InputError
+            As `follow`, or `decay` without a record.
+        """
+        from granular.shared.plotting import axes_or_new
+
+        if record is None:
+            return prediction.plot(self, self._farthest_decay(), None, axes_or_new(ax))
+        motion = self.follow(record)
+        found = prediction.plot(self, motion, record, axes_or_new(ax, height=4.2))
+        if ax is None:
+            prediction.plot_left_over(motion, record, found)
+        return found
+
+    def _farthest_decay(self) -> PistonRecord:
+        if self.at_rest is None:
+            return self.decay(0.0)  # which says why there is none
+        ends = [end - self.at_rest.height for end in self.domain.get("height", self.initial[:1])]
+        return self.decay(max(ends, key=abs))
+
+    def __repr__(self) -> str:
+        values = ", ".join(
+            f"{name} = {value:.{max(5, self.printed_digits)}g} {self.unit_of(name)}".rstrip()
+            for name, value in self.parameters.items()
+        )
+        return (
+            f"ReducedModel {self.law.name!r}: {self.law.equation}\n"
+            f"  {values}\n"
+            f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
+        )
+
+    def _repr_html_(self) -> str:
+        from granular.shared.html import preformatted
+        from reduced_models.laws.printing import mathml
+
+        return f"{mathml(self.printed_equation)}{preformatted(self)}"
+
+    def _repr_latex_(self) -> str:
+        return f"$${self.fitted_latex}$$"
 
     def score(self, record: PistonRecord) -> float:
         """Coefficient of determination R^2 of a prediction from the record's first period.

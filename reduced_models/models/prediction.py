@@ -13,7 +13,7 @@ from granular.shared.errors import InputError
 from reduced_models.models.fitted_law import FittedLaw
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 M = TypeVar("M", bound=FittedLaw)
 _STEP = 1e-3  # of a standard deviation, for slopes
@@ -123,18 +123,28 @@ def value_of(model: FittedLaw, name: str) -> float:
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
 
-def plot(model: FittedLaw, record: PistonRecord) -> Figure:
-    """A record with the model's motion over it, and what that leaves over below."""
-    from granular.shared.plotting import COLOURS, GREY, figure
+def plot(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax: Axes) -> Axes:
+    """The model's motion, over a record where one is given."""
+    from granular.shared.plotting import COLOURS, GREY, plain_label
 
-    motion = model.follow(record)
-    with figure(height=4.2) as (drawing, axes):
-        axes.plot(record.time, record.height, ".", markersize=2.0, color=GREY, label="record")
-        axes.plot(motion.time, motion.height, color=COLOURS[0], label=model.law.name[:40])
-        axes.set_ylabel("height [m]")
-        axes.set_xlabel("time [s]")
-        axes.legend(loc="upper right")
-        inset: Any = axes.inset_axes((0.0, -0.55, 1.0, 0.32), sharex=axes)
-        inset.plot(record.time, record.height - motion.height, color=COLOURS[1], linewidth=0.6)
-        inset.set_ylabel("left over [m]")
-        return drawing
+    unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)
+    if record is not None:
+        ax.plot(
+            record.time, factor * record.height, ".", markersize=2.0, color=GREY, label="record"
+        )
+    label = plain_label(model.law.name)
+    ax.plot(motion.time, factor * motion.height, color=COLOURS[0], label=label)
+    ax.set(xlabel="time [s]", ylabel=f"{model.coordinate} [{unit}]")
+    ax.legend(loc="upper right")
+    return ax
+
+
+def plot_left_over(motion: PistonRecord, record: PistonRecord, ax: Axes) -> None:
+    """What a motion leaves over of a record, below it."""
+    from granular.shared.plotting import COLOURS
+
+    unit, factor = ("rad", 1.0) if record.angle else ("mm", 1e3)
+    inset: Any = ax.inset_axes((0.0, -0.55, 1.0, 0.32), sharex=ax)
+    left = factor * (record.height - motion.height)
+    inset.plot(record.time, left, color=COLOURS[1], linewidth=0.6)
+    inset.set_ylabel(f"left over [{unit}]")

@@ -32,6 +32,32 @@ def test_scenes_and_show(command: Command) -> None:
     assert "packing fraction 0.2409" in done.stdout
 
 
+def test_methods_list_themselves(command: Command) -> None:
+    done = command("granular", "methods")
+    assert "stormer-verlet    order 2, 1 force a step, " in done.stdout
+    done = command("granular", "methods", "--json")
+    assert json.loads(done.stdout)["kahan-li-8"]["order"] == 8
+
+
+@pytest.mark.parametrize(
+    ("words", "blamed"),
+    [
+        ((), "error: dt = 5 s is longer than from record to record"),
+        (
+            ("--set", "output.scalars=10", "--set", "output.frames=10"),
+            "error: step 1, t = 5 s, grain 0: dt = 5 s is ",
+        ),
+    ],
+)
+def test_a_step_that_is_too_long_is_to_blame(
+    command: Command, words: tuple[str, ...], blamed: str
+) -> None:
+    done = command("granular", "run", "single-particle", "--dt", "5", "--t-end", "20", *words)
+    (line,) = done.stderr.splitlines()[-1:]
+    assert line.startswith(blamed)
+    assert "shorten dt" in line
+
+
 def test_run_says_that_nothing_is_kept(command: Command) -> None:
     done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
     assert "0 to 0.005 s" in done.stdout

@@ -71,7 +71,7 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),
     ),
     "granular/engine": (
-        Stage(False, (_FORCES, _SMALL, *_RUBBING)),
+        Stage(False, (_FORCES, _SMALL, *_RUBBING, "tests/granular/engine")),
         Stage(True, ("tests/physics/test_energy.py", "tests/physics/test_friction.py")),
         Stage(
             True,

@@ -257,3 +257,57 @@ def test_a_grain_that_leaves_takes_all_that_is_its_own() -> None:
     stays = data["position"].values[:, [1, 3]]
     assert np.abs(np.diff(stays, axis=0)).max() < 1e-3
     assert residual(trajectory) < 1e-4
+
+
+def test_the_work_on_a_driven_piston_is_booked_by_a_runge_kutta_method_too() -> None:
+    """Its energy changes as it is lifted, its weight included; what lifts it has done that."""
+    scene = small(
+        **{
+            "effects.gravity": {},
+            "protocol": [{"kind": "move", "name": "up", "to": "6.2 D", "speed": "0.25 D/ms"}],
+        }
+    )
+    driven = run(scene, method="runge-kutta-4")
+    lifted = float(np.ptp(driven.dataset["piston_height"].values))
+    assert lifted > 0.1 * 0.006
+    assert driven.dataset["piston_energy"].values[-1] > 0.0
+    assert residual(driven) < 1e-4
+
+
+def test_drag_beside_the_friction_of_the_source_takes_what_it_takes_alone() -> None:
+    """A grain that falls through a liquid and does not rub, in closed form."""
+    scene = small(
+        **{
+            "grains.count": 1, "effects": {
+                "gravity": {"acceleration": 9.8}, "drag": {"coefficient": "0.5 kg/s"},
+                "friction": {"scheme": "regularised", "load": 0.0},
+            }, "arrangement.positions": [["3 D", "4 D"]], "arrangement.height": None,
+            "arrangement.speed": 0.0, "piston": "none",
+        }
+    )  # fmt: skip
+    fallen = run(scene, dt=10 * STEP).dataset
+    mass, g = float(scene.grains.masses()[0]), 9.8
+    rate = 0.5 / mass
+    t = float(fallen["time"].values[-1])
+    left = np.exp(-rate * t)
+    assert fallen["velocity"].values[-1, 0, 1] == pytest.approx(-g / rate * (1.0 - left), rel=1e-9)
+    lost = mass * g**2 / rate**2 * (rate * t - 2.0 * (1.0 - left) + 0.5 * (1.0 - left**2))
+    assert fallen["drag_loss"].values[-1] == pytest.approx(lost, rel=1e-6)
+
+
+def test_eddy_currents_brake_unlike_grains_alike_by_either_kind_of_method() -> None:
+    """By the square of the moment over the mass; as a flow, and as a force of Runge-Kutta."""
+    species = [{"name": "large", "diameter": "6 mm", "share": 0.5},
+               {"name": "small", "diameter": "3 mm", "share": 0.5}]  # fmt: skip
+    scene = small(
+        **{
+            "grains.species": species, "grains.count": 8,
+            "effects.eddy": {"conductivity": "59.6 MS/m", "thickness": "5 mm",
+                             "distance": "2.5 mm", "plates": 2},
+        }
+    )  # fmt: skip
+    places = [final(run(scene, method=name)) for name in ("stormer-verlet", "runge-kutta-4")]
+    free = final(run(small(**{"grains.species": species, "grains.count": 8})))
+    braked = np.abs(places[0] - free).max()
+    assert braked > 1e-4 * 0.006
+    np.testing.assert_allclose(places[1], places[0], rtol=0.0, atol=2e-3 * braked)

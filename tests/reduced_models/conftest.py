@@ -22,6 +22,10 @@ TRUE = {
     "quadratic-drag": ({"c": 0.1, "omega": 1.05, "g0": -1.0}, 1.5),
     "coulomb": ({"friction": 0.06, "omega": 1.05, "g0": -1.0}, 1.5),
     "bouc-wen": ({"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}, 3.0),
+    "elastoplastic-bed": (
+        {"lam": 0.05, "weight": 1.0, "rest": 3.0, "power": 2.5, "modulus": 1.0, "strength": 0.1},
+        5.0,
+    ),
 }
 
 

@@ -159,3 +159,9 @@ def test_bad_words_of_the_other_commands(
     said = capsys.readouterr()
     assert said.err.count("\n") == 1
     assert message in said.err
+
+
+def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(main, ["laws"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert "linear             z'' + 2*lam*z' + omega**2*z = g0" in printed

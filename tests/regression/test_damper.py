@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
 import pytest
+import xarray
 
 from granular import Scene, simulate
+from granular.run.trajectory import Trajectory
 from reduced_models import fit
 
 
 @pytest.mark.filterwarnings("ignore:two grains came as close")
 @pytest.mark.parametrize("dt", ["auto", pytest.param("auto*2", marks=pytest.mark.long)])
-def test_rest_height_period_and_damping(damper: Scene, dt: str) -> None:
+def test_rest_height_period_and_damping(damper: Scene, tmp_path: Path, dt: str) -> None:
     """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D."""
     run = simulate(damper, dt=dt, progress=False)
     diameter = damper.grains.species[0].diameter
@@ -20,3 +26,22 @@ def test_rest_height_period_and_damping(damper: Scene, dt: str) -> None:
     assert model.at_rest.height / diameter == pytest.approx(9.86, abs=0.1)
     assert model.at_rest.period == pytest.approx(0.288, abs=0.003)
     assert model.at_rest.damping_ratio == pytest.approx(0.037, abs=0.003)
+    _is_at_home_in_xarray(run, tmp_path)
+
+
+def _is_at_home_in_xarray(run: Trajectory, folder: Path) -> None:
+    """Also where the piston is lifted at once, and in little memory."""
+    tracemalloc.start()
+    data, jump = run.dataset, run.stage("lift").start
+    height = data.sel(time=jump, method="nearest")["piston_height"].item()
+    assert height == pytest.approx(run.stage("drop").height, rel=1e-3)
+    assert np.isfinite(data["piston_height"].interp(time=[jump - 5e-4, jump + 5e-4])).all()
+    table = run.scalars.to_dataframe()
+    assert len(table) == data.sizes["time"]
+    assert table.index.is_unique
+    data.to_netcdf(folder / "run.nc")
+    with xarray.open_dataset(folder / "run.nc") as back:
+        assert dict(back.sizes) == dict(data.sizes)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2e9

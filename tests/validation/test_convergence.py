@@ -117,6 +117,9 @@ def test_result_survives_json() -> None:
     assert again == result
     assert len(convergence_table([result]).rows[0]) == len(convergence_table([result]).header)
     assert len(result.table().rows) == len(counts)
+    table = result.to_dataframe()
+    assert list(table) == ["step", "error", "slope", "seconds"]
+    assert table["slope"][1] == result.slopes[0]
 
 
 def test_toolkit_on_the_oscillation() -> None:

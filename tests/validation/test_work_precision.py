@@ -13,7 +13,7 @@ from granular import load_scene, simulate
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
-from validation.choice import candidates, choice
+from validation.choice import candidates, cheapest, choice
 from validation.cost import (
     LEVELS,
     Point,
@@ -136,6 +136,16 @@ def test_study_of_the_lone_grain() -> None:
     again = np.abs(run.dataset["position"].values[-1] / 5e-3 - exact).max()
     assert again == best.error
     assert again <= 0.05
+
+
+@pytest.mark.parametrize(("tolerance", "tried"), [(0.05, False), (1e-9, True)])
+def test_methods_of_many_force_calls_are_tried_where_they_may_pay(
+    tolerance: float, tried: bool
+) -> None:
+    found = cheapest(bounce.problem(time=0.3).scene, "energy", tolerance, until=0.3)
+    families = {one.setting.family for one in found.study.points}
+    assert "stormer-verlet" in families
+    assert ("blanes-moan-6" in families) is tried
 
 
 SEED = MeasuredQuantity("seed", "1", lambda run: float(run.scene.arrangement.seed))

@@ -98,14 +98,17 @@ class WorkPrecision:
                   "seconds", "steps", "failed")  # fmt: skip
         return table(header, rows)
 
-    def plot(self, axes: Axes) -> None:
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
+        from granular.shared.plotting import axes_or_new
         from validation.cost.picture import draw
 
+        axes = axes_or_new(ax)
         levels = {words: self.advice(level) for words, level in LEVELS.items()}
         draw(axes, self.points, self.front(), self.floor, levels)
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
+        return axes
 
     def to_plain(self) -> dict[str, Any]:
         """The result as plain data; None for what was not measured."""

@@ -89,10 +89,10 @@ def recovery(
 
 
 def _fits(cases: Sequence[Case], shelf: Shelf | None, *, progress: bool) -> list[dict[str, Any]]:
-    from tqdm import tqdm
+    from granular.shared.progress import progress_bar
 
     fits = []
-    for case in tqdm(cases, desc="fits", disable=not progress, leave=False):
+    for case in progress_bar(iterable=cases, desc="fits", wanted=progress, leave=False):
         key = _key(case)
         found = None if shelf is None else shelf.read(key)
         if found is None:
@@ -106,10 +106,10 @@ def _fits(cases: Sequence[Case], shelf: Shelf | None, *, progress: bool) -> list
 def _peers(
     cases: Sequence[Case], starts: int, shelf: Shelf | None, *, progress: bool
 ) -> list[tuple[Case, dict[str, Any]]]:
-    from tqdm import tqdm
+    from granular.shared.progress import progress_bar
 
     peers = []
-    for case in tqdm(cases, desc="SciPy", disable=not progress, leave=False):
+    for case in progress_bar(iterable=cases, desc="SciPy", wanted=progress, leave=False):
         given = problem(made_record(*case), law_of_system(SYSTEMS[case.system]), starts)
         key = f"scipy-{problem_key(given)}"
         found = None if shelf is None else shelf.read(key)

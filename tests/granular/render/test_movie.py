@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 from pathlib import Path
@@ -13,6 +14,7 @@ from PIL import Image
 
 from granular.export.frames import bed_frames
 from granular.render import movie
+from granular.render.moments import bed_at
 from granular.render.picture import BedPicture, highest
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -21,8 +23,6 @@ from granular.shared.errors import InputError
 @pytest.fixture(scope="module")
 def short(run: Trajectory) -> Trajectory:
     """Twelve frames, of which five lie in the second stage."""
-    import dataclasses
-
     stages = (
         dataclasses.replace(run.stages[0], end=0.0034),
         dataclasses.replace(run.stages[1], start=0.0034, end=0.0056),
@@ -47,10 +47,11 @@ def pictures(path: Path) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("ending", ["mp4", "gif"])
 def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> None:
-    path = movie(short, tmp_path / f"bed.{ending}", fps=10.0, progress=False)
+    path = movie(short, tmp_path / f"bed.{ending}", fps=10.0, speed=None, progress=False)
     found = pictures(path)
     assert len(found) == 12
-    picture = BedPicture(short, "species", (0.0, 1.0), highest(short, bed_frames(short)))
+    top, span = highest(short, bed_frames(short)), (0.0, 0.0055)
+    picture = BedPicture(short, "species", (0.0, 1.0), top, span)
     for frame, image in zip(bed_frames(short), found, strict=True):
         picture.show(frame)
         error = np.abs(image.astype(float) - picture.pixels())
@@ -60,15 +61,17 @@ def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> No
 
 
 def test_plays_in_the_wanted_time(short: Trajectory, tmp_path: Path) -> None:
-    path = movie(short, tmp_path / "bed.mp4", fps=8.0, progress=False)
+    path = movie(short, tmp_path / "bed.mp4", fps=8.0, speed=None, progress=False)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
     assert (count, seconds) == (12, pytest.approx(1.5, abs=0.02))
-    with Image.open(movie(short, tmp_path / "bed.gif", fps=8.0, progress=False)) as file:
+    with Image.open(
+        movie(short, tmp_path / "bed.gif", fps=8.0, speed=None, progress=False)
+    ) as file:
         assert file.info["duration"] == pytest.approx(125.0, abs=10.0)
 
 
 def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
-    path = movie(short, tmp_path / "bed.gif", stage="compress", progress=False)
+    path = movie(short, tmp_path / "bed.gif", stage="compress", speed=None, progress=False)
     assert len(pictures(path)) == 5  # 0.0035, 0.004 ... 0.0055 s
     with pytest.raises(InputError, match="unknown stage"):
         movie(short, tmp_path / "more.gif", stage="expand", progress=False)
@@ -92,14 +95,14 @@ def test_ctrl_c_keeps_what_was_made(
         pytest.warns(UserWarning, match="holds the 5 pictures of 12 made"),
         pytest.raises(KeyboardInterrupt),
     ):
-        movie(short, path, progress=False)
+        movie(short, path, speed=None, progress=False)
     assert len(pictures(path)) == 5
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
 def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> None:
     """The bar at the side does not change from picture to picture."""
-    path = movie(short, tmp_path / "bed.mp4", colour="speed", progress=False)
+    path = movie(short, tmp_path / "bed.mp4", colour="speed", speed=None, progress=False)
     found = pictures(path)
     side = [one[:, int(0.83 * one.shape[1]) :].astype(float) for one in found]
     assert max(np.abs(one - side[0]).mean() for one in side) < 1.0
@@ -113,6 +116,8 @@ def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> No
         ("bed.mp4", {"fps": 0.0}, "fps 0 is not above 0"),
         ("bed.gif", {"fps": 60.0}, "at most 50 for .gif"),
         ("bed.mp4", {"fps": float("nan")}, "fps nan"),
+        ("bed.mp4", {"speed": 0.0}, "speed 0 is not above 0"),
+        ("bed.mp4", {"speed": float("nan")}, "speed nan"),
         ("bed.mp4", {"colour": "blue"}, "unknown colour 'blue'"),
         ("missing/bed.mp4", {}, "there is no directory"),
         ("there.gif", {}, "exists"),
@@ -125,3 +130,48 @@ def test_bad_choices(
     with pytest.raises(InputError, match=message):
         movie(short, tmp_path / name, progress=False, **choice)
     assert [one.name for one in tmp_path.iterdir()] == ["there.gif"]
+
+
+def test_real_time_is_the_default(swing: Trajectory, tmp_path: Path) -> None:
+    """One second of the run takes a second, in 25 pictures a second, whatever its frames."""
+    path = movie(swing, tmp_path / "bed.mp4", progress=False)
+    count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert (count, seconds) == (26, pytest.approx(1.04, abs=0.02))
+    slow = movie(swing, tmp_path / "slow.mp4", speed=0.5, progress=False)
+    assert imageio_ffmpeg.count_frames_and_secs(str(slow))[0] == 51
+
+
+def test_grains_between_frames_are_where_they_swing(swing: Trajectory) -> None:
+    times = np.linspace(0.0, 1.0, 101)
+    found = list(bed_at(swing, range(11), times))
+    place = np.array([one.position[0] for one in found])
+    true = PLACE + SIZE * np.array([np.cos(PACE * times), np.sin(PACE * times)]).T
+    assert np.abs(place - true).max() < 1e-3 * SIZE  # straight lines: 5e-2
+    heights = np.array([one.height for one in found])
+    assert np.allclose(
+        heights, np.interp(times, swing.dataset["time"], swing.dataset["piston_height"])
+    )
+    assert [one.time for one in found] == list(times)
+
+
+def test_frames_that_lie_too_far_apart_are_told(swing: Trajectory) -> None:
+    with pytest.warns(UserWarning, match="lower output.frames for true ones"):
+        list(bed_at(swing, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
+
+
+PLACE, SIZE, PACE = np.array([0.02, 0.01]), 0.004, 2.0 * np.pi
+
+
+@pytest.fixture(scope="module")
+def swing(run: Trajectory) -> Trajectory:
+    """Grains that go round once in a second, in eleven frames."""
+    time = np.linspace(0.0, 1.0, 11)[:, None, None]
+    circle = np.concatenate([np.cos(PACE * time), np.sin(PACE * time)], axis=2)
+    ahead = PACE * np.concatenate([-np.sin(PACE * time), np.cos(PACE * time)], axis=2)
+    data = run.dataset.isel(frame=slice(0, 11)).copy(deep=True)
+    data["position"].values[:] = PLACE + SIZE * circle
+    data["velocity"].values[:] = SIZE * ahead
+    data = data.assign_coords(
+        time=np.linspace(0.0, 1.0, data.sizes["time"]), frame_time=("frame", time[:, 0, 0])
+    )
+    return dataclasses.replace(run, dataset=data)

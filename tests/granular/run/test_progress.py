@@ -15,6 +15,7 @@ from granular.engine.system import natural_system
 from granular.methods import METHODS
 from granular.run.outlook import outlook, steps_ahead
 from granular.run.run import Run
+from granular.run.settling import Settling
 
 ROOT = Path(__file__).parents[3]
 
@@ -57,3 +58,23 @@ def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
     part = load_trajectory(out)
     assert not part.complete
     assert part.settings()["steps"] > 0
+
+
+def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> None:
+    """One grain sinks and comes to rest by drag: it moves less and less, down to the limit."""
+    stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
+    drag = {"coefficient": "0.02 kg/s"}
+    scene = load_scene("single-particle").replace(**{"protocol": [stage], "effects.drag": drag})
+    run = Run(scene, natural_system(scene), METHODS["stormer-verlet"], Step(seconds=1e-4), None)
+    shares, amplitudes = [], []
+    run.advance()
+    settling = Settling(run)
+    while not run.at_end:
+        settling.look(run)
+        shares.append(settling.share)
+        amplitudes.append(settling.amplitude)
+        run.advance()
+    assert settling.limit == 1e-4
+    assert shares[0] < 0.5
+    assert shares[-1] == 1.0 or amplitudes[-1] < 2.0 * settling.limit
+    assert "at rest below 1e-04 D" in str(settling)

@@ -181,6 +181,9 @@ def test_a_run_is_at_home_in_xarray_and_pandas(scene: Scene, tmp_path: Path) -> 
     assert repr(run).startswith(f"Trajectory of scene {scene.name!r}, complete\n")
     assert "lift to 0.0503 s (duration)" in repr(run)
     assert "<pre>" in run._repr_html_()
+    assert r"\text{  stages: drop to" in run._repr_latex_()
+    assert list(run.piston().to_dataframe()) == ["time", "height", "velocity", "force"]
+    assert run.piston().to_dataframe().attrs["units"]["force"] == "N"
     assert run.plot().get_ylabel() == "piston height [mm]"
 
 

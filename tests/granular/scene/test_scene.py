@@ -71,6 +71,7 @@ def test_units() -> None:
     assert si_value("5 mm", "m") == 0.005
     assert si_value("8.33 mm/s", "m/s") == 0.00833
     assert si_value("20 D", "m", 0.006) == 0.12
+    assert si_value("0.2 D", "m", 0.006) == 0.0012
     assert si_value("1e-2 D/s", "m/s", 0.006) == pytest.approx(6e-5)
     assert si_value("9.8 N/kg", "m/s^2") == 9.8
     assert si_value("2", "kg") == 2.0
@@ -209,3 +210,14 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path, damper: Scene) 
     file = tmp_path / "marked.toml"
     file.write_text(damper.to_toml(), encoding="utf-8-sig")
     assert load_scene(file) == damper
+
+
+def test_a_scene_shows_itself_in_a_few_lines() -> None:
+    scene = load_scene("damper")
+    assert repr(scene).splitlines() == [
+        "Scene 'damper': 368 of 6 mm, cell 360 mm wide, piston at 120 mm, 7.5 kg",
+        "  effects: dipole, drag, gravity, walls",
+        "  stages: drop, lift, release",
+    ]
+    assert "368 of 6 mm" in scene._repr_latex_()
+    assert "by = 0.0012 }" in scene.to_toml()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
@@ -59,6 +60,17 @@ def test_published_damper_is_in_the_maps():
         room = 2.0 * maps.surfaces[name].error  # two standard errors of a prediction
         assert getattr(said, name) == pytest.approx(value, rel=room)
     assert said.k1 == pytest.approx((2.0 * math.pi * said.frequency) ** 2)
+
+
+def test_the_sliders_hold_the_maps():
+    """The page's terms, summed as its script does, give what the maps say."""
+    maps = damper_maps()
+    (text,) = re.findall(r'type="application/json">(.*)</script>', maps.view().page)
+    place = np.array([0.4, -0.5, -0.3, 0.5])
+    single = np.polynomial.legendre.legvander(place, 3)
+    for name, one in json.loads(text)["surfaces"].items():
+        terms = [np.prod([single[c, p] for c, p in enumerate(powers)]) for powers in one["powers"]]
+        assert np.dot(one["coefficients"], terms) == pytest.approx(maps.at(name, place))
 
 
 def test_maps_find_a_polynomial_again():

@@ -86,6 +86,7 @@ def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord
         wrong = fit(record, "linear")
     assert wrong.quality.structured
     assert wrong.quality.relative < 0.02
+    assert "and swing with the motion, so the law is not right" in str(wrong)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right = fit(made("linear"), "linear")
@@ -103,6 +104,39 @@ def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(
     assert model.quality.collocation == "better"
     assert model.quality.relative < 0.011
     assert model.parameters["omega"] == pytest.approx(1.05, rel=0.01)
+
+
+def test_noise_that_remembers_is_not_said_to_swing(made: Callable[..., PistonRecord]) -> None:
+    """It is not white either, and says nothing of the law."""
+    from scipy.signal import lfilter
+
+    clean = made("linear", level=0.0)
+    noise = lfilter([1.0], [1.0, -0.6], np.random.default_rng(3).normal(size=len(clean)))
+    record = PistonRecord(clean.time, clean.height + 0.01 * clean.height.std() * noise)
+    with pytest.warns(UserWarning, match="or the noise is not white"):
+        model = fit(record, "linear")
+    assert model.quality.swinging < 0.5
+    assert "swing with the motion" not in str(model)
+
+
+def test_a_hopeless_rival_is_given_up_after_two_swings(
+    made: Callable[..., PistonRecord], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The law without a map, of a record in millimetres: one horizon shows that it is far off."""
+    from reduced_models.fitting import search as module
+
+    swings: list[float] = []
+
+    def seen(*given: object) -> object:
+        swings.append(float(str(given[-1])))
+        return coarse_normal(*given)
+
+    coarse_normal = module.coarse_normal
+    monkeypatch.setattr(module, "coarse_normal", seen)
+    clean = made("van-der-pol-like", level=0.001)
+    fit(PistonRecord(clean.time, 0.06 + 0.01 * clean.height), "van-der-pol-like")
+    assert len(swings) > 1
+    assert swings[-1] == module.FIRST_SWINGS
 
 
 def quadratic(share: float) -> PistonRecord:

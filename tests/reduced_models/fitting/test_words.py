@@ -205,3 +205,12 @@ def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot(
         assert value == pytest.approx(models[0].parameters[name], abs=1.5 * (high - low))
     assert [model.parameters["L"] for model in models] == pytest.approx(lengths, rel=1e-12)
     assert models[0].undetermined == ()
+
+
+def test_a_given_start_is_kept_in_its_units() -> None:
+    """Height in metres and velocity in metres a second, of a record of millimetres."""
+    time = np.linspace(0.0, 6.0, 1500)
+    swing = 1.2e-3 * np.exp(-0.8 * time) * np.sin(21.8 * time)
+    record = PistonRecord(time, 0.059 + swing)
+    model = fit(record, "linear", initial={"height": 0.059, "velocity": 0.026}, starts=4)
+    assert model.initial == pytest.approx((0.059, 0.026), rel=1e-12)

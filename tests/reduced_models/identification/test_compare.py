@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
@@ -31,7 +32,17 @@ def test_the_true_law_is_first(made: Any) -> None:
     assert "times worse" in table.verdict
     assert str(table).count("\n") == 5
     assert len(table.cells()[0]) == len(table.header)
-    assert table.plot().axes[0].get_xscale() == "log"
+    assert table.plot().get_xscale() == "log"
+    ax = Figure().subplots()
+    assert table.plot(ax) is ax
+    rows = table.to_dataframe()
+    assert list(rows["law"]) == ["duffing", "polynomial-spring", "linear"]
+    assert rows["record 1"][0] == table.rows[0].records[0].relative
+    assert repr(table).startswith("Comparison of 3 laws, the best first: duffing, ")
+    assert len(repr(table).splitlines()) == 2
+    assert table._repr_html_().count("<tr>") == 4
+    assert "held-out stretch" in table._repr_html_()
+    assert table._repr_latex_().count(r"\\") == 4
     assert table.to_plain()["best"] == "duffing"
     assert table.best.parameters["beta"] == pytest.approx(0.8, rel=0.01)
 
@@ -44,6 +55,8 @@ def test_a_law_that_cannot_be_fitted_is_listed(made: Any) -> None:
     assert "has the input 'push'" in table.rows[1].failure
     assert table.verdict.endswith("pushed could not be fitted.")
     assert "push" in str(table)
+    assert table._repr_html_().count("<td>") == 2 * len(table.header)
+    assert table.to_dataframe()["failure"][1] == table.rows[1].failure
     with pytest.raises(InputError, match="no law could be fitted"):
         compare(made("linear"), [law])
     with pytest.raises(InputError, match="name at least one"):

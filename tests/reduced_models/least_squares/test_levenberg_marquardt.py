@@ -80,3 +80,15 @@ def test_damping_is_lowered_to_a_tenth_where_a_step_gains() -> None:
 
     search(watched(places, falls), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=1.0, trials=3)
     assert np.diff(places) == pytest.approx([-1.0 / 2.0, -1.0 / 1.1, -1.0 / 1.01])
+
+
+def test_an_undamped_step_that_promises_nothing_ends_the_search() -> None:
+    """No trial is made where the whole of what is to be gained is less than is asked for."""
+    places: list[float] = []
+
+    def flat(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        off = theta[:, 0] - 1.0
+        return 1e10 + off**2, off[:, None], np.ones((1, 1, 1))
+
+    search(watched(places, flat), np.array([[0.0]]), Prior(np.zeros(1), 1.0), damping=1e-6)
+    assert places == [0.0]

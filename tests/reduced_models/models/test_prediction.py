@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
@@ -40,7 +41,26 @@ def test_covariance_and_bands(made: Callable[..., PistonRecord], tmp_path: Path)
     old = {key: value for key, value in model.to_plain().items() if "covariance" not in key}
     with pytest.raises(InputError, match="fit it again"):
         ReducedModel.from_plain(old).prediction(record.time)
-    assert len(model.plot(record).axes) >= 1
+
+
+def test_a_model_shows_itself(made: Callable[..., PistonRecord]) -> None:
+    record = made("linear", level=0.02)
+    model = fit(record, "linear")
+    above = model.plot(record)
+    assert [len(one.lines) for one in (above, *above.child_axes)] == [2, 1]
+    ax = Figure().subplots()
+    assert model.plot(record, ax) is ax
+    assert not ax.child_axes
+    swing = model.plot().lines[0].get_ydata()
+    seen = np.array(model.domain["height"])
+    rest = model.at_rest.height if model.at_rest else np.nan
+    assert abs(swing[0] - 1e3 * rest) == pytest.approx(1e3 * np.abs(seen - rest).max())
+    assert repr(model).startswith(
+        "ReducedModel 'linear': z'' + 2*lam*z' + omega**2*z = g0\n  lam ="
+    )
+    assert len(repr(model).splitlines()) == 3
+    assert "<math" in model._repr_html_()
+    assert model._repr_latex_() == f"$${model.fitted_latex}$$"
 
 
 @pytest.mark.long

@@ -1,0 +1,73 @@
+"""A run as a page that moves: the bed, the piston's curve and its phase plane."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.shared.live import LivePage
+from granular.shared.plotting import COLOURS
+
+if TYPE_CHECKING:
+    import xarray
+
+TEMPLATE = Path(__file__).with_name("view.html")
+MOST_VALUES = 1_500_000
+"""Numbers of places and velocities that a page holds, four bytes each."""
+MOST_RECORDS = 6000
+HEIGHT = 640
+
+
+def view_of(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]) -> LivePage:
+    """The page of a run, its stages by name and start [s]; of many frames some are in it."""
+    frames, grains = data.sizes["frame"], data.sizes["grain"]
+    if not frames:
+        raise InputError("the run has no frames; run it for longer, or lower output.frames")
+    every = max(1, -(-frames * grains * 4 // MOST_VALUES))
+    chosen = data.isel(frame=slice(None, None, every))
+    plain: dict[str, Any] = {
+        "width": scene.cell.width,
+        "diameters": scene.grains.diameters().tolist(),
+        "colours": [COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()],
+        "frames": chosen["frame_time"].values.tolist(),
+        "position": _packed(chosen["position"].values),
+        "velocity": _packed(chosen["velocity"].values),
+        "stages": [{"name": name, "start": start} for name, start in stages],
+        "top": _top(scene, data),
+        **_records(data),
+    }
+    return LivePage.of(TEMPLATE, f"scene {scene.name}", plain, HEIGHT)
+
+
+def _records(data: xarray.Dataset) -> dict[str, Any]:
+    """Time, and height and velocity of the piston; without one the grains' kinetic energy."""
+    every = max(1, -(-data.sizes["time"] // MOST_RECORDS))
+    part = data.isel(time=slice(None, None, every))
+    found: dict[str, Any] = {"time": part["time"].values.tolist()}
+    if "piston_height" not in part:
+        return found | {"curve": part["kinetic_energy"].values.tolist(), "phase": None}
+    height = part["piston_height"].values
+    if "piston_velocity" in part:
+        velocity = part["piston_velocity"].values
+    else:
+        velocity = np.gradient(height, part["time"].values) if len(height) > 1 else 0.0 * height
+    return found | {"curve": height.tolist(), "phase": velocity.tolist()}
+
+
+def _top(scene: Scene, data: xarray.Dataset) -> float:
+    """Height that holds piston and grains [m]."""
+    places = data["position"].values[..., 1]
+    top = float(np.nanmax(places, initial=0.0)) + scene.grains.diameters().max(initial=0.0)
+    if "frame_height" in data and scene.piston is not None:
+        top = max(top, float(data["frame_height"].values.max()))
+    return top
+
+
+def _packed(values: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")

@@ -1,0 +1,91 @@
+"""The papers behind what was used, as BibTeX.
+
+Effects, methods and laws name their sources beside their formulas, by a DOI or as [D, ...]. Those
+names are looked up in `bibliography.bib`.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+from granular.shared.version import __version__
+
+FILE = Path(__file__).with_name("bibliography.bib")
+OURS, THESIS = "granular-damper", "depaula2025"
+
+DOI = re.compile(r"doi:(10\.\d+/[^\s,;\]]+)")
+_ENTRY = re.compile(r"^@\w+\{([^,]+),\n.*?^\}\n", re.MULTILINE | re.DOTALL)
+
+
+def cite(*things: Any) -> str:
+    """BibTeX of the papers behind scenes, runs, methods, laws, models and comparisons.
+
+    The toolkit itself and the source of its model come first, the others by their keys.
+
+    Parameters
+    ----------
+    *things
+        Anything with ``literature``: texts that name papers.
+
+    Raises
+    ------
+    InputError
+        If one of them has none.
+
+    Examples
+    --------
+    >>> from granular import cite, load_scene
+    >>> print(cite(load_scene("bed")).count("@"))
+    3
+    """
+    keys: set[str] = set()
+    for thing in things:
+        texts = getattr(thing, "literature", None)
+        if texts is None:
+            raise InputError(
+                f"{quoted(thing)} names no papers; give a scene, run, method, law or model"
+            )
+        keys |= {by_doi()[doi] for text in texts for doi in dois(text) if doi in by_doi()}
+    entries = bibliography()
+    return "\n".join(entries[key] for key in (OURS, THESIS, *sorted(keys)))
+
+
+def dois(text: str) -> list[str]:
+    """The DOIs that a text names; a bracket that the text opened before one is not part of it."""
+    return [_without_end(doi) for doi in DOI.findall(text)]
+
+
+def _without_end(doi: str) -> str:
+    """Without the stops and brackets of the sentence around it."""
+    doi = doi.rstrip(".")
+    while doi.endswith(")") and doi.count(")") > doi.count("("):
+        doi = doi[:-1].rstrip(".")
+    return doi
+
+
+@functools.cache
+def bibliography() -> dict[str, str]:
+    """The entries of the file by their keys."""
+    text = FILE.read_text(encoding="utf-8").replace("VERSION", __version__)
+    return {match[1]: match[0] for match in _ENTRY.finditer(text)}
+
+
+@functools.cache
+def by_doi() -> dict[str, str]:
+    """Keys of the entries by their DOIs."""
+    found = {}
+    for key, entry in bibliography().items():
+        if match := re.search(r"doi = \{(.+)\},\n", entry):
+            found[match[1]] = key
+    return found
+
+
+def words_of_module(of: type) -> str:
+    """The docstring of the file that a class is from, where its law and its source stand."""
+    return sys.modules[of.__module__].__doc__ or ""

@@ -1,0 +1,56 @@
+"""Progress of long work on standard error: a bar where somebody looks, sparse lines in a log."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import Any
+
+LINES_EVERY = 60.0
+"""Least time between two lines in a log [s]; the first and the last stand there in any case."""
+
+
+def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
+    """A bar of tqdm with its options: a widget in a notebook, else a line of a terminal.
+
+    Where standard error is neither, as in a log file, every state is a line of its own, at least
+    a minute after the one before.
+    """
+    tqdm = _tqdm()
+    if wanted and not _is_watched():
+        form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
+        options["bar_format"] = form.replace("{bar:20} ", "")
+        options |= {"file": _Lines(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
+    return tqdm(disable=not wanted, **options)
+
+
+def say(words: str) -> None:
+    """A line on standard error, above a bar that may stand there."""
+    _tqdm().write(words, file=sys.stderr)
+
+
+def _tqdm() -> Any:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="IProgress not found")  # no widgets: a plain line
+        from tqdm.auto import tqdm
+    return tqdm
+
+
+def _is_watched() -> bool:
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
+
+
+class _Lines:
+    """A file whose states of a bar stand below each other; the same one twice is one."""
+
+    def __init__(self) -> None:
+        self._last = ""
+
+    def write(self, text: str) -> None:
+        state = text.replace("\r", "").strip()
+        if state and state != self._last:
+            print(state, file=sys.stderr)
+            self._last = state
+
+    def flush(self) -> None:
+        sys.stderr.flush()

@@ -1,0 +1,60 @@
+"""A bed that carries a weight like a crystal of dipoles, and yields in shear when it is squeezed.
+
+Magnets pressed into a height z by a piston push back in two ways. Their mean pressure grows as a
+power of the packing: force = weight (rest/z)^power, where power = 5/2 for dipoles, whose pressure
+is that of their hexagonal lattice. A bed that is squeezed from above alone is also sheared, and a
+lattice resists that with a stress of its own, w times the pressure: it builds up with the strain
+dz/z by the shear modulus, and stops growing where the lattice yields,
+
+    w' = -(modulus/z) (z' + |z'| |w| w/strength^2).
+
+So the bed is stiffer for small motions than for large ones, and takes energy whenever it yields.
+With w = 0 for ever it is the power-law spring.
+
+Where a scene is known, three numbers are: weight = g, power = 5/2, and lam = N gamma/(6 M), the
+drag of N grains that follow the piston affinely.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.laws.law import Law
+from reduced_models.records.first_guesses import FirstGuesses
+
+
+def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    omega = guesses.frequencies(random, count)
+    # The law is for heights above the floor; a record about zero has another law.
+    rest = np.maximum(np.abs(guesses.levels(random, count)), guesses.amplitude)
+    power = np.exp(random.uniform(0.4, 1.6, count))
+    modulus = np.exp(random.uniform(-2.5, 0.5, count))
+    return {
+        "lam": guesses.decays(random, count),
+        "weight": omega**2 * rest / (power + 0.5 * modulus),
+        "rest": rest,
+        "power": power,
+        "modulus": modulus,
+        "strength": np.exp(random.uniform(-4.0, -1.5, count)),
+    }
+
+
+ELASTOPLASTIC_BED = Law(
+    name="elastoplastic-bed",
+    equation=(
+        "z'' + 2*lam*z' = weight*((rest/z)**power*(1 + w) - 1); "
+        "w' = -modulus/z*(z' + Abs(z')*Abs(w)*w/strength**2)"
+    ),
+    start=_start,
+    positive=("lam", "weight", "rest", "power", "modulus", "strength"),
+    units={
+        "lam": "1/s",
+        "weight": "m/s^2",
+        "rest": "m",
+        "power": "1",
+        "modulus": "1",
+        "strength": "1",
+    },
+    source="pressure of the dipole lattice, and a shear stress that yields",
+    resolution=2,
+)

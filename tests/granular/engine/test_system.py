@@ -1,0 +1,36 @@
+"""How often the far field is met: by the scene's wish, the method, and whether grains rub."""
+
+from __future__ import annotations
+
+import pytest
+
+from granular import Scene
+from granular.engine.system import FAR_EVERY, natural_system
+from granular.methods import METHODS
+from granular.shared.errors import InputError
+
+
+def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> int | None:
+    """Steps from impulse to impulse, of a scene on the mesh."""
+    pairs: dict[str, object] = {"method": "mesh"}
+    if wanted is not None:
+        pairs["far_every"] = wanted
+    system = natural_system(scene.replace(pairs=pairs), method=METHODS[method])
+    far = system.constants.acting.far
+    assert far is not None
+    return far.every
+
+
+def test_the_far_field_is_met_as_often_as_is_asked_for(small_bed: Scene) -> None:
+    free = small_bed.replace(**{"effects.friction": None})
+    assert every(free, None) == FAR_EVERY
+    assert every(free, 4) == 4
+    assert every(free, 1) is None  # a part of every force
+
+
+def test_a_method_without_impulses_meets_it_at_every_force(small_bed: Scene) -> None:
+    free = small_bed.replace(**{"effects.friction": None})
+    assert every(free, None, "pefrl") is None
+    assert every(free, 1, "pefrl") is None
+    with pytest.raises(InputError, match="'pefrl' cannot"):
+        every(free, 2, "pefrl")

@@ -1,0 +1,61 @@
+"""Papers behind what was used: each that a source names is in the bibliography, and is found."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from granular import Trajectory, cite, load_scene
+from granular.effects.registry import effects
+from granular.methods import METHODS
+from granular.shared.citing import bibliography, by_doi, dois, words_of_module
+from granular.shared.errors import InputError
+from granular.shared.version import __version__
+from reduced_models.laws import LAWS
+
+TEXTS = (
+    [(f"effect {name}", words_of_module(one)) for name, one in effects().items()]
+    + [(f"method {name}", one.source) for name, one in METHODS.items()]
+    + [(f"law {name}", one.source) for name, one in LAWS.items()]
+)
+
+
+@pytest.mark.parametrize(("name", "text"), TEXTS, ids=[name for name, _ in TEXTS])
+def test_every_paper_that_is_named_is_in_the_bibliography(name: str, text: str) -> None:
+    assert [doi for doi in dois(text) if doi not in by_doi()] == []
+
+
+def test_every_entry_is_complete_and_is_named_by_something() -> None:
+    named = {doi for _, text in TEXTS for doi in dois(text)}
+    assert set(by_doi()) <= named
+    for key, entry in bibliography().items():
+        assert entry.count("{") == entry.count("}"), key
+        for field in ("title", *(("year", "doi") if key not in cite() else ())):
+            assert re.search(rf"^  {field} = \{{.+\}},$", entry, re.MULTILINE), (key, field)
+
+
+def test_a_doi_ends_before_what_the_text_goes_on_with() -> None:
+    text = "(Forest 1990, doi:10.1016/0167-2789(90)90019-L). Also [X, doi:10.1063/1.1659172]; end"
+    assert dois(text) == ["10.1016/0167-2789(90)90019-L", "10.1063/1.1659172"]
+
+
+def test_a_run_cites_its_effects_and_its_method(
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Trajectory, "method", METHODS["stormer-verlet"])
+    text = cite(run)
+    assert text.index("granular-damper") < text.index("depaula2025") < text.index("hairer2003")
+    assert "yung1998" in text
+    assert "reitz1970" not in text
+    assert f"version = {{{__version__}}}" in text
+
+
+def test_laws_and_scenes_together_name_each_paper_once() -> None:
+    text = cite(load_scene("damper"), load_scene("bed"), LAWS["bouc-wen"], METHODS["pefrl"])
+    assert text.count("yung1998") == text.count("ikhouane2005") == text.count("omelyan2002") == 1
+
+
+def test_what_has_no_papers_is_refused() -> None:
+    with pytest.raises(InputError, match="'bed' names no papers"):
+        cite("bed")

@@ -1,0 +1,134 @@
+"""The estimator keeps scikit-learn's manners, and works in its searches and pipelines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models import LawEstimator
+
+SHORT = "fits fewer than the 20 samples that a law is identified from"
+ONE_COLUMN = "gives tables of several columns and wants a word on each; here there is one, the time"
+INDEXED = "reads columns of a table where the tags say vector; met on a table's first column"
+EITHER_WAY = {
+    "check_n_features_in_after_fitting": SHORT,
+    "check_positive_only_tag_during_fit": SHORT,
+    "check_estimators_nan_inf": SHORT,
+    "check_estimators_dtypes": "gives whole numbers as times, and a time twice has two heights",
+    "check_dtype_object": "wants a TypeError; what a user gives wrong is an InputError everywhere",
+    "check_n_features_in": ONE_COLUMN,
+    "check_fit1d": "wants vectors refused; times are one",
+    "check_fit2d_predict1d": "wants vectors refused; times are one",
+    "check_regressors_no_decision_function": SHORT,
+    "check_fit2d_1feature": SHORT,
+}
+OF_VECTORS = EITHER_WAY | dict.fromkeys(
+    (
+        "check_dont_overwrite_parameters",
+        "check_estimator_sparse_array",
+        "check_f_contiguous_array_estimator",
+        "check_methods_sample_order_invariance",
+        "check_methods_subset_invariance",
+        "check_fit2d_1sample",
+        "check_dict_unchanged",
+    ),
+    INDEXED,
+)
+
+
+class FirstColumn(LawEstimator):
+    """The estimator on the first column of the tables that the checks make."""
+
+    def fit(self, X: Any, y: Any) -> FirstColumn:
+        return super().fit(_first(X), y)
+
+    def predict(self, X: Any) -> np.ndarray:
+        return super().predict(_first(X))
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.one_d_array = False
+        return tags
+
+
+def _first(table: Any) -> Any:
+    if hasattr(table, "tocsr"):
+        return table
+    table = np.asarray(table)
+    return table[:, :1] if table.ndim == 2 and table.shape[1] else table
+
+
+def _damped(count: int) -> PistonRecord:
+    time = np.linspace(0.0, 6.0, count)
+    noise = 1e-5 * np.random.default_rng(0).normal(size=count)
+    return PistonRecord(time, 0.1 + 0.01 * np.exp(-0.2 * time) * np.cos(4.0 * time) + noise)
+
+
+@pytest.mark.filterwarnings("ignore")  # fits of noise have notes
+@pytest.mark.parametrize(
+    ("kind", "impossible"), [(LawEstimator, OF_VECTORS), (FirstColumn, EITHER_WAY)]
+)
+def test_checks_of_scikit_learn(kind: type[LawEstimator], impossible: dict[str, str]) -> None:
+    checks = pytest.importorskip("sklearn.utils.estimator_checks")
+    results = checks.check_estimator(
+        kind("linear", starts=1, holdout=0.0), expected_failed_checks=impossible, on_skip=None
+    )
+    passed = {one["check_name"] for one in results if one["status"] == "passed"}
+    assert len(passed) > 30
+    assert not passed & set(impossible)  # the list holds no check that can be met
+
+
+def test_a_search_over_the_law() -> None:
+    selection = pytest.importorskip("sklearn.model_selection")
+    record = _damped(240)
+    search = selection.GridSearchCV(
+        LawEstimator(starts=1, holdout=0.0),
+        {"law": ["linear", "q'' + k*q = g0"]},
+        cv=selection.TimeSeriesSplit(2),
+    ).fit(record.time[:, None], record.height)
+    assert search.best_params_ == {"law": "linear"}  # the other knows no damping
+    assert search.best_score_ > 0.999
+    assert search.best_estimator_.model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
+
+
+def test_a_step_of_a_pipeline() -> None:
+    """Times in milliseconds are made seconds by the step before."""
+    pipeline = pytest.importorskip("sklearn.pipeline")
+    from sklearn.base import clone
+    from sklearn.preprocessing import FunctionTransformer
+
+    record = _damped(240)
+    milliseconds = 1e3 * record.time[:, None]
+    seconds = FunctionTransformer(lambda times: 1e-3 * times)
+    whole = pipeline.make_pipeline(seconds, LawEstimator("linear", starts=1, holdout=0.0))
+    whole = clone(whole).fit(milliseconds, record.height)
+    assert whole.score(milliseconds, record.height) > 0.999
+    assert whole[-1].model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
+
+
+def test_before_a_fit_it_is_an_error_of_both() -> None:
+    exceptions = pytest.importorskip("sklearn.exceptions")
+    with pytest.raises(InputError, match="call fit first"):
+        LawEstimator().predict([0.0])
+    with pytest.raises(exceptions.NotFittedError):
+        LawEstimator().predict([0.0])
+
+
+@pytest.mark.parametrize(
+    ("times", "heights", "words"),
+    [
+        ([0.0, 1.0], [0.0], "2 times for 1 heights"),
+        (np.zeros((2, 3)), [0.0, 1.0], "X has 3 features"),
+        (["a", "b"], [0.0, 1.0], "hold something that is no number"),
+        ([0.0, np.nan], [0.0, 1.0], "hold NaN or inf"),
+        ([0.0, 1.0], None, "the target y is None"),
+        ([0.0, 1.0], np.zeros((2, 2)), r"shape \(2, 2\)"),
+    ],
+)
+def test_wrong_data(times: Any, heights: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        LawEstimator("linear").fit(times, heights)
