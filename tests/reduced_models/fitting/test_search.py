@@ -95,6 +95,17 @@ def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord
     assert "and so does a fit to accelerations" in str(right)
 
 
+def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(
+    made: Callable[..., PistonRecord],
+) -> None:
+    """One start at half the frequency ends where nothing is explained."""
+    with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
+        model = fit(made("linear"), "linear", start={"omega": 0.5}, starts=1)
+    assert model.quality.collocation == "better"
+    assert model.quality.relative < 0.011
+    assert model.parameters["omega"] == pytest.approx(1.05, rel=0.01)
+
+
 def test_noise_that_remembers_is_not_said_to_swing(made: Callable[..., PistonRecord]) -> None:
     """It is not white either, and says nothing of the law."""
     from scipy.signal import lfilter
