@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular import load_scene
+from granular import damper, load_scene
 
 from .shown import ROOT, blocks, commands, files, of_help
 
@@ -52,7 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (here / "shaken.csv").write_text("\n".join(shaken()))
     (here / "forced.csv").write_text("\n".join(forced()))
     for name in ("my-bed", "my-damper", "mine"):
-        load_scene("damper").replace(**{"grains.count": 92}).save(here / f"{name}.toml")
+        damper(count=92).save(here / f"{name}.toml")
     load_scene("bed").save(here / "bed.toml")
     (here / "model.json").write_bytes(
         (ROOT / "tests" / "data" / "former" / "model.json").read_bytes()
