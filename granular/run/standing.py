@@ -150,8 +150,11 @@ class Standing:
     @property
     def blame(self) -> str:
         """That a step given in seconds is too long for the stiffest mode; nothing if it is not."""
-        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.pace.h / math.tau
-        if self.step.seconds is None or not swings * math.tau > 1.0:
+        pace = self.progress.pace  # none before the first step
+        if self.step.seconds is None or pace is None:
+            return ""
+        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * pace.h / math.tau
+        if not swings * math.tau > 1.0:
             return ""
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
 

@@ -246,6 +246,6 @@ def damper(
             "effects.drag.coefficient": drag,
             "arrangement.height": (drop * scale - 1.0) * diameter,
             "arrangement.seed": seed,
-            "protocol.lift.by": lift * diameter,
+            "protocol.lift.by": f"{float(lift)!r} D",
         }
     )
