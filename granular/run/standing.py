@@ -150,10 +150,9 @@ class Standing:
     @property
     def blame(self) -> str:
         """That a step given in seconds is too long for the stiffest mode; nothing if it is not."""
-        pace = self.progress.pace  # none before the first step
-        if self.step.seconds is None or pace is None:
+        if self.step.seconds is None or self.progress.pace is None:  # no step was made yet
             return ""
-        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * pace.h / math.tau
+        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.pace.h / math.tau
         if not swings * math.tau > 1.0:
             return ""
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
