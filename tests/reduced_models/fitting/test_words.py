@@ -53,6 +53,11 @@ def test_a_pendulum_as_it_is_written() -> None:
     free = np.diff(model.intervals["k"])[0]
     assert np.diff(held.intervals["k"])[0] < 1.01 * free
     assert "lam = 0.03 given" in held.provenance["fit"]
+    again = fit(
+        record, PENDULUM, fix={"lam": 0.03}, bounds={"k": (0.0, None)}, initial="free", seed=2
+    )
+    assert again.parameters["k"] == pytest.approx(held.parameters["k"], rel=1e-6)
+    assert min(held.quality.converged, again.quality.converged) >= 8  # whatever the random starts
 
 
 def test_the_time_in_a_law() -> None:
