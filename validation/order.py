@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.shared.errors import InputError, RunError
-from validation.convergence_result import CLEAR, ConvergenceResult, Slope, convergence_table
+from validation.convergence_result import CLEAR, ConvergenceResult, Slope
 from validation.exact.problem import Moment, Problem
 
 if TYPE_CHECKING:
