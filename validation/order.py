@@ -55,9 +55,6 @@ Solver = Callable[[Problem, int], Moment]
 """The grains at a problem's time, after that many equal steps."""
 
 
-
-
-
 def toolkit(method: str) -> Solver:
     """The toolkit's own integration by the method of that name.
 
