@@ -39,7 +39,8 @@ def engineering_words(found: IdentificationData) -> str:
             f"{damping} does the same."
         )
     best = found.comparison.rows[0]
-    return f"{words} {_best_words(best.name, best.error)}{_amplitude_words(found)}"
+    words = f"{words} {_best_words(best.name, best.error)}{_amplitude_words(found)}"
+    return words if found.falls is None else f"{found.falls.verdict} {words}"
 
 
 def _as_sure(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
