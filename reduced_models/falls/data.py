@@ -134,7 +134,7 @@ class Falls:
         axes.set_yscale("log")
         axes.set_xlabel("height of the drop's start [mm]")
         axes.set_ylabel("error [% of the drop]")
-        axes.legend()
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
         return axes
 
     def to_plain(self) -> dict[str, Any]:

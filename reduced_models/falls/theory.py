@@ -1,11 +1,11 @@
 """What a scene says of the law of its fall, before anything has fallen.
 
 A crystal of N equal dipoles with their moments normal to it, in a cell of width W below a piston at
-the height z, has the pressure p = 1.667 (F*/D) rho^(5/2), rho = N D^2/(W z) (lattice sum of the
+the height z, has the pressure p = 1.6674 (F*/D) rho^(5/2), rho = N D^2/(W z) (lattice sum of the
 hexagonal crystal, minus its derivative by the area; a mixture at random has the square of its mean
 moment in place of that of one grain). The piston's weight M g = p W then gives the height of rest
 
-    r = (N D^2/W) (1.667 F* W/(D M g))^(2/5).
+    r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
 Walls hold the grains beside them less densely: r is greater by a share that falls with N^(-1/2).
 Grains that follow the piston affinely have the velocity z' y/z at the height y; their drag is that
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 LAW = LAWS["elastoplastic-bed"]
 POWER = 2.5
-PRESSURE = 1.667
+PRESSURE = 1.6674
 """Of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module's first lines."""
 BULK, WALLS = 0.957, 0.906
 """Height of rest over that of the lattice: BULK + WALLS/sqrt(N)."""
