@@ -75,7 +75,7 @@ def judged_falls(
     if all(row.model is None for row in rows):
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     rows.sort(key=lambda row: (row.model is None, row.median))
-    drop = record.height[0] - level
+    drop = float(record.height[0]) - level
     alike = [one for one in unseen.values() if abs(one.height[0] - record.height[0]) <= SAME * drop]
     scatter = tuple(_rms(one, record.time, record.height) / drop for one in alike)
     return Falls(record, level, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
