@@ -13,7 +13,6 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
-from reduced_models.falls.judging import FALL_LAWS
 from reduced_models.fitting.fitting import fit
 from reduced_models.identification.checks import (
     CHECK_SEEDS,
@@ -28,7 +27,6 @@ from reduced_models.identification.comparison import judged_on
 from reduced_models.identification.data import Figure
 from reduced_models.identification.fall_checks import fall_checks, fall_of, falls_of
 from reduced_models.identification.result import Identification
-from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:
@@ -48,25 +46,25 @@ def with_checks(
     run: Trajectory,
     executor: Executor | None,
     progress: bool,
-    fall_laws: Sequence[str | Law] = FALL_LAWS,
+    falls: bool = True,
 ) -> Identification:
     """What was identified, judged on another lift and other falls, with step errors and scatter.
 
     A check that fails becomes a note. The other lift is run where there are laws to choose from,
-    and other falls where the scene begins with one.
+    and other falls, if asked for, where the scene begins with one.
     """
     step, seeds = step_check(run), seed_checks(run)
     lift = held_out_lift(run.scene) if len(found.models) > 1 else None
-    fall = fall_of(run, found.figures["period"].value)
-    falls = [] if fall is None else fall_checks(run, fall)
-    asked = [step.check, *seeds, *([] if lift is None else [lift]), *falls]
+    fall = fall_of(run, found.figures["period"].value) if falls else None
+    others = [] if fall is None else fall_checks(run, fall)
+    asked = [step.check, *seeds, *([] if lift is None else [lift]), *others]
     records = checked_records(run, asked, executor, progress)
     failures = [one for one in records if isinstance(one, Failure)]
     other = None if lift is None else records[1 + CHECK_SEEDS]
     if isinstance(other, PistonRecord):
         found = _judged_on_lift(found, other)
     if fall is not None:
-        judged = falls_of(run, fall, falls, records[len(records) - len(falls) :], fall_laws)
+        judged = falls_of(run, fall, others, records[len(records) - len(others) :])
         if isinstance(judged, Failure):
             failures.append(judged)
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from granular.run.record import PistonRecord
-from granular.shared.errors import InputError, RecordError
+from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.data import Falls
 from reduced_models.falls.judging import judged_falls
 from reduced_models.identification.checks import CHECK_SEEDS, Failure, RunCheck
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from granular.run.trajectory import Trajectory
-    from reduced_models.laws.law import Law
+    from granular.scene.scene import Scene
 
 SHARES = (0.4, 0.6, 1.4, 1.8)
 """Of the drop's height, from which the piston falls instead."""
@@ -47,7 +47,7 @@ def fall_of(run: Trajectory, period: float) -> PistonRecord | None:
 
 
 def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Runs of the fall alone, from other heights and other random starts."""
+    """Runs of the fall alone, from other heights that the grains fit under, and other starts."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]
@@ -67,7 +67,16 @@ def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         RunCheck(f"start {k}", {**alone, "arrangement.seed": k})
         for k in range(seed, seed + CHECK_SEEDS)
     ]
-    return found
+    return [one for one in found if _fits(scene, one)]
+
+
+def _fits(scene: Scene, check: RunCheck) -> bool:
+    """Whether a scene can be changed so; grains may not fit under a lower piston."""
+    try:
+        scene.replace(**check.changes)
+    except GranularError:
+        return False
+    return True
 
 
 def falls_of(
@@ -75,7 +84,6 @@ def falls_of(
     fall: PistonRecord,
     checks: Sequence[RunCheck],
     records: Sequence[PistonRecord | Failure],
-    laws: Sequence[str | Law],
 ) -> Falls | Failure:
     """The laws judged on the falls that could be run."""
     unseen = {
@@ -85,7 +93,7 @@ def falls_of(
     }
     try:
         return judged_falls(
-            fall, unseen, laws, rest=run.stage(run.scene.protocol[0].name).height, scene=run.scene
+            fall, unseen, rest=run.stage(run.scene.protocol[0].name).height, scene=run.scene
         )
     except InputError as cause:
         return Failure("other falls", str(cause))

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted, visible
-from reduced_models.falls.judging import FALL_LAWS
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.advice import advice
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
@@ -88,10 +87,10 @@ def identify(
     checks : bool
         Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter, and with another lift, which all
-        laws then have to predict. Where the scene begins with a fall, laws of the whole fall are
-        fitted to it (those that are named, or else `reduced_models.falls.judging.FALL_LAWS`), and
-        judged on falls from other heights and random starts. What was identified is saved before;
-        a check that fails becomes a note.
+        laws then have to predict. Where no laws are named and the scene begins with a fall, laws
+        of the whole fall (`reduced_models.falls.judging.FALL_LAWS`) are fitted to it, and judged
+        on falls from other heights and random starts. What was identified is saved before; a check
+        that fails becomes a note.
     executor : concurrent.futures.Executor, optional
         Where the checks run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
@@ -130,8 +129,7 @@ def identify(
     if target is not None:
         found.save(target)
     if checks and run is not None and run.complete and found.figures:
-        fall_laws = FALL_LAWS if laws is None else [model.law for model in found.models]
-        found = with_checks(found, run, executor, progress, fall_laws)
+        found = with_checks(found, run, executor, progress, falls=laws is None)
         clock.lap("checks of step, seeds, lift and falls")
         if target is not None:
             found.save(target)

@@ -54,8 +54,8 @@ def _best_words(name: str, error: float) -> str:
     if math.isinf(error):
         return "No law predicts what it has not seen."
     return (
-        f"The best law of the record, {name}, predicts what it has not seen to {100 * error:.2g} % of "
-        "the swing."
+        f"The best law of the record, {name}, predicts what it has not seen to "
+        f"{100 * error:.2g} % of the swing."
     )
 
 
