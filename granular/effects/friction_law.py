@@ -203,9 +203,9 @@ def _kick_with_friction(
         load = normal_force(law, state.load, i)
         vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
         speed = _length(vx, vy)
-        against = max(-(vx * fx + vy * fy) / speed, 0.0) if speed > 0.0 else math.inf
+        against = max(-(vx * fx + vy * fy), 0.0)
         friction = law.dynamic * load
-        if speed * mass > span * (against + 2.0 * friction):
+        if (speed * mass - 2.0 * span * friction) * speed > span * against:
             # The force and twice the friction would not stop it. (Else they must act together, or
             # a grain that is pushed on would be stopped for good by the greater static friction.)
             loss = friction * span / mass
