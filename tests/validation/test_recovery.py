@@ -11,6 +11,7 @@ from granular.shared.errors import InputError
 from validation.recovery import peer, programme
 from validation.recovery.silverbox import silverbox
 from validation.recovery.systems import SYSTEMS, clean_motion, law_of_system, made_record
+from validation.recovery.text import recovery_text
 
 
 def test_thirteen_systems() -> None:
@@ -31,7 +32,7 @@ def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     found = programme.recovery(tmp_path, progress=False)
     assert found["fits"] == found["reached"] == 1
     assert found["wrongly agreed"] == found["rows"][0]["SciPy starts stopped"] == 0
-    assert "1 of 1 fits" in programme.recovery_text(found)
+    assert "1 of 1 fits" in recovery_text(found)
     assert (tmp_path / "recovery.json").exists()
 
 
@@ -65,7 +66,7 @@ def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(programme, "made_record", lambda *_: record)
     fitted = {"ratio": 1.0, "agree": 1.0, "seconds": 1.0}
     monkeypatch.setattr(programme, "_fitted", lambda _: fitted)
-    text = programme.recovery_text(programme.recovery(progress=False))
+    text = recovery_text(programme.recovery(progress=False))
     assert "1 of 1 at 20,000 calls" in text
     assert "SciPy is stopped where" in text
 
