@@ -9,8 +9,9 @@ from granular.effects.dipole import ENERGY
 from granular.engine.constants import Constants, moments_of, over_mass
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
 from granular.engine.state import Measurement, State
+from granular.pairs.cut_off import cut_sum
 from granular.pairs.direct import direct_sum
-from granular.pairs.stripes import CutOff, cut_sum
+from granular.pairs.stripes import CutOff
 from granular.pairs.vector import lane_sum
 from granular.pairs.verlet_list import Listing, list_sum
 

@@ -13,17 +13,11 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import ENERGY
-from granular.pairs.mesh import (
-    PARTS,
-    Mesh,
-    find_potential,
-    gathered,
-    mesh_room,
-    open_windows,
-    spread,
-)
+from granular.pairs.mesh import PARTS, Mesh, mesh_room, open_windows
+from granular.pairs.mesh_grains import gathered, spread
+from granular.pairs.mesh_potential import find_potential
 from granular.pairs.split import CUBE
-from granular.pairs.stripes import finite
+from granular.pairs.stripe_lists import finite
 
 SPACINGS = 4.5
 """Of the finest mesh, in the split radius. With 4.5 the mesh takes about as long as the near part

@@ -15,7 +15,7 @@ from granular.engine.far import refresh_far_field
 from granular.engine.step_size import Step
 from granular.engine.system import natural_system
 from granular.methods import method_named
-from granular.pairs import far_field, mesh, mesh_kernel
+from granular.pairs import far_field, mesh_grains, mesh_kernel
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import STILL, FarField, FarForces, far_forces_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
@@ -26,7 +26,7 @@ from granular.run.standing import PLACE
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
-spread = entry(mesh.spread)
+spread = entry(mesh_grains.spread)
 evaluate_far = entry(refresh_far_field)
 find_far_forces = entry(far_field.find_far_forces)
 
