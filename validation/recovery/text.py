@@ -29,7 +29,7 @@ def recovery_markdown(found: Mapping[str, Any]) -> str:
     shown, made = _table(found), found["made"]
     lines = [shown.header, ("---",) * len(shown.header), *shown.rows]
     rows = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-    by = f"`{made['command']}` on {made['date']}, {made['cores']} cores of a {made['processor']}"
+    by = f"`{made['command']}` on {made['date']}, {made['cores']} cores, {made['processor']}"
     return f"{rows}\n\n{_totals(found)}.\n({by}.)"
 
 
