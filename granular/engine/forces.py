@@ -80,8 +80,8 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
     """
     acting = constants.acting
     _pair_forces(acting.dipole, acting.weight, state, constants, None, None)
-    crowded = refresh_far_field(state.far_forces, state, constants)
-    add_far_field(state.far_forces, state, constants.grains)
+    crowded = refresh_far_field(state.far_forces, state, constants, time)
+    add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
 
 
@@ -95,8 +95,8 @@ def measure_forces(
         acting.dipole, acting.weight, state, constants,
         measurement.stiffness, measurement.extremes,
     )  # fmt: skip
-    crowded = find_far_field(state.far_forces, state, constants)
-    add_far_field(state.far_forces, state, constants.grains)
+    crowded = find_far_field(state.far_forces, state, constants, time)
+    add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
 
 

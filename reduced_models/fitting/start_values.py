@@ -23,6 +23,7 @@ from reduced_models.records.inputs import column, drive_at
 _NODES = 160
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
 _OTHER_DRAWS = 1
+_STEPS = 20  # of a draw, at most
 _SPREAD = 0.05  # of the logarithm of repeated start values
 
 
@@ -136,7 +137,12 @@ def _matched(
     results = []
     for unit in draws:
         found = least_squares(
-            residuals, np.zeros(free.sum()), args=(unit,), x_scale="jac", max_nfev=40, method="trf"
+            residuals,
+            np.zeros(free.sum()),
+            args=(unit,),
+            x_scale="jac",
+            max_nfev=_STEPS * (1 + int(free.sum())),
+            method="lm",
         )
         results.append((float(found.cost), moved(found.x, unit)))
     results.sort(key=lambda pair: pair[0])
