@@ -88,6 +88,10 @@ class Page:
         """A paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escaped(words)}</p>')
 
+    def link(self, words: str, to: str) -> None:
+        """A line that leads to another file beside the page."""
+        self._parts.append(f'<p><a href="{_escaped(to)}">{_escaped(words)}</a></p>')
+
     def listing(self, items: Sequence[str]) -> None:
         """A list of short texts."""
         rows = "".join(f"<li>{_escaped(words)}</li>" for words in items)
