@@ -7,6 +7,8 @@ from .designs.maps import damper_maps as damper_maps
 from .designs.result import Design as Design
 from .designs.study import run_study as run_study
 from .discovery.discovering import discover as discover
+from .falls.judging import judged_falls as judged_falls
+from .falls.theory import predict as predict
 from .fitting.fitting import fit as fit
 from .fitting.law_estimator import LawEstimator as LawEstimator
 from .fitting.posterior import posterior as posterior

@@ -1,4 +1,6 @@
 from .choice import cheapest as cheapest
+from .convergence_result import ConvergenceResult as ConvergenceResult
+from .convergence_result import convergence_table as convergence_table
 from .cost import Setting as Setting
 from .cost import WorkPrecision as WorkPrecision
 from .cost import work_precision as work_precision
@@ -8,9 +10,7 @@ from .hard_cases import catalogue as catalogue
 from .hard_cases import energy_change as energy_change
 from .hard_cases import head_on as head_on
 from .hard_cases import near_limit as near_limit
-from .order import ConvergenceResult as ConvergenceResult
 from .order import convergence as convergence
-from .order import convergence_table as convergence_table
 from .outcomes import outcome as outcome
 from .own_method import method_report as method_report
 from .trend import Trend as Trend

@@ -279,7 +279,8 @@ def _prices(options: Any) -> None:
 
 
 def _recovery(options: Any) -> None:
-    from validation.recovery.programme import recovery, recovery_text
+    from validation.recovery.programme import recovery
+    from validation.recovery.text import recovery_text
 
     found = recovery(options.out, full=options.full, progress=not options.quiet)
     emit(found, recovery_text(found), options.json)

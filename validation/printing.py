@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from validation.convergence_result import ConvergenceResult, convergence_table
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
-from validation.order import ConvergenceResult, convergence_table
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Plain
 from validation.sections.cost import choices, studies

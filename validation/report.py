@@ -10,10 +10,10 @@ from typing import Any
 from granular.scene.scene import Scene
 from granular.shared.files import make_directory, write_json
 from granular.shared.html import Page
+from validation.convergence_result import ConvergenceResult
 from validation.cost import USUAL
 from validation.energy import EnergyStudy
 from validation.glance import glance_part
-from validation.order import ConvergenceResult
 from validation.outcomes import Outcome
 from validation.parts import FAILED, Part, Plain, machine, measured
 from validation.programme import PARTS, part_named

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from granular.shared.text_columns import in_columns
+
 
 class TextTable(NamedTuple):
     """Header and rows of texts."""
@@ -14,12 +16,7 @@ class TextTable(NamedTuple):
 
     def text(self) -> str:
         """The table in columns."""
-        lines = [self.header, *self.rows]
-        widths = [max(len(line[k]) for line in lines) for k in range(len(self.header))]
-        return "\n".join(
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-            for line in lines
-        )
+        return in_columns([self.header, *self.rows])
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextTable:

@@ -112,15 +112,31 @@ def _start_grain(
 
 
 @compiled(inline=True)
-def _rub_grain(
-    law: FrictionLaw, span: float, state: State, i: int, mass: float, load: float
-) -> None:
-    """A sliding grain loses speed, and stops where it has no more."""
-    speed = _length(state.vx[i], state.vy[i])
-    left = sliding(speed, law.dynamic * load * span / mass)
-    state.vx[i] *= left
-    state.vy[i] *= left
-    state.ledger[law.entry] += 0.5 * mass * speed * speed * (1.0 - left * left)
+def _fast_grain(
+    flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opening: bool
+) -> tuple[float, float, float, float]:
+    """Kick and drag, then friction, or the other way round in the kick that closes a step.
+
+    Returns
+    -------
+    tuple of float
+        The velocity, and the energies lost to drag and to friction, per mass.
+    """
+    decay, gain, a, b, c = flow
+    rubbed, left = 0.0, 1.0
+    if not opening:
+        speed = _length(vx, vy)
+        left = sliding(speed, loss)
+        vx, vy = vx * left, vy * left
+        rubbed = 0.5 * speed * speed * (1.0 - left * left)
+    dragged = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
+    vx, vy = decay * vx + gain * ax, decay * vy + gain * ay
+    if opening:
+        speed = _length(vx, vy)
+        left = sliding(speed, loss)
+        vx, vy = vx * left, vy * left
+        rubbed = 0.5 * speed * speed * (1.0 - left * left)
+    return vx, vy, dragged, rubbed
 
 
 @compiled
@@ -178,24 +194,34 @@ def _kick_with_friction(
 ) -> None:  # fmt: skip
     assert state.load is not None
     flow = drag.flow(rate, span)
+    # Apart from the ledger, where each sum would wait for the one before it.
+    dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
         mass = 1.0
         if masses is not None:
             mass = masses[i]
         load = normal_force(law, state.load, i)
-        speed = _length(state.vx[i], state.vy[i])
-        if speed == 0.0:
+        vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
+        speed = _length(vx, vy)
+        against = max(-(vx * fx + vy * fy), 0.0)
+        friction = law.dynamic * load
+        if (speed * mass - 2.0 * span * friction) * speed > span * against:
+            # The force and twice the friction would not stop it. (Else they must act together, or
+            # a grain that is pushed on would be stopped for good by the greater static friction.)
+            loss = friction * span / mass
+            state.vx[i], state.vy[i], by_drag, by_friction = _fast_grain(
+                flow, loss, vx, vy, fx / mass, fy / mass, opening
+            )
+            dragged += mass * by_drag
+            rubbed += mass * by_friction
+        elif speed == 0.0:
             _start_grain(law, rate, span, flow, state, i, mass, load)
         elif _sticks(law, span, speed, state, i, mass, load):
             _stop_grain(law, rate, state, i, mass, load)
-        elif _slow(law, span, speed, state, i, mass, load):
-            _slide_grain(law, rate, span, flow, state, i, mass, load)
-        elif opening:
-            _push_grain(law.drag, flow, 1.0, state, i, mass)
-            _rub_grain(law, span, state, i, mass, load)
         else:
-            _rub_grain(law, span, state, i, mass, load)
-            _push_grain(law.drag, flow, 1.0, state, i, mass)
+            _slide_grain(law, rate, span, flow, state, i, mass, load)
+    drag.enter(law.drag, state, dragged)
+    state.ledger[law.entry] += rubbed
 
 
 @compiled(inline=True)
@@ -226,20 +252,6 @@ def _stop_grain(
     state.ledger[law.entry] += friction * way
     drag.enter(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * way)
     state.vx[i] = state.vy[i] = 0.0
-
-
-@compiled(inline=True)
-def _slow(
-    law: FrictionLaw, span: float, speed: float, state: State, i: int, mass: float, load: float
-) -> bool:
-    """Whether the force and twice the friction would stop the grain in the span.
-
-    Force and friction must then act together, or a grain that is pushed on would be stopped for
-    good: the static friction that then holds it is greater.
-    """
-    vx, vy = state.vx[i], state.vy[i]
-    against = max(-(vx * state.fx[i] + vy * state.fy[i]) / speed, 0.0)
-    return speed * mass < span * (against + 2.0 * law.dynamic * load)
 
 
 @compiled

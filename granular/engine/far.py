@@ -1,20 +1,35 @@
-"""The far field in the engine: a part of every force, or impulses that come every so many steps."""
+"""The far field in the engine: a part of every force, or impulses that come every so many steps.
+
+Where grains rub it is a part of every force, for sticking is decided by all of it. At rest it stays
+as it is, to the last bit; while grains slide it goes on for `AHEAD` steps as it changed before.
+"""
 
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.engine.compensation import speed_up
-from granular.engine.constants import Constants, moments_of
+from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import State
-from granular.pairs.far_field import FarForces, find_far_forces, has_changed
+from granular.pairs.far_field import (
+    AHEAD,
+    CALLS,
+    CHANGING,
+    TIME,
+    FarForces,
+    find_far_forces,
+    has_changed,
+)
 
 
 @compiled(inline=True)
-def find_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
-    """Find the far field at the present places; 1 where its mesh has no room for them."""
+def find_far_field(far: FarForces | None, state: State, constants: Constants, time: float) -> int:
+    """Find the far field at the present places and time; 1 where its mesh has no room for them."""
     if far is None:
         return 0
     assert state.stripes is not None
+    far.moment[TIME] = time
+    far.moment[CALLS] = 0.0
+    far.moment[CHANGING] = 0.0
     return find_far_forces(
         far, constants.threaded, constants.grains, state.x, state.y, moments_of(constants),
         constants.acting.weight, state.stripes.order,
@@ -22,7 +37,9 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants) ->
 
 
 @compiled(inline=True)
-def refresh_far_field(far: FarForces | None, state: State, constants: Constants) -> int:
+def refresh_far_field(
+    far: FarForces | None, state: State, constants: Constants, time: float
+) -> int:
     """Find the far field where it is a part of every force; where it acts in impulses, it stays.
 
     It also stays where grains rub and none has moved by more than
@@ -30,30 +47,73 @@ def refresh_far_field(far: FarForces | None, state: State, constants: Constants)
     """
     if far is None:
         return 0
-    return _refresh(far.held, far, state, constants)
+    return _refresh(far.held, far, state, constants, time)
 
 
 @compiled(inline=True)
-def _refresh(held: Array | None, far: FarForces, state: State, constants: Constants) -> int:
+def _refresh(
+    held: Array | None, far: FarForces, state: State, constants: Constants, time: float
+) -> int:
     if held is None:
-        return _refresh_rubbing(far.met, far, state, constants)
+        return _refresh_rubbing(far.met, far, state, constants, time)
     return 0
 
 
 @compiled(inline=True)
-def _refresh_rubbing(met: Array | None, far: FarForces, state: State, constants: Constants) -> int:
+def _refresh_rubbing(
+    met: Array | None, far: FarForces, state: State, constants: Constants, time: float
+) -> int:
     if met is None:
-        return find_far_field(far, state, constants)
+        return find_far_field(far, state, constants, time)
+    far.moment[CALLS] += 1.0
+    if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < AHEAD:
+        return 0
     if has_changed(met, state.x, state.y, constants.grains):
-        return find_far_field(far, state, constants)
+        return _find_course(far.course, far, state, constants, time)
+    far.moment[CHANGING] = 0.0
     return 0
 
 
 @compiled(inline=True)
-def add_far_field(far: FarForces | None, state: State, count: int) -> None:
+def _find_course(
+    course: Array | None, far: FarForces, state: State, constants: Constants, time: float
+) -> int:
+    """Find the far field, and how it changes where it was last found shortly before."""
+    if course is None:
+        return find_far_field(far, state, constants, time)
+    lapse = time - far.moment[TIME]
+    goes_on = far.moment[CALLS] <= AHEAD and lapse > 0.0
+    _keep(course, far)
+    crowded = find_far_field(far, state, constants, time)
+    if goes_on:
+        _find_slopes(course, far, lapse)
+        far.moment[CHANGING] = 1.0
+    return crowded
+
+
+@compiled
+def _keep(course: Array, far: FarForces) -> None:
+    for i in range(far.fx.size):
+        course[0, i] = far.fx[i]
+        course[1, i] = far.fy[i]
+        course[2, i] = value_of(far.load, i)
+
+
+@compiled
+def _find_slopes(course: Array, far: FarForces, lapse: float) -> None:
+    for i in range(far.fx.size):
+        course[0, i] = (far.fx[i] - course[0, i]) / lapse
+        course[1, i] = (far.fy[i] - course[1, i]) / lapse
+        course[2, i] = (value_of(far.load, i) - course[2, i]) / lapse
+
+
+@compiled(inline=True)
+def add_far_field(far: FarForces | None, state: State, count: int, time: float) -> None:
     """Add the far field to forces and loads; where it acts in impulses, the held one."""
     if far is not None:
         _add(far.held, far, state.load, state, count)
+        if far.moment[CHANGING] > 0.0:
+            _add_course(far.course, state.load, time - far.moment[TIME], state, count)
 
 
 @compiled
@@ -69,6 +129,19 @@ def _add(held: Array | None, far: FarForces, load: Array | None, state: State, c
         for i in range(count):
             state.fx[i] += held[0, i]
             state.fy[i] += held[1, i]
+
+
+@compiled
+def _add_course(
+    course: Array | None, load: Array | None, lapse: float, state: State, count: int
+) -> None:
+    if course is not None:
+        for i in range(count):
+            state.fx[i] += lapse * course[0, i]
+            state.fy[i] += lapse * course[1, i]
+        if load is not None:
+            for i in range(count):
+                load[i] += lapse * course[2, i]
 
 
 @compiled

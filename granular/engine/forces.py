@@ -9,8 +9,9 @@ from granular.effects.dipole import ENERGY
 from granular.engine.constants import Constants, moments_of, over_mass
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
 from granular.engine.state import Measurement, State
+from granular.pairs.cut_off import cut_sum
 from granular.pairs.direct import direct_sum
-from granular.pairs.stripes import CutOff, cut_sum
+from granular.pairs.stripes import CutOff
 from granular.pairs.vector import lane_sum
 from granular.pairs.verlet_list import Listing, list_sum
 
@@ -79,8 +80,8 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
     """
     acting = constants.acting
     _pair_forces(acting.dipole, acting.weight, state, constants, None, None)
-    crowded = refresh_far_field(state.far_forces, state, constants)
-    add_far_field(state.far_forces, state, constants.grains)
+    crowded = refresh_far_field(state.far_forces, state, constants, time)
+    add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
 
 
@@ -94,8 +95,8 @@ def measure_forces(
         acting.dipole, acting.weight, state, constants,
         measurement.stiffness, measurement.extremes,
     )  # fmt: skip
-    crowded = find_far_field(state.far_forces, state, constants)
-    add_far_field(state.far_forces, state, constants.grains)
+    crowded = find_far_field(state.far_forces, state, constants, time)
+    add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
 
 

@@ -209,7 +209,7 @@ def _make_tick(
         )
         if every is not None and step == span_end:
             if not last:
-                outside += find_far_field(state.far_forces, state, constants)
+                outside += find_far_field(state.far_forces, state, constants, next_time)
             kick_by_far_field(state.far_forces, impulse, state, constants)
         state.clock[TIME] = next_time
         state.clock[STEPS] += 1.0

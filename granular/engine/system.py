@@ -13,7 +13,7 @@ from granular.effects.effect import Effect, Setting
 from granular.engine.constants import Acting, Constants, Resistance, Sides
 from granular.methods import Method
 from granular.pairs.direct import padded_values
-from granular.pairs.far_field import MOST_POINTS, SPACINGS, FarField
+from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
 from granular.pairs.stripes import CutOff
 from granular.scene.parts import Piston
 from granular.scene.scales import Scales
@@ -154,7 +154,9 @@ def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | Non
             f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
             f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
         )
-    rubbing = scene.effects.friction is not None and scene.pairs.far_every is None
+    rubbing = None
+    if scene.effects.friction is not None and scene.pairs.far_every is None:
+        rubbing = AHEAD if method is not None and method.takes_impulses else 1
     return FarField(radius, width, height, _far_every(scene, method), rubbing)
 
 

@@ -16,55 +16,99 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.lanes import INDEX, WIDTH, Code, constant
+from granular.pairs.lanes import INDEX, LANES, WIDTH, Code, constant
 
 TERMS = WIDTH
 """Products that are taken together."""
 
+BESIDE = 3
+"""Lines behind the last one that are read, for nothing."""
+
+_LINES, _DISTANCES = 1 + BESIDE, (4, 2, 1)
+"""Lines, and distances between lines, that are met together: as many as registers hold, and what
+is left of the distances."""
+
 
 def _add_along(
-    code: Code, source: ir.Value, at: ir.Value, table: ir.Value, reach: ir.Value
-) -> list[ir.Value]:
-    """Sums over both sides of a point along its line, one for each term."""
+    code: Code, source: ir.Value, places: list[ir.Value], table: ir.Value, reach: ir.Value
+) -> list[list[ir.Value]]:
+    """Sums over both sides of points along their lines: for each point, one for each term."""
     b = code.builder
-    sums = [code.variable(constant(0.0)) for _ in range(TERMS)]
-    for one in sums:
-        b.store(constant(0.0), one)
+    sums = [_sums(code, TERMS) for _ in places]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
     with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
-        both = b.fadd(code.load(source, b.sub(at, apart)), code.load(source, b.add(at, apart)))
         first = b.mul(apart, ir.Constant(INDEX, TERMS))
-        for term, total in enumerate(sums):
+        both = [
+            b.fadd(code.load(source, b.sub(at, apart)), code.load(source, b.add(at, apart)))
+            for at in places
+        ]
+        for term in range(TERMS):
             share = code.splat(code.scalar(table, b.add(first, ir.Constant(INDEX, term))))
+            for values, totals in zip(both, sums, strict=True):
+                b.store(code.fused(values, share, b.load(totals[term])), totals[term])
+    return [[b.load(one) for one in totals] for totals in sums]
+
+
+def _sums(code: Code, many: int) -> list[Any]:
+    sums = [code.variable(constant(0.0)) for _ in range(many)]
+    for one in sums:
+        code.builder.store(constant(0.0), one)
+    return sums
+
+
+def _add_tile(
+    code: Code, rows: ir.Value, begin: ir.Value, table: ir.Value, apart: ir.Value,
+    distances: int, sums: list[Any],
+) -> None:  # fmt: skip
+    """Add some distances, from ``apart`` on, to the sums of lines that follow each other.
+
+    ``begin`` is the place of one term of the first line. What two lines have in common is loaded
+    once: loads are what takes longest here.
+    """
+    b = code.builder
+    block = TERMS * WIDTH
+    down = b.sub(begin, b.mul(apart, ir.Constant(INDEX, block)))
+    up = b.add(begin, b.mul(apart, ir.Constant(INDEX, block)))
+    many = len(sums) + distances - 1
+    below = [
+        code.load(rows, b.add(down, ir.Constant(INDEX, (line - distances + 1) * block)))
+        for line in range(many)
+    ]
+    above = [code.load(rows, b.add(up, ir.Constant(INDEX, line * block))) for line in range(many)]
+    for by in range(distances):
+        place = b.mul(b.add(apart, ir.Constant(INDEX, by)), ir.Constant(INDEX, TERMS))
+        share = code.splat(code.scalar(table, place))
+        for line, total in enumerate(sums):
+            both = b.fadd(below[line + distances - 1 - by], above[line + by])
             b.store(code.fused(both, share, b.load(total)), total)
-    return [b.load(one) for one in sums]
 
 
 def _add_across(
     code: Code, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
-) -> ir.Value:
-    """Sum over both sides of a point across the lines, and over the terms."""
+) -> list[ir.Value]:
+    """Sums over both sides of `_LINES` points across the lines, and over the terms."""
     b = code.builder
-    width = ir.Constant(INDEX, WIDTH)
-    sums = [code.variable(constant(0.0)) for _ in range(TERMS)]
-    for one in sums:
-        b.store(constant(0.0), one)
-    zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
-    many = ir.Constant(INDEX, TERMS)
-    with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
-        first = b.mul(apart, many)
-        below, above = b.mul(b.sub(line, apart), many), b.mul(b.add(line, apart), many)
-        for term, total in enumerate(sums):
-            place = ir.Constant(INDEX, term)
-            share = code.splat(code.scalar(table, b.add(first, place)))
-            both = b.fadd(
-                code.load(rows, b.mul(b.add(below, place), width)),
-                code.load(rows, b.mul(b.add(above, place), width)),
-            )
-            b.store(code.fused(both, share, b.load(total)), total)
-    values = [b.load(one) for one in sums]
+    block = ir.Constant(INDEX, TERMS * WIDTH)
+    zero, one, many = (ir.Constant(INDEX, value) for value in (0, 1, TERMS))
+    found = [cgutils.alloca_once(b, LANES, size=TERMS) for _ in range(_LINES)]
+    with cgutils.for_range_slice(b, zero, many, one, INDEX) as (term, _):
+        begin = b.add(b.mul(line, block), b.mul(term, ir.Constant(INDEX, WIDTH)))
+        shares, sums, done = b.gep(table, [term]), _sums(code, _LINES), zero
+        for distances in _DISTANCES:
+            step = ir.Constant(INDEX, distances)
+            end = b.sub(reach, b.urem(b.sub(reach, done), step))
+            with cgutils.for_range_slice(b, done, end, step, INDEX) as (apart, _):
+                _add_tile(code, rows, begin, shares, apart, distances, sums)
+            done = end
+        for place, total in zip(found, sums, strict=True):
+            b.store(b.load(total), b.gep(place, [term]))
+    terms = [ir.Constant(INDEX, term) for term in range(TERMS)]
+    values = [[b.load(b.gep(place, [term])) for place in found] for term in terms]
     while len(values) > 1:
-        values = [b.fadd(*pair) for pair in zip(values[::2], values[1::2], strict=True)]
+        values = [
+            [b.fadd(*pair) for pair in zip(first, second, strict=True)]
+            for first, second in zip(values[::2], values[1::2], strict=True)
+        ]
     return values[0]
 
 
@@ -88,19 +132,27 @@ def _convolve_columns(
         at, stride, lines, first, scale = values[5:]
         shape = context.make_array(signature.args[2])(context, b, values[2]).shape
         reach = b.extract_value(shape, 0)
-        zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
+        zero, one = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
         block = ir.Constant(INDEX, TERMS * WIDTH)
-        with cgutils.for_range_slice(b, zero, lines, step, INDEX) as (line, _):
-            sums = _add_along(code, source, b.add(at, b.mul(line, stride)), along, reach)
-            begin = b.mul(b.add(line, reach), block)
-            for term, value in enumerate(sums):
-                code.store(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
+        last = b.sub(lines, one)
+        with cgutils.for_range_slice(b, zero, lines, ir.Constant(INDEX, 2), INDEX) as (line, _):
+            behind = b.add(line, one)
+            two = [line, b.select(b.icmp_signed("<", behind, lines), behind, last)]
+            places = [b.add(at, b.mul(here, stride)) for here in two]
+            for here, sums in zip(two, _add_along(code, source, places, along, reach), strict=True):
+                begin = b.mul(b.add(here, reach), block)
+                for term, value in enumerate(sums):
+                    code.store(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
         factor = code.splat(scale)
-        with cgutils.for_range_slice(b, zero, lines, step, INDEX) as (line, _):
-            value = _add_across(code, rows, b.add(line, reach), across, reach)
-            place = b.add(at, b.mul(line, stride))
-            before = b.select(first, constant(0.0), code.load(out, place))
-            code.store(b.fadd(before, b.fmul(value, factor)), out, place)
+        many = ir.Constant(INDEX, _LINES)
+        with cgutils.for_range_slice(b, zero, lines, many, INDEX) as (line, _):
+            values = _add_across(code, rows, b.add(line, reach), across, reach)
+            for behind, value in enumerate(values):
+                here = b.add(line, ir.Constant(INDEX, behind))
+                with b.if_then(b.icmp_signed("<", here, lines)):
+                    place = b.add(at, b.mul(here, stride))
+                    before = b.select(first, constant(0.0), code.load(out, place))
+                    code.store(b.fadd(before, b.fmul(value, factor)), out, place)
         return context.get_dummy_value()
 
     return signature, generate
@@ -145,7 +197,7 @@ source, out : float64 (p,)
 along, across : float64 (groups, reach, `TERMS`)
     By the distance, from 0 on, where it is halved.
 rows : float64 (q,)
-    Scratch: for so many lines and twice the reach, `TERMS` times `WIDTH` numbers.
+    Scratch: `TERMS` times `WIDTH` numbers for so many lines, twice the reach and `BESIDE`.
 at : int
     Place of the first line's first column.
 stride, lines : int

@@ -13,17 +13,11 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import ENERGY
-from granular.pairs.mesh import (
-    PARTS,
-    Mesh,
-    find_potential,
-    gathered,
-    mesh_room,
-    open_windows,
-    spread,
-)
+from granular.pairs.mesh import PARTS, Mesh, mesh_room, open_windows
+from granular.pairs.mesh_grains import gathered, spread
+from granular.pairs.mesh_potential import find_potential
 from granular.pairs.split import CUBE
-from granular.pairs.stripes import finite
+from granular.pairs.stripe_lists import finite
 
 SPACINGS = 4.5
 """Of the finest mesh, in the split radius. With 4.5 the mesh takes about as long as the near part
@@ -35,6 +29,15 @@ STILL = 5e-4
 In a bed as dense as a full compression, grain against grain, it changes by at most 25 rho / r_c^3
 times twice this way, with rho grains per D^2: 2e-5 F* at a radius of 7 D, a sixth of what the mesh
 may be off by. Beds whose grains move together change it by far less."""
+
+AHEAD = 8
+"""Steps that the far field goes on for as it last changed, where grains slide fast.
+
+To second order in them, as impulses every so many steps are."""
+
+TIME, CALLS, CHANGING = range(3)
+"""Entries of when the far field was found: the time [tau]; forces since then; whether it goes on as
+it changed before."""
 
 MOST_POINTS = 1e8
 """Of the finest mesh: all of them take two gigabytes."""
@@ -52,15 +55,16 @@ class FarField(NamedTuple):
     every : int or None
         Steps from one evaluation to the next, whose force then acts as an impulse; None where the
         far force is a part of every force.
-    rubbing : bool
-        Whether it is then found again only where a grain has moved by more than `STILL`.
+    rubbing : int or None
+        Where grains rub, it is found again only where one has moved by more than `STILL`, and while
+        they slide every so many steps. None: for every force.
     """
 
     radius: float
     width: float
     height: float
     every: int | None
-    rubbing: bool = False
+    rubbing: int | None = None
 
 
 class FarForces(NamedTuple):
@@ -79,6 +83,10 @@ class FarForces(NamedTuple):
         Far part of the sums behind the normal force of friction.
     met : float64 (2, m) or None
         Places where they were last found; None where that is done for every force.
+    course : float64 (3, m) or None
+        How fast forces and loads change [1/tau] while grains slide; None where that is not asked.
+    moment : float64 (3,)
+        See `TIME` and the others.
     energy : float64 (1,)
     totals : float64 (parts,)
         Twice the energy of each part of the grains.
@@ -91,6 +99,8 @@ class FarForces(NamedTuple):
     held: np.ndarray | None
     load: np.ndarray | None
     met: np.ndarray | None
+    course: np.ndarray | None
+    moment: np.ndarray
     energy: np.ndarray
     totals: np.ndarray
 
@@ -104,7 +114,9 @@ def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
         fy=np.zeros(size),
         held=None if field.every is None else np.zeros((2, size)),
         load=np.zeros(size) if loaded else None,
-        met=np.full((2, size), np.nan) if field.rubbing else None,
+        met=None if field.rubbing is None else np.full((2, size), np.nan),
+        course=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
+        moment=np.zeros(3),
         energy=np.zeros(1),
         totals=np.zeros(PARTS),
     )

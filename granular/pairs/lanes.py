@@ -6,6 +6,7 @@ and its order is fixed: the result has the same bits whichever thread runs it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -30,6 +31,10 @@ def padded(count: int) -> int:
 
 def constant(value: float) -> ir.Constant:
     return ir.Constant(LANES, [value] * WIDTH)
+
+
+def vector_constant(values: Sequence[float]) -> ir.Constant:
+    return ir.Constant(LANES, list(values))
 
 
 def whole_constant(value: int) -> ir.Constant:

@@ -45,7 +45,8 @@ class Pairs(Section):
     far_every : int or None
         Of the mesh: steps from one evaluation of the far field to the next. 8 if not given, where
         no grain rubs and the method is Verlet's. Where grains rub it is found again once one has
-        moved by 5e-4 diameters, and at every step with 1 given. Otherwise 1.
+        moved by 5e-4 diameters, and goes on as it changed for up to 8 steps while they slide; it is
+        found at every step with 1 given. Otherwise 1.
     """
 
     method: str = choice(*METHODS, default="auto")

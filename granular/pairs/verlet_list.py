@@ -3,7 +3,7 @@
 A list holds the pairs that are closer than the radius where it is made. From then on all of them
 act, at whatever distance, and no others; the list is made anew once a grain has moved by the skin
 [D, Algorithm 5.1 without its lines 20 to 22]. Pairs that come closer meanwhile are missed: this is
-the source's approximation, with its bias. `granular.pairs.stripes` misses none.
+the source's approximation, with its bias. `granular.pairs.stripe_lists` misses none.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def list_sum(
     moments: Array | None, stiffness: Array | None, extremes: Array | None,
     load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
-    """Forces of the listed pairs; arguments as in `granular.pairs.stripes.cut_sum`.
+    """Forces of the listed pairs; arguments as in `granular.pairs.cut_off.cut_sum`.
 
     Forces are no numbers where there are more pairs than there is room for.
     """

@@ -92,7 +92,7 @@ def _start_quickly(scene: Scene) -> bool:
 
 def _has_openmp() -> bool:
     try:
-        from numba.np.ufunc import omppool  # type: ignore[attr-defined]  # noqa: F401
+        from numba.np.ufunc import omppool  # type: ignore[attr-defined]  # noqa: F401  # not typed
     except ImportError:
         return False
     return True
@@ -100,7 +100,7 @@ def _has_openmp() -> bool:
 
 def _has_tbb() -> bool:
     try:
-        from numba.np.ufunc import tbbpool  # type: ignore[attr-defined]  # noqa: F401
+        from numba.np.ufunc import tbbpool  # type: ignore[attr-defined]  # noqa: F401  # not typed
     except ImportError:
         return False
     return True

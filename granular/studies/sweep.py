@@ -27,7 +27,7 @@ from granular.studies.work import (
     failure,
     outcomes_in,
 )
-from granular.studies.workers import workshop
+from granular.studies.workers import Workers, workshop
 
 if TYPE_CHECKING:
     import pandas
@@ -242,8 +242,10 @@ def _computed(
             if outcome is not None:
                 yield futures[future], outcome
     finally:
-        for future in futures:
-            future.cancel()
+        # Processes of ours end with all their tasks; loky stumbles over tasks taken back before.
+        if not isinstance(pool, Workers):
+            for future in futures:
+                future.cancel()
 
 
 def _kept(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:

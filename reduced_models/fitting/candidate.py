@@ -10,7 +10,7 @@ import numpy as np
 
 from reduced_models.fitting.case import Case
 from reduced_models.fitting.horizons import COARSE_STEPS, FIRST_SWINGS
-from reduced_models.fitting.joint_vector import JointVector
+from reduced_models.fitting.joint_vector import JointVector, joint_normal
 from reduced_models.fitting.refinement import JointRecords
 from reduced_models.fitting.start_values import matched_values
 from reduced_models.fitting.start_vectors import free_entries, started
@@ -25,6 +25,7 @@ from reduced_models.records.inputs import Grid, driving
 FINE_STEPS = 64
 """Grid steps of a period: the phase error of a period is then 1e-9."""
 _SAME_VALLEY = 2.0  # times the cost of the fit
+_PARABOLA = 0.5  # share by which a cost may differ from the parabola about a fit, and belong to it
 _TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
 _BETTER = 0.99  # of a cost: less is another fit
 
@@ -98,9 +99,11 @@ def refined(case: Case, found: Searched) -> Candidate:
     first = _at_home(joint, case, found.theta[int(found.costs.argmin())])
     best = _along(joint, case, first, found.reached)
     cost, coarse_cost = _cost(joint, case, best), float(found.costs.min())
-    other = _collocated(joint, case, best)
+    other = _collocated(joint, case, best, cost)
     collocation = "none"
-    if other is not None:
+    if other is best:
+        collocation = "same"
+    elif other is not None:
         tie = count * TIE**2
         other_cost = _cost(joint, case, other)
         collocation = "same" if other_cost * _BETTER <= cost + tie else "worse"
@@ -167,8 +170,13 @@ def _along(
     return joint.sharpened(theta, case.samples, tolerance=tolerance)
 
 
-def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarray | None:
-    """The fit that starts from accelerations in the leading record; None where there are none."""
+def _collocated(
+    joint: JointRecords, case: Case, theta: np.ndarray, cost: float
+) -> np.ndarray | None:
+    """The fit that starts from accelerations in the leading record; None where there are none.
+
+    It is ``theta`` itself, a fit of that cost, where it starts in the same parabola.
+    """
     unknowns, leader = joint.unknowns, case.leader
     if unknowns.map is None or unknowns.law.hidden or case.own:
         return None
@@ -176,8 +184,8 @@ def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarra
     seen = leader.guess.seen_as(given.shift, given.scale)
     mapped = leader.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical(theta[joint.vector.places[0]])[0])
-    held = case.held(leader)
-    found = matched_values(unknowns.law, seen, mapped, values, held)
+    bounds = case.bounds_of(leader)
+    found = matched_values(unknowns.law, seen, mapped, values, bounds)
     free = free_entries(
         unknowns, {name: found[None, k] for k, name in enumerate(unknowns.law.parameters)}
     )
@@ -189,7 +197,25 @@ def _collocated(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarra
     beside = theta.copy()
     for here in joint.vector.places:
         beside[here[: unknowns.free]] = start[here[: unknowns.free]]
-    if _cost(joint, case, beside) <= _SAME_VALLEY * _cost(joint, case, theta):
+    risen = _cost(joint, case, beside) - cost
+    if _of_one_parabola(joint, case, theta, beside, risen):
+        return theta
+    if risen <= (_SAME_VALLEY - 1.0) * cost:
         return joint.sharpened(beside, case.samples, tolerance=_TELLING)
     reached = [FIRST_SWINGS * data.guess.quickest for data in case.data]
     return _along(joint, case, start, reached, _TELLING)
+
+
+def _of_one_parabola(
+    joint: JointRecords, case: Case, theta: np.ndarray, beside: np.ndarray, risen: float
+) -> bool:
+    """Whether cost and slope at a place are about those of the parabola about a fit.
+
+    In another valley the cost may be so by chance; the slope, which falls towards that valley, is
+    not so too.
+    """
+    normals = [grid.normal(size) for grid, size in zip(joint.grids, case.samples, strict=True)]
+    normal, away = joint_normal(normals, joint.vector), beside - theta
+    foreseen = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
+    slope = float(away @ np.asarray(normal(beside[None])[1][0]))
+    return all(abs(each - foreseen) <= _PARABOLA * foreseen for each in (risen, slope))

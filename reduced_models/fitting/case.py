@@ -83,11 +83,6 @@ class Case(NamedTuple):
     known_noise: bool = False
     each: tuple[Mapping[str, float], ...] = ()
 
-    def held(self, data: Data) -> dict[str, float]:
-        """Parameters that are given, for one of the records."""
-        shared = {name: low for name, (low, high) in self.bounds.items() if low == high}
-        return shared | dict(self._own(data))
-
     def bounds_of(self, data: Data) -> Pairs:
         """Bounds of the parameters of one of the records."""
         return {**self.bounds, **{name: (value, value) for name, value in self._own(data).items()}}

@@ -175,7 +175,7 @@ def _start_vectors(unknowns: Unknowns, case: Case, starts: int, seed: int) -> li
             starts,
             np.random.default_rng(seed),
             case.start,
-            case.held(data),
+            case.bounds_of(data),
         )
         for data in case.data
     ]

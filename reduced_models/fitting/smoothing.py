@@ -11,6 +11,8 @@ from granular.run.record import PistonRecord
 _HALF_WINDOW = 0.12  # in periods
 _LEAST = 6  # samples within a window
 _FEWEST = 8  # times that make a motion
+_AT_ONCE = 2**16  # samples of windows, in memory
+_CROWDED = 1e-13  # share of the greatest eigenvalue, below which there is nothing but rounding
 
 
 class Smoothed(NamedTuple):
@@ -38,15 +40,25 @@ def smoothed(record: PistonRecord, period: float, nodes: np.ndarray | int) -> Sm
     if kept.sum() < _FEWEST:  # too few samples a period: straight from the samples
         speed = np.gradient(record.height, time)
         return Smoothed(record.height, speed, np.gradient(speed, time), time)
-    cubics = [
-        _cubic((time[a:b] - node) / half, record.height[a:b])
-        for a, b, node in zip(first[kept], last[kept], places[kept], strict=True)
-    ]
-    level, slope, bend, _ = np.array(cubics).T
+    level, slope, bend = np.empty((3, int(kept.sum())))
+    sizes = (last - first)[kept]
+    for size in np.unique(sizes):
+        alike = np.flatnonzero(sizes == size)
+        for here in np.array_split(alike, 1 + size * len(alike) // _AT_ONCE):
+            inside = first[kept][here, None] + np.arange(size)
+            shifted = (time[inside] - places[kept][here, None]) / half
+            level[here], slope[here], bend[here] = _cubics(shifted, record.height[inside])
     return Smoothed(level, slope / half, 2.0 * bend / half**2, places[kept])
 
 
-def _cubic(place: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Coefficients (4,) of the cubic in places (n,) from -1 to 1 with the least squares."""
-    powers = place ** np.arange(4)[:, None]
-    return np.linalg.lstsq(powers.T, height, rcond=None)[0]
+def _cubics(place: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """First three coefficients (3, m) of cubics in places (m, n) from -1 to 1, by least squares."""
+    from numpy.polynomial.legendre import legvander
+
+    # In Legendre's polynomials, which are nearly orthogonal there; a pseudo-inverse, since samples
+    # may crowd in a part of the window.
+    basis = legvander(place, 3)
+    turned = basis.transpose(0, 2, 1)
+    inverse = np.linalg.pinv(turned @ basis, _CROWDED, hermitian=True)
+    a, b, c, d = (inverse @ (turned @ height[:, :, None]))[:, :, 0].T
+    return np.stack([a - 0.5 * c, b - 1.5 * d, 1.5 * c])

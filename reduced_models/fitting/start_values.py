@@ -8,11 +8,10 @@ The result only starts the fit through the equation of motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from granular.run.record import PistonRecord
+from reduced_models.fitting.case import Pairs
 from reduced_models.fitting.hidden_starts import hidden_starts
 from reduced_models.fitting.smoothing import smoothed
 from reduced_models.laws.equation import compiled_field
@@ -24,6 +23,7 @@ from reduced_models.records.inputs import column, drive_at
 _NODES = 160
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
 _OTHER_DRAWS = 1
+_STEPS = 20  # of a draw, at most
 _SPREAD = 0.05  # of the logarithm of repeated start values
 
 
@@ -33,22 +33,22 @@ def start_values(
     record: PistonRecord,
     random: np.random.Generator,
     count: int,
-    held: Mapping[str, float] | None = None,
+    bounds: Pairs | None = None,
 ) -> dict[str, np.ndarray]:
     """Random start values of a law, an array of ``count`` for each parameter.
 
-    Those in ``held`` are known. ``record`` is the motion of z: the heights where the law holds for
-    the height itself.
+    Those with equal ``bounds`` are known. ``record`` is the motion of z: the heights where the law
+    holds for the height itself.
     """
     if law.start is not None:
         return law.start(guess, random, count)
     if law.hidden:
         draws = hidden_starts(
-            law, guess, record, lambda size: _random_draws(law, guess, random, size, held)
+            law, guess, record, lambda size: _random_draws(law, guess, random, size, bounds)
         )
     else:
-        drawn = _random_draws(law, guess, random, _DRAWS, held)
-        draws = _matched(law, guess, record, drawn, held)
+        drawn = _random_draws(law, guess, random, _DRAWS, bounds)
+        draws = _matched(law, guess, record, drawn, bounds)
     chosen = draws[np.arange(count) % len(draws)]
     # The best as it is: a frequency in the law may be known to far less than the spread.
     spread = _SPREAD * (np.arange(count) > 0)
@@ -61,15 +61,15 @@ def matched_values(
     guess: FirstGuesses,
     record: PistonRecord,
     values: np.ndarray,
-    held: Mapping[str, float] | None = None,
+    bounds: Pairs | None = None,
 ) -> np.ndarray:
     """Parameters (p,) of a law without hidden states from accelerations in a record alone.
 
     ``values`` are where it looks for them first; random draws follow.
     """
     units = np.where(np.abs(values) > 0.0, values, 1.0)
-    draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, held)
-    return np.asarray(_matched(law, guess, record, np.vstack([units, draws]), held)[0])
+    draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, bounds)
+    return np.asarray(_matched(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
 def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
@@ -89,7 +89,7 @@ def _random_draws(
     guess: FirstGuesses,
     random: np.random.Generator,
     count: int,
-    held: Mapping[str, float] | None = None,
+    bounds: Pairs | None = None,
 ) -> np.ndarray:
     """Values (count, p) in powers of the record's own time and lengths."""
     shape = (count, len(law.parameters))
@@ -99,8 +99,8 @@ def _random_draws(
     draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
     positive = np.array([name in law.positive for name in law.parameters])
     draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
-    values = at_home(law, dict(zip(law.parameters, draws.T, strict=True)), held or ())
-    values |= {name: np.full(count, value) for name, value in (held or {}).items()}
+    values = at_home(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
+    values |= {name: np.full(count, value) for name, value in _held(bounds).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
 
 
@@ -109,7 +109,7 @@ def _matched(
     guess: FirstGuesses,
     record: PistonRecord,
     draws: np.ndarray,
-    held: Mapping[str, float] | None = None,
+    bounds: Pairs | None = None,
 ) -> np.ndarray:
     """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
@@ -120,7 +120,8 @@ def _matched(
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
 
-    free = np.array([name not in (held or {}) for name in law.parameters])
+    held = _held(bounds)
+    free = np.array([name not in held for name in law.parameters])
 
     def moved(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
         full = np.zeros(len(free))
@@ -136,9 +137,22 @@ def _matched(
     results = []
     for unit in draws:
         found = least_squares(
-            residuals, np.zeros(free.sum()), args=(unit,), x_scale="jac", max_nfev=40, method="trf"
+            residuals,
+            np.zeros(free.sum()),
+            args=(unit,),
+            x_scale="jac",
+            max_nfev=_STEPS * (1 + int(free.sum())),
+            method="lm",
         )
         results.append((float(found.cost), moved(found.x, unit)))
     results.sort(key=lambda pair: pair[0])
-    good = [values for cost, values in results if cost <= 4.0 * results[0][0] + 1e-12]
-    return np.array(good)
+    good = np.array([values for cost, values in results if cost <= 4.0 * results[0][0] + 1e-12])
+    # Draws that mean the same end at either sign and turns apart: which of them rounding puts first
+    # must not tell where a search starts, nor bounds cut off the sign that it starts from.
+    home = at_home(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
+    return np.stack([home[name] for name in law.parameters], axis=1)
+
+
+def _held(bounds: Pairs | None) -> dict[str, float]:
+    """Parameters that bounds leave one value."""
+    return {name: low for name, (low, high) in (bounds or {}).items() if low == high}

@@ -9,6 +9,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
+from reduced_models.fitting.case import Pairs
 from reduced_models.fitting.start_values import start_values
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, SwingForm
@@ -45,18 +46,18 @@ def start_vectors(
     count: int,
     random: np.random.Generator,
     near: Mapping[str, float] | None = None,
-    held: Mapping[str, float] | None = None,
+    bounds: Pairs | None = None,
 ) -> np.ndarray:
     """Start vectors (count, p) of a search, from a record and its first guesses.
 
-    Parameters in ``near`` are looked for about the values there, the first time at them; those in
-    ``held`` are known.
+    Parameters in ``near`` are looked for about the values there, the first time at them; those with
+    equal ``bounds`` are known.
     """
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
         seen = guess.seen_as(shift, scale)
         mapped = record.mapped(shift, scale)
-        draws = start_values(unknowns.law, seen, mapped, random, count, held)
+        draws = start_values(unknowns.law, seen, mapped, random, count, bounds)
     else:
         draws = _mapped_draws(unknowns, guess, count, random)
     for name, value in (near or {}).items():

@@ -1,4 +1,4 @@
-"""What further runs of its scene say of an identification: step error, scatter, another lift."""
+"""What further runs of its scene say of an identification: step error, scatter, lift, falls."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from reduced_models.identification.checks import (
 )
 from reduced_models.identification.comparison import judged_on
 from reduced_models.identification.data import Figure
+from reduced_models.identification.fall_checks import fall_checks, fall_of, falls_of
 from reduced_models.identification.result import Identification
 from reduced_models.models.model import ReducedModel
 
@@ -41,19 +42,33 @@ def figures_of(model: ReducedModel) -> dict[str, Figure]:
 
 
 def with_checks(
-    found: Identification, run: Trajectory, executor: Executor | None, progress: bool
+    found: Identification,
+    run: Trajectory,
+    executor: Executor | None,
+    progress: bool,
+    falls: bool = True,
 ) -> Identification:
-    """What was identified, judged on another lift, with step errors and scatter.
+    """What was identified, judged on another lift and other falls, with step errors and scatter.
 
-    A check that fails becomes a note. The other lift is run where there are laws to choose from.
+    A check that fails becomes a note. The other lift is run where there are laws to choose from,
+    and other falls, if asked for, where the scene begins with one.
     """
     step, seeds = step_check(run), seed_checks(run)
     lift = held_out_lift(run.scene) if len(found.models) > 1 else None
-    asked = [step.check, *seeds, *([] if lift is None else [lift])]
+    fall = fall_of(run, found.figures["period"].value) if falls else None
+    others = [] if fall is None else fall_checks(run, fall)
+    asked = [step.check, *seeds, *([] if lift is None else [lift]), *others]
     records = checked_records(run, asked, executor, progress)
     failures = [one for one in records if isinstance(one, Failure)]
-    if lift is not None and isinstance(records[-1], PistonRecord):
-        found = _judged_on_lift(found, records[-1])
+    other = None if lift is None else records[1 + CHECK_SEEDS]
+    if isinstance(other, PistonRecord):
+        found = _judged_on_lift(found, other)
+    if fall is not None:
+        judged = falls_of(run, fall, others, records[len(records) - len(others) :])
+        if isinstance(judged, Failure):
+            failures.append(judged)
+        else:
+            found = dataclasses.replace(found, falls=judged)
     model = found.shown
     results = [
         _refitted(check, record, found.record, model)

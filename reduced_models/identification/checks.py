@@ -117,7 +117,7 @@ def checked_records(
         method=settings["method"],
         executor=executor,
         progress=progress,
-        title="checks of step, seeds and lift",
+        title="checks of step, seeds, lift and falls",
     )
     return [
         _record_of(check, outcome) for check, outcome in zip(checks, study.outcomes, strict=True)

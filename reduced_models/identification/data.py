@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.run.record import PistonRecord
+from reduced_models.falls.data import Falls
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import Quantity, engineering
 from reduced_models.identification.price import checked_price_text
@@ -76,6 +77,8 @@ class IdentificationData:
         What to try where even the best law is poor.
     lift : PistonRecord or None
         A lift that no law has seen.
+    falls : Falls or None
+        Laws of the whole fall, judged on falls that no law has seen.
     """
 
     record: PistonRecord
@@ -91,6 +94,7 @@ class IdentificationData:
     residuals: Mapping[str, ResidualTests] = dataclasses.field(default_factory=dict)
     advice: tuple[str, ...] = ()
     lift: PistonRecord | None = None
+    falls: Falls | None = None
 
     @property
     def best(self) -> ReducedModel:
@@ -110,8 +114,9 @@ class IdentificationData:
 
     @property
     def verdict(self) -> str:
-        """Of the comparison, of a lift that no law has seen, and of the residuals, in words."""
-        words = [self.comparison.verdict]
+        """Of unseen falls, of the comparison, of an unseen lift, and of the residuals, in words."""
+        words = [] if self.falls is None else [self.falls.verdict]
+        words.append(self.comparison.verdict)
         if self.lift is not None:
             words.append(lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
@@ -140,10 +145,16 @@ class IdentificationData:
             "left_out": list(self.left_out),
             "residuals": {name: one.to_plain() for name, one in self.residuals.items()},
             "advice": list(self.advice),
+            "falls": None if self.falls is None else self.falls.to_plain(),
         }
 
     def __str__(self) -> str:
-        lines = [*map(str, self.models), "", self.comparison.table, "", self.verdict]
+        lines = [*map(str, self.models), "", self.comparison.table]
+        if self.falls is not None:
+            lines += ["", "whole falls, errors over the height of the drop:", self.falls.table]
+            if self.falls.best.model is not None:
+                lines += ["", str(self.falls.best.model)]
+        lines += ["", self.verdict]
         if self.figures:
             lines.append(f"small swing about rest, by {self.figures_law}:")
         lines += [f"  {one.name}: {one.text}  [{one.interval}]" for one in self.engineering]

@@ -87,8 +87,10 @@ def identify(
     checks : bool
         Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter, and with another lift, which all
-        laws then have to predict. What was identified is saved before; a check that fails becomes
-        a note.
+        laws then have to predict. Where no laws are named and the scene begins with a fall, laws
+        of the whole fall (`reduced_models.falls.judging.FALL_LAWS`) are fitted to it, and judged
+        on falls from other heights and random starts. What was identified is saved before; a check
+        that fails becomes a note.
     executor : concurrent.futures.Executor, optional
         Where the checks run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
@@ -127,8 +129,8 @@ def identify(
     if target is not None:
         found.save(target)
     if checks and run is not None and run.complete and found.figures:
-        found = with_checks(found, run, executor, progress)
-        clock.lap("checks of step, seeds and lift")
+        found = with_checks(found, run, executor, progress, falls=laws is None)
+        clock.lap("checks of step, seeds, lift and falls")
         if target is not None:
             found.save(target)
     return found

@@ -13,6 +13,7 @@ from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.data import IdentificationData
 from reduced_models.identification.engineering import decimals, fixed
 from reduced_models.identification.page_engineering import add_engineering, engineering_words
+from reduced_models.identification.page_falls import add_falls
 from reduced_models.identification.page_record import add_fits, add_lift, add_portrait, add_record
 from reduced_models.identification.page_run import add_run
 from reduced_models.identification.words import direction_words, sentence, times
@@ -26,6 +27,8 @@ def identification_page(found: IdentificationData) -> Page:
     page = Page(f"The equation of {name}", engineering_words(found))
     add_engineering(page, found)
     add_record(page, found)
+    if found.falls is not None:
+        add_falls(page, found.falls)
     page.section("Which law")
     page.text(found.verdict)
     for words in found.advice:

@@ -39,7 +39,8 @@ def engineering_words(found: IdentificationData) -> str:
             f"{damping} does the same."
         )
     best = found.comparison.rows[0]
-    return f"{words} {_best_words(best.name, best.error)}{_amplitude_words(found)}"
+    words = f"{words} {_best_words(best.name, best.error)}{_amplitude_words(found)}"
+    return words if found.falls is None else f"{found.falls.verdict} {words}"
 
 
 def _as_sure(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
@@ -53,7 +54,8 @@ def _best_words(name: str, error: float) -> str:
     if math.isinf(error):
         return "No law predicts what it has not seen."
     return (
-        f"The best law, {name}, predicts what it has not seen to {100 * error:.2g} % of the swing."
+        f"The best law of the record, {name}, predicts what it has not seen to "
+        f"{100 * error:.2g} % of the swing."
     )
 
 

@@ -13,7 +13,10 @@ class Identification(IdentificationData):
     """What was identified: `IdentificationData` that can be saved."""
 
     def save(self, out: str | Path) -> None:
-        """Write report.html, model.json and equations.txt (the best), models/ and record.csv."""
+        """Write report.html, model.json and equations.txt (the best), models/ and record.csv.
+
+        Where laws were judged on falls, the best one as fall.json, and its fall as fall.csv.
+        """
         from reduced_models.identification.page import identification_page
 
         out = Path(out)
@@ -25,4 +28,7 @@ class Identification(IdentificationData):
             # The name of a law that was given as an equation is no file name.
             name = model.law.name if model.law.name in LAWS else f"own-{place + 1}"
             model.save(out / "models" / f"{name}.json")
+        if self.falls is not None and self.falls.best.model is not None:
+            self.falls.record.to_csv(out / "fall.csv")
+            self.falls.best.model.save(out / "fall.json")
         identification_page(self).save(out / "report.html")

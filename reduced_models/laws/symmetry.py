@@ -18,6 +18,8 @@ from reduced_models.laws.law import Law
 
 _PLACES = 12
 _CLOSE = 1e-9
+_TURN = 2.0 * math.pi
+_OPEN = (-math.inf, math.inf)
 
 
 class Symmetries(NamedTuple):
@@ -67,7 +69,7 @@ def _symmetries(
     def both(k: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
         return lambda given: moved(other, math.pi)(flipped(k)(given))
 
-    turning = [k for k in range(len(parameters)) if same(moved(k, 2.0 * math.pi))]
+    turning = [k for k in range(len(parameters)) if same(moved(k, _TURN))]
     # What means the same anywhere is no angle.
     turning = [k for k in turning if not same(moved(k, 1.0))]
     flipping: list[tuple[str, str | None]] = []
@@ -83,20 +85,33 @@ def _symmetries(
 
 
 def at_home(
-    law: Law, values: Mapping[str, np.ndarray], kept: Collection[str] = ()
+    law: Law,
+    values: Mapping[str, np.ndarray],
+    kept: Collection[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Values (...) of parameters that mean the same, at home; those that are ``kept`` stay."""
+    """Values (...) of parameters that mean the same, at home, or within bounds that keep it out.
+
+    Those that are ``kept``, or that bounds hold at one value, stay.
+    """
     found = {name: np.asarray(each, dtype=np.float64) for name, each in values.items()}
-    known = symmetries(law)
+    known, edges = symmetries(law), bounds or {}
+    kept = {*kept, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
     for name, other in known.flipping:
-        if name in kept or name in law.positive or other in kept:
+        if name in kept or other in kept:
             continue
-        negative = found[name] < 0.0
-        found[name] = np.abs(found[name])
+        low, high = edges.get(name, _OPEN)
+        outside = (found[name] < low) | (found[name] > high)
+        turned = -found[name]
+        flipped = ((turned > 0.0) | outside) & (turned >= low) & (turned <= high)
+        found[name] = np.where(flipped, turned, found[name])
         if other is not None:
-            found[other] = found[other] + math.pi * negative
+            found[other] = found[other] + math.pi * flipped
     for name in known.turning:
-        if name not in kept and name not in law.positive:
-            turns = np.ceil((found[name] - math.pi) / (2.0 * math.pi))
-            found[name] = found[name] - 2.0 * math.pi * turns
+        if name in kept:
+            continue
+        low, high = edges.get(name, _OPEN)
+        home = found[name] - _TURN * np.ceil((found[name] - math.pi) / _TURN)
+        home = home + _TURN * np.ceil(np.maximum(low - home, 0.0) / _TURN)
+        found[name] = home - _TURN * np.ceil(np.maximum(home - high, 0.0) / _TURN)
     return found

@@ -14,7 +14,6 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
 from granular.shared.messages import visible
-from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
@@ -22,6 +21,7 @@ from reduced_models.models.exporting import write_code
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.models.quality import Direction, Quality
 from reduced_models.models.schema import FORMAT, checked, read_model
+from reduced_models.models.stored import law_from_plain, quality_from_plain
 from reduced_models.records.inputs import Interpolation
 
 if TYPE_CHECKING:
@@ -338,14 +338,14 @@ class ReducedModel(FittedLaw):
         data = checked(plain)
         at_rest = data["at_rest"]
         return cls(
-            law=_law_from_plain(data),
+            law=law_from_plain(data),
             parameters=data["parameters"],
             intervals=data["intervals"],
             confidence=data["confidence"],
             map=HeightMap(**data["map"]),
             initial=(data["initial"][0], data["initial"][1]),
             at_rest=None if at_rest is None else AtRest(**at_rest),
-            quality=_quality_from_plain(data["quality"]),
+            quality=quality_from_plain(data["quality"]),
             undetermined=tuple(Direction(**direction) for direction in data["undetermined"]),
             domain=data["domain"],
             notes=tuple(data["notes"]),
@@ -357,35 +357,6 @@ class ReducedModel(FittedLaw):
             no_swing=data.get("no_swing", ""),
             angle=data.get("angle", False),
         )
-
-
-def _law_from_plain(plain: Mapping[str, Any]) -> Law:
-    """A law of the package, or one of the user's own, from its equation."""
-    own = Law(
-        name=plain["law"],
-        equation=plain["equation"],
-        positive=tuple(plain["positive"]),
-        units=plain["units"],
-        mapped=plain["mapped"],
-        source=plain["source"],
-        inputs=tuple(plain.get("inputs", ())),
-        resolution=plain.get("resolution", 1),
-    )
-    if set(own.parameters) != set(plain["parameters"]):
-        raise InputError(
-            "the data are not those of a reduced model: the equation has the parameters "
-            f"{', '.join(own.parameters) or 'none'}, and values are given of "
-            f"{', '.join(map(visible, plain['parameters'])) or 'none'}; correct one of them"
-        )
-    packaged = LAWS.get(own.name)
-    return packaged if packaged is not None and packaged.equation == own.equation else own
-
-
-def _quality_from_plain(plain: Mapping[str, Any]) -> Quality:
-    quality = Quality(**plain)
-    if quality.holdout is None and quality.holdout_from is not None:
-        return dataclasses.replace(quality, holdout=math.inf)
-    return quality
 
 
 def load_model(path: str | Path) -> ReducedModel:

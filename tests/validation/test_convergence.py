@@ -9,16 +9,9 @@ import pytest
 
 from granular.methods import METHODS
 from granular.scene.scales import Scales
+from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
 from validation.exact import NAMES, Moment, Problem, bounce, exact_problem
-from validation.order import (
-    CLEAR,
-    ConvergenceResult,
-    Solver,
-    convergence,
-    convergence_table,
-    fits,
-    fitted_slope,
-)
+from validation.order import Solver, convergence, fits, fitted_slope
 from validation.programme import shown_method
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))

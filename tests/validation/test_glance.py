@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 
 from granular import Scene
 from granular.shared.html import Page
+from validation import glance
 from validation.cost import Point, Setting, WorkPrecision
 from validation.effect_costs import NOTHING, agree, effect_costs
-from validation.glance import planned, quantities_of
+from validation.glance import glance_part, planned, quantities_of
+from validation.parts import Part, measured
+from validation.printing import part_text
 from validation.report import page, summary
 from validation.sections.glance import advice_table, effect_table, glance_section
 
@@ -88,3 +92,27 @@ def test_plan_keeps_to_its_time(small_bed: Scene) -> None:
     assert len(short[0]) < len(long[0])
     assert long[2].dt == "auto/8"
     assert len(long[1]) > 1
+
+
+def test_first_screen_of_a_small_bed(
+    small_bed: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Measured, advised, followed by a fresh start, and said on the page and the console."""
+    monkeypatch.setattr(glance, "QUICK_SECONDS", 1e-3)
+    monkeypatch.setattr(glance, "STEPS", ("auto*8", "auto*4", "auto*2"))
+    monkeypatch.setattr(glance, "OTHERS", ())
+    settle = {"kind": "hold", "name": "settle", "duration": "0.01 s"}
+    scene = small_bed.replace(name="bed of 23", protocol=[settle])
+    wanted = glance_part([scene], hard=False)
+    part = Part("glance", lambda full: wanted.pieces(full)[:1])
+    found = measured(part, tmp_path, progress=False)
+    (one,) = found
+    assert [each["quantity"] for each in one["studies"]] == [
+        "piston force", "mean distance", "energy",
+    ]  # fmt: skip
+    assert one["starts"] > 1
+    assert "mean distance" in {each["quantity"] for each in one["fresh"]}
+    assert all(math.isfinite(each["error"]) for each in one["fresh"])
+    text = part_text("glance", found)
+    assert "bed of 23: what accuracy costs" in text
+    assert "bed of 23" in page({"glance": found}, full=False).render()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from granular.shared.errors import InputError
 from validation.recovery import peer, programme
 from validation.recovery.silverbox import silverbox
-from validation.recovery.systems import SYSTEMS, clean_motion, law_of_system, made_record
+from validation.recovery.systems import SEEDS, SYSTEMS, clean_motion, law_of_system, made_record
+from validation.recovery.text import recovery_markdown, recovery_text
 
 
 def test_thirteen_systems() -> None:
@@ -31,8 +33,28 @@ def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     found = programme.recovery(tmp_path, progress=False)
     assert found["fits"] == found["reached"] == 1
     assert found["wrongly agreed"] == found["rows"][0]["SciPy starts stopped"] == 0
-    assert "1 of 1 fits" in programme.recovery_text(found)
+    assert "1 of 1 fits" in recovery_text(found)
     assert (tmp_path / "recovery.json").exists()
+    page = (tmp_path / "recovery.md").read_text(encoding="utf-8")
+    assert page == recovery_markdown(found) + "\n"
+    assert f"(`python -m validation recovery` on {datetime.date.today().isoformat()}" in page
+
+
+def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same columns, and all systems of the whole run."""
+    guide = (Path(__file__).parents[2] / "docs" / "guide" / "real-records.md").read_text("utf-8")
+    lines = guide.splitlines()
+    monkeypatch.setattr(
+        programme, "_fitted", lambda _: {"ratio": 1.0, "agree": 1.0, "seconds": 1.0}
+    )
+    monkeypatch.setattr(programme, "scipy_fit", lambda _: [peer.Attempt(1.0, 1, stopped=False)])
+    header, rule, *_ = recovery_markdown(programme.recovery(progress=False)).splitlines()
+    begun = lines.index(header)
+    assert lines[begun + 1] == rule
+    rows = lines[begun + 2 : begun + 2 + len(SYSTEMS)]
+    assert [row.split("|")[1].strip() for row in rows] == [system.name for system in SYSTEMS]
+    assert all(f"{4 * SEEDS} of {4 * SEEDS}" in row for row in rows)
+    assert "(`python -m validation recovery --full` on 20" in guide
 
 
 def test_what_is_done_is_found_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -65,7 +87,7 @@ def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(programme, "made_record", lambda *_: record)
     fitted = {"ratio": 1.0, "agree": 1.0, "seconds": 1.0}
     monkeypatch.setattr(programme, "_fitted", lambda _: fitted)
-    text = programme.recovery_text(programme.recovery(progress=False))
+    text = recovery_text(programme.recovery(progress=False))
     assert "1 of 1 at 20,000 calls" in text
     assert "SciPy is stopped where" in text
 

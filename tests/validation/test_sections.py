@@ -8,8 +8,8 @@ import math
 import pytest
 
 from granular.shared.html import Page
+from validation.convergence_result import ConvergenceResult, Slope
 from validation.cost import USUAL, Point, Setting, WorkPrecision
-from validation.order import ConvergenceResult, Slope
 from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome
 from validation.sections.convergence import convergence_holds, slopes
 from validation.sections.cost import choices

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from granular.compiled import entry
+from granular.pairs.cut_off import cut_sum
 from granular.pairs.direct import (
     PARTED_FROM,
     direct_sum,
@@ -17,7 +18,7 @@ from granular.pairs.direct import (
     padded_values,
     part_buffers,
 )
-from granular.pairs.stripes import Stripes, cut_sum, stripes_room
+from granular.pairs.stripes import Stripes, stripes_room
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
 from validation.benchmark import c_kernel
 from validation.benchmark.others import engine

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 import statistics
 import time
@@ -14,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.files import write_json
+from granular.shared.files import write_json, write_text
 from granular.shared.shelf import Shelf, digest
 from validation.parts import KEY_LENGTH, machine
-from validation.recovery.peer import MOST_CALLS, problem, problem_key, scipy_fit
+from validation.recovery.peer import problem, problem_key, scipy_fit
 from validation.recovery.systems import (
     NOISES,
     SEEDS,
@@ -26,12 +27,8 @@ from validation.recovery.systems import (
     law_of_system,
     made_record,
 )
-from validation.table import table
+from validation.recovery.text import LOST, REACHED, recovery_markdown
 
-REACHED = 1.05
-"""A residual up to so many times the noise that was added is that of the true optimum."""
-LOST = 1.5
-"""Above so many times it, no search may say that all of its starts agree."""
 _QUICK = (0.01,)
 _PEER_STARTS = 3
 _QUICK_PEER_STARTS = 1
@@ -53,7 +50,9 @@ def recovery(
     ``full`` takes four levels of noise and five seeds, otherwise one of each. SciPy's least squares
     fits the first seed of each level from the first three starts of the search, or from one; the
     best of them counts. Each fit is kept in ``out`` as soon as it is done, and found again there
-    while nothing that determines it has changed.
+    while nothing that determines it has changed. Times are of the processor, so that other work
+    beside does not count. ``recovery.json`` and ``recovery.md``, the table
+    for a page, are written there too.
     """
     noises, seeds = (NOISES, SEEDS) if full else (_QUICK, 1)
     cases = [
@@ -75,7 +74,7 @@ def recovery(
         for k in range(len(SYSTEMS))
     ]
     reached = sum(row["reached"] for row in rows)
-    found = {
+    found: dict[str, Any] = {
         "fits": len(fits),
         "reached": reached,
         "rate": reached / len(fits),
@@ -83,8 +82,14 @@ def recovery(
         "most misses of a system": max(row["fits"] - row["reached"] for row in rows),
         "rows": rows,
     }
+    found["made"] = {
+        "command": f"python -m validation recovery{' --full' if full else ''}",
+        "date": datetime.date.today().isoformat(),
+        **machine(),
+    }
     if out is not None:
         write_json(Path(out) / "recovery.json", found)
+        write_text(Path(out) / "recovery.md", recovery_markdown(found) + "\n")
     return found
 
 
@@ -114,12 +119,12 @@ def _peers(
         key = f"scipy-{problem_key(given)}"
         found = None if shelf is None else shelf.read(key)
         if found is None:
-            begun = time.perf_counter()
+            begun = time.process_time()
             attempts = scipy_fit(given)
             found = {
                 "ratios": [one.residual / _noise_of(case, given.record) for one in attempts],
                 "stopped": [one.calls for one in attempts if one.stopped],
-                "seconds": (time.perf_counter() - begun) / starts,
+                "seconds": (time.process_time() - begun) / starts,
             }
             if shelf is not None:
                 shelf.keep(key, found)
@@ -136,14 +141,14 @@ def _fitted(case: Case) -> dict[str, Any]:
     from reduced_models.fitting.fitting import fit
 
     record = made_record(*case)
-    begun = time.perf_counter()
+    begun = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is doubted is counted here
         model = fit(record, SYSTEMS[case.system].law)
     return {
         "ratio": model.quality.residual / _noise_of(case, record),
         "agree": model.quality.converged / model.quality.starts,
-        "seconds": time.perf_counter() - begun,
+        "seconds": time.process_time() - begun,
     }
 
 
@@ -190,39 +195,3 @@ def _row(
         ),
         "SciPy seconds a start": statistics.median(one["seconds"] for one in peers),
     }
-
-
-def _stopped(row: dict[str, Any]) -> str:
-    """How many of SciPy's starts were stopped, and where."""
-    if not row["SciPy starts stopped"]:
-        return "none"
-    return (
-        f"{row['SciPy starts stopped']} of {row['SciPy starts']} at "
-        f"{row['SciPy calls when stopped']:,} calls"
-    )
-
-
-def recovery_text(found: dict[str, Any]) -> str:
-    """The table, and the totals in words."""
-    header = (
-        "system", "reached", "worst residual/noise", "starts that agree", "s", "SciPy",
-        "its starts", "stopped", "s",
-    )  # fmt: skip
-    rows = [
-        (
-            row["system"], f"{row['reached']} of {row['fits']}", f"{row['worst']:.3f}",
-            f"{100 * row['starts that agree']:.0f} %", f"{row['seconds']:.2f}",
-            f"{row['SciPy reached']} of {row['SciPy fits']}",
-            f"{100 * row['SciPy starts that reach it']:.0f} %", _stopped(row),
-            f"{row['SciPy seconds a start']:.2f}",
-        )
-        for row in found["rows"]
-    ]  # fmt: skip
-    words = (
-        f"{table(header, rows).text()}\n"
-        f"{found['reached']} of {found['fits']} fits leave a residual within {REACHED} of the "
-        f"noise; {found['wrongly agreed']} of the others say that all starts agree"
-    )
-    if any(row["SciPy starts stopped"] for row in found["rows"]):
-        words += f"\nSciPy is stopped where a start has called the law {MOST_CALLS} times a sample"
-    return words

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from granular.shared.html import Page
 from granular.shared.plotting import COLOURS, STYLES, figure
-from validation.order import CLEAR, HIGH_ORDER, ConvergenceResult
+from validation.convergence_result import CLEAR, ConvergenceResult
+from validation.order import HIGH_ORDER
 from validation.outside import ORDERS
 from validation.parts import Plain
 from validation.sections.common import WIDTH, legend, note_failures, sound, tabulate

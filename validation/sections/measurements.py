@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from granular.shared.html import Page
-from validation.order import ConvergenceResult, convergence_table
+from validation.convergence_result import ConvergenceResult, convergence_table
 from validation.outcomes import Outcome
 from validation.parts import Plain
 from validation.sections.common import sound, tabulate

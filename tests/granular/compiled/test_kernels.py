@@ -7,21 +7,20 @@ import numpy as np
 import pytest
 
 from granular.compiled import compiled, entry
-from granular.effects import drag
-from granular.pairs import mesh
+from granular.effects import drag, friction_law
 from granular.pairs.vector import lane_sum
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_a_kernel_for_kernels_says_so_to_python() -> None:
-    with pytest.raises(TypeError, match=r"granular\.pairs\.mesh\.spline is a kernel for other"):
-        mesh.spline(0.5)
+    with pytest.raises(TypeError, match=r"effects\.friction_law\.sliding is a kernel for other"):
+        friction_law.sliding(1.0, 2.0)
 
 
 def test_entry_makes_a_form_that_python_can_call() -> None:
     values = np.arange(16.0)
     assert entry(lane_sum)(values) == values.sum()
-    assert entry(mesh.spline)(0.0)[3] == 0.0
+    assert entry(friction_law.sliding)(1.0, 2.0) == 0.0
     assert drag.flow(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 
 

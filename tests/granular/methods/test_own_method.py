@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,8 +25,8 @@ SCENE = load_scene("single-particle")
 END = 0.02
 
 
-def positions(**words: object) -> np.ndarray:
-    run = simulate(SCENE, dt=1e-4, t_end=END, progress=False, **words)  # type: ignore[arg-type]
+def positions(**words: Any) -> np.ndarray:
+    run = simulate(SCENE, dt=1e-4, t_end=END, progress=False, **words)
     return np.asarray(run.dataset["position"].values)
 
 
@@ -36,15 +37,15 @@ def test_the_same_table_makes_the_same_bits() -> None:
 
 
 def test_the_table_stands_in_the_settings_and_is_asked_for_again(tmp_path: Path) -> None:
-    words = {"dt": 1e-4, "t_end": END, "progress": False, "out": tmp_path / "run"}
-    simulate(SCENE, method=TWIN, **words)  # type: ignore[arg-type]
+    words: dict[str, Any] = {"dt": 1e-4, "t_end": END, "progress": False, "out": tmp_path / "run"}
+    simulate(SCENE, method=TWIN, **words)
     kept = load_trajectory(tmp_path / "run")
     assert kept.settings()["method"] == TWIN.to_plain()
     assert kept.method == TWIN
     assert "(twin, dt" in run_text(kept)
     with pytest.raises(StoreError, match="has another method"):
-        simulate(SCENE, method=OTHER, resume=True, **words)  # type: ignore[arg-type]
-    again = simulate(SCENE, method=TWIN, resume=True, **words)  # type: ignore[arg-type]
+        simulate(SCENE, method=OTHER, resume=True, **words)
+    again = simulate(SCENE, method=TWIN, resume=True, **words)
     assert again.complete
 
 

@@ -103,7 +103,7 @@ def test_names_and_units_are_checked(run: Trajectory) -> None:
     with pytest.raises(InputError, match="a variable 'force' already"):
         with_observables(run, observable("N", name="force")(lambda frame: 0.0))
     with pytest.raises(InputError, match="is no observable; decorate it"):
-        with_observables(run, len)  # type: ignore[arg-type]
+        with_observables(run, len)  # type: ignore[arg-type]  # no observable: refused
     with pytest.raises(InputError, match=r"did you mean 'hexatic_order'.*--import FILE"):
         observable_named("hexatic_ordre")
     with pytest.raises(InputError, match="a value a grain"):

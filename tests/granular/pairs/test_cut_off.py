@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from granular import Scene, simulate
 from granular.compiled import entry
 from granular.engine.state import kept_lists, put_lists
-from granular.pairs import direct, stripes
+from granular.pairs import cut_off, direct
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.stripes import BUILDS, Stripes, stripes_room
 from granular.shared.errors import SceneError
 
-cut_sum = entry(stripes.cut_sum)
+cut_sum = entry(cut_off.cut_sum)
 
 
 def scattered(count: int, seed: int) -> np.ndarray:

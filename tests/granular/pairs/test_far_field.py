@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -11,13 +12,20 @@ from hypothesis import strategies as st
 
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
-from granular.engine.far import refresh_far_field
+from granular.engine.far import add_far_field, refresh_far_field
 from granular.engine.step_size import Step
 from granular.engine.system import natural_system
 from granular.methods import method_named
-from granular.pairs import far_field, mesh, mesh_kernel
+from granular.pairs import far_field, mesh_grains, mesh_kernel
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_field import STILL, FarField, FarForces, far_forces_room
+from granular.pairs.far_field import (
+    AHEAD,
+    STILL,
+    TIME,
+    FarField,
+    FarForces,
+    far_forces_room,
+)
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
 from granular.pairs.split import far_cube, far_fifth
@@ -26,8 +34,9 @@ from granular.run.standing import PLACE
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
-spread = entry(mesh.spread)
+spread = entry(mesh_grains.spread)
 evaluate_far = entry(refresh_far_field)
+add_far = entry(add_far_field)
 find_far_forces = entry(far_field.find_far_forces)
 
 
@@ -305,13 +314,70 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
             far.fx[:] = before
             start = places.copy()
             places[5] += by
-            evaluate_far(far, state, run.constants)
+            evaluate_far(far, state, run.constants, 0.0)
             assert (far.fx != before).any() == finds
             places[:] = start
             run.look(PLACE)
     assert system.constants.acting.far is not None
     often = natural_system(on_mesh(rubbing(small_bed), far_every=1), method=method)
-    assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=False)
+    assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=None)
+
+
+def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) -> None:
+    """Forces and loads to second order, in `AHEAD` steps at most; then they are found again."""
+    scene = on_mesh(rubbing(small_bed))
+    method, dt, speed = method_named("stormer-verlet"), 0.02, 0.3
+
+    def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
+        """Far part of force and load after steps at constant speed, and when it was last found."""
+        system = natural_system(scene, method=method)
+        far = system.constants.acting.far
+        assert far is not None
+        acting = system.constants.acting._replace(far=far._replace(rubbing=rubs))
+        constants = system.constants._replace(acting=acting)
+        run = Run(scene, dataclasses.replace(system, constants=constants), method, Step(), None)
+        run.begin_stage()
+        state = run.state
+        assert state.far_forces is not None
+        assert state.load is not None
+        way = speed * np.random.default_rng(4).standard_normal((2, constants.grains))
+        for step in range(steps + 1):
+            assert evaluate_far(state.far_forces, state, constants, dt * step) == 0
+            if step < steps:
+                state.x[: constants.grains] += dt * way[0]
+                state.y[: constants.grains] += dt * way[1]
+        for sums in (state.fx, state.fy, state.load):
+            sums[:] = 0.0
+        add_far(state.far_forces, state, constants.grains, dt * steps)
+        found = np.array([state.fx, state.fy, state.load])
+        return found, float(state.far_forces.moment[TIME])
+
+    for steps, met in ((AHEAD, 1), (AHEAD + 1, AHEAD + 1)):
+        exact, _ = force_of(None, steps)
+        still, when = force_of(AHEAD, met)
+        assert when == pytest.approx(met * dt)
+        going, when = force_of(AHEAD, steps)
+        assert when == pytest.approx(met * dt)
+        if steps > met:
+            left = np.abs(going - exact).max(axis=1)
+            assert (left < 0.3 * np.abs(still - exact).max(axis=1)).all()
+        else:
+            np.testing.assert_allclose(going, exact, atol=1e-15)
+
+
+@pytest.mark.long  # quick: how the far field goes on
+def test_order_where_grains_slide(small_bed: Scene) -> None:
+    """Second order in the step also where the far field goes on for some steps."""
+    scene = on_mesh(rubbing(small_bed)).replace(
+        **{"effects.drag": None, "effects.gravity": None, "arrangement.speed": "2 D/s"}
+    )
+    ends = [
+        simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
+        for dt in (4e-5, 2e-5, 1e-5, 1.25e-6)
+    ]
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    assert np.log2(errors[0] / errors[1]) > 1.8
+    assert np.log2(errors[1] / errors[2]) > 1.8
 
 
 @pytest.mark.long  # quick: when the far field is found again

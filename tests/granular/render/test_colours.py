@@ -42,9 +42,9 @@ APART = 15.0
 """Least distance in CIELAB; 2.3 is what eyes just notice between patches that touch."""
 
 
-def seen(colours: Sequence[object] | np.ndarray, eyes: str) -> np.ndarray:
+def seen(colours: Sequence[str | tuple[float, ...]] | np.ndarray, eyes: str) -> np.ndarray:
     """Colours in CIELAB (n, 3), as these eyes see them."""
-    given = np.array([to_rgb(one) for one in colours])  # type: ignore[arg-type]
+    given = np.array([to_rgb(one) for one in colours])
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
     linear = np.clip(linear @ EYES[eyes].T, 0.0, 1.0)
     x, y, z = ((linear @ _XYZ.T) / _XYZ.sum(axis=1)).T

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from granular.export.frames import bed_frames
+from granular.export.frames import BedFrame, bed_frames
 from granular.render import movie
 from granular.render.moments import bed_at
 from granular.render.picture import BedPicture, highest
@@ -83,11 +83,11 @@ def test_ctrl_c_keeps_what_was_made(
 ) -> None:
     shown, show = [], BedPicture.show
 
-    def interrupted(self: BedPicture, frame: object) -> None:
+    def interrupted(self: BedPicture, frame: BedFrame) -> None:
         shown.append(frame)
         if len(shown) == 5:
             os.kill(os.getpid(), signal.SIGINT)
-        show(self, frame)  # type: ignore[arg-type]
+        show(self, frame)
 
     monkeypatch.setattr(BedPicture, "show", interrupted)
     path = tmp_path / f"bed.{ending}"

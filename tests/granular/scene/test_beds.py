@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from decimal import Decimal
 
 import numpy as np
@@ -127,6 +128,6 @@ def test_damper_is_the_packaged_one() -> None:
      lambda: bidisperse(1.5), lambda: bidisperse(0.6, 1.5), lambda: bidisperse(mixing="random"),
      lambda: damper(count=0), lambda: damper(mass=-1.0)],
 )  # fmt: skip
-def test_bad_arguments_are_named(make: object) -> None:
+def test_bad_arguments_are_named(make: Callable[[], object]) -> None:
     with pytest.raises(InputError):
-        make()  # type: ignore[operator]
+        make()

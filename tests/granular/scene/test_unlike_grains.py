@@ -61,7 +61,8 @@ def brute(scene: Scene, place: np.ndarray) -> tuple[np.ndarray, float, np.ndarra
                 load[i] += 3.0 * strength / r**3 * arm / np.hypot(diameter[i], thickness[i])
     # The wall's strength goes with the first species' moment: q F* D^3/w^3.
     unit = MU0 * first**2 / (math.pi * diameter[0] ** 4)
-    top = scene.piston.height  # type: ignore[union-attr]
+    assert scene.piston is not None
+    top = scene.piston.height
     gaps = [(place[:, 0], 0, 1), (scene.cell.width - place[:, 0], 0, -1),
             (place[:, 1], 1, 1), (top - place[:, 1], 1, -1)]  # fmt: skip
     for w, axis, sign in gaps:

@@ -116,7 +116,8 @@ def test_the_terminal_gets_no_control_signs(
 
 def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> None:
     """What it cannot show is escaped, as with LANG=C."""
-    streams = [io.TextIOWrapper(io.BytesIO(), encoding="ascii") for _ in range(2)]
+    buffers = [io.BytesIO(), io.BytesIO()]
+    streams = [io.TextIOWrapper(buffer, encoding="ascii") for buffer in buffers]
     monkeypatch.setattr(sys, "stdout", streams[0])
     monkeypatch.setattr(sys, "stderr", streams[1])
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
@@ -127,9 +128,9 @@ def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> N
 
     assert launch(command, []) == BAD_INPUT
     wanted = (b"5 \\xb5m\n", b"error: gr\\xf6\\xdfe \\u03bb\n")
-    for stream, words in zip(streams, wanted, strict=True):
+    for stream, buffer, words in zip(streams, buffers, wanted, strict=True):
         stream.flush()
-        assert stream.buffer.getvalue() == words  # type: ignore[attr-defined]
+        assert buffer.getvalue() == words
 
 
 def test_pages_hold_no_control_signs() -> None:

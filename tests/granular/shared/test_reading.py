@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -131,9 +132,9 @@ def test_a_cell_is_a_number_or_it_is_said(cell: str, tmp_path: Path) -> None:
     [[True, False], ["1", "2"], [1 + 2j, 3], np.ma.array([1.0, 2.0], mask=[0, 1]), [None, 1.0],
      [10**400, 1], np.array(["2020", "2021"], dtype="datetime64[D]"), {1: 2}, "ab", [[1], [2]]],
 )  # fmt: skip
-def test_an_array_holds_numbers_or_it_is_said(values: object) -> None:
+def test_an_array_holds_numbers_or_it_is_said(values: Any) -> None:
     with pytest.raises(RecordError, match="height: "):
-        PistonRecord([0.0, 1.0], values)  # type: ignore[arg-type]
+        PistonRecord([0.0, 1.0], values)
 
 
 def test_whole_numbers_keep_their_last_digit() -> None:

@@ -73,6 +73,36 @@ def test_intervals_hold_under_real_noise(made: Callable[..., PistonRecord], kind
             assert np.median([high - low for low, high in pairs]) / 2.0 < 2.5 * scatter
 
 
+def test_under_drift_a_fit_does_what_is_possible(made: Callable[..., PistonRecord]) -> None:
+    """It finds what the best linear estimate finds, which knows the noise's covariance.
+
+    So does its scatter, whichever records are made: widths are measured here by what is exact.
+    """
+    clean = made("linear", level=0.0).height
+    values = np.array([*TRUE.values(), 1.0, 0.0])
+    steps = 1e-6 * np.eye(len(values))
+    slopes = np.stack([(swing(values + h) - swing(values - h)) / 2e-6 for h in steps], axis=1)
+    steady = np.arange(1, len(TIME) + 1)
+    walk = 0.1**2 * np.minimum.outer(steady, steady)
+    noise = (0.02 * clean.std()) ** 2 * (np.eye(len(TIME)) + walk)
+    weighted = np.linalg.solve(noise, slopes)
+    covariance = np.linalg.inv(slopes.T @ weighted)
+    exact = np.sqrt(np.diag(covariance))[: len(TRUE)]
+    for seed, model in enumerate(fits("drift", clean, 4)):
+        best = covariance @ weighted.T @ (noisy("drift", clean, seed).height - clean)
+        for k, name in enumerate(TRUE):
+            assert abs(model.parameters[name] - values[k] - best[k]) < 0.25 * exact[k]
+            assert 0.7 < np.diff(model.intervals[name])[0] / (2.0 * 1.96 * exact[k]) < 1.4
+
+
+def swing(values: np.ndarray) -> np.ndarray:
+    """Heights of the linear law with parameters, height and velocity at the start (5,)."""
+    lam, omega, g0, height, velocity = values
+    quick, rest = np.sqrt(omega**2 - lam**2), g0 / omega**2
+    sine = (velocity + lam * (height - rest)) / quick * np.sin(quick * TIME)
+    return np.asarray(rest + np.exp(-lam * TIME) * ((height - rest) * np.cos(quick * TIME) + sine))
+
+
 def test_drift_is_noted_and_modelled(made: Callable[..., PistonRecord]) -> None:
     record = noisy("drift", made("linear", level=0.0).height, 0)
     with pytest.warns(UserWarning, match="drift slowly"):

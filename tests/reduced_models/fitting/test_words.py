@@ -40,6 +40,32 @@ def test_an_angle_comes_home() -> None:
     assert symmetries(law_from_text("z'' + k*z = g")) == ((), ())
 
 
+def test_home_lies_within_bounds() -> None:
+    law = law_from_text(PENDULUM)
+    values = {
+        "lam": np.zeros(3),
+        "k": np.array([9.0, -9.0, 9.0]),
+        "rest": np.array([0.2, 9.0, -7.0]),
+    }
+    same = [9.0 * np.sin(0.5 - 0.2), -9.0 * np.sin(0.5 - 9.0), 9.0 * np.sin(0.5 + 7.0)]
+    for low, high in ((-20.0, 0.0), (0.0, math.inf), (-math.inf, math.inf)):
+        found = at_home(law, values, bounds={"k": (low, high), "rest": (6.0, 13.0)})
+        assert ((found["k"] >= low) & (found["k"] <= high)).all()
+        assert ((found["rest"] >= 6.0) & (found["rest"] <= 13.0)).all()
+        np.testing.assert_allclose(found["k"] * np.sin(0.5 - found["rest"]), same, rtol=1e-12)
+    held = at_home(law, values, bounds={"rest": (9.0, 9.0)})
+    assert held["k"].tolist() == [9.0, -9.0, 9.0]
+    assert held["rest"].tolist() == [0.2, 9.0, -7.0]
+
+
+def test_a_search_starts_within_bounds_on_the_other_sign() -> None:
+    """A stiffness below zero with the rest half a turn on is the same pendulum."""
+    model = fit(pendulum(), PENDULUM, bounds={"k": (-20.0, 0.0)})
+    assert model.parameters["k"] == pytest.approx(-9.0, rel=1e-3)
+    assert math.sin(model.parameters["rest"] - 0.2) == pytest.approx(0.0, abs=2e-3)
+    assert model.quality.converged >= 8
+
+
 def test_a_pendulum_as_it_is_written() -> None:
     record = pendulum()
     for options in ({}, {"start": {"k": -8.0, "rest": 3.0}}, {"positive": ["k", "lam"]}):

@@ -81,6 +81,12 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path) -> None:
     assert all(len(row.records) == 1 for row in found.comparison.rows if not row.failure)
     assert "which no law has seen, is predicted best by" in found.verdict
     assert "A lift that no law has seen" in page
+    assert found.falls is not None
+    assert found.falls.labels[-2:] == ("start 2", "start 3")
+    assert len(found.falls.labels) >= 4  # grains may not fit under a lower piston
+    assert found.falls.verdict in page
+    assert "Falls that no law has seen are predicted best by" in found.verdict
+    assert (tmp_path / "out" / "fall.json").is_file()
     assert found.mass == scene.piston.mass
     assert any(one.unit == "N/m" for one in found.engineering)
     again = identify(scene, tmp_path / "out", laws=["linear"], checks=False, progress=False)

@@ -1,0 +1,198 @@
+"""Pairs within a cut-off radius, at a cost linear in the number of grains.
+
+Each grain is met with its partners in stripes, eight at a time and masked at the radius. The rows
+are dealt out to parts that take about equally long, each with sums of its own, which are added in a
+fixed order: one thread or several give the same bits.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.effects.dipole import STRENGTH
+from granular.pairs.inverse import SCALE
+from granular.pairs.plain import plain_cut_sum
+from granular.pairs.rows import add_row, clear_row
+from granular.pairs.runs import if_given, sweep_runs
+from granular.pairs.stripe_lists import make_ready
+from granular.pairs.stripes import Stripes
+
+
+class Asked(NamedTuple):
+    """What a sum is asked for: where it reads the places, and what it fills.
+
+    Attributes
+    ----------
+    x, y, fx, fy : float64 (m,)
+    stiffness, load : float64 (m,) or None
+    extremes : float64 (parts, 2) or None
+        Of each part.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    fx: np.ndarray
+    fy: np.ndarray
+    stiffness: np.ndarray | None
+    load: np.ndarray | None
+    extremes: np.ndarray | None
+
+
+@compiled
+def _place_part(stripes: Stripes, asked: Asked, part: int) -> None:
+    """Put the grains of a part where they are now, and clear its sums."""
+    for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
+        stripes.x[stripes.place[k]] = asked.x[stripes.order[k]]
+        stripes.y[stripes.place[k]] = asked.y[stripes.order[k]]
+    _clear(asked.fx, stripes.fx, stripes, part)
+    _clear(asked.fy, stripes.fy, stripes, part)
+    _clear(asked.stiffness, stripes.stiffness, stripes, part)
+    _clear(asked.load, stripes.load, stripes, part)
+
+
+@compiled(inline=True)
+def _clear(asked: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
+    if asked is not None:
+        _clear_part(sums, stripes, part)
+
+
+@compiled(inline=True)
+def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
+    if sums is not None:
+        clear_row(sums, part, stripes.rows[part], stripes.ends[part])
+
+
+@compiled
+def _sweep_part(
+    stripes: Stripes, asked: Asked, part: int, radius: float, smooth: bool | None
+) -> None:
+    """Meet the partners of a part's rows."""
+    sweep_runs(
+        stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments,
+        if_given(asked.stiffness, stripes.stiffness), asked.extremes,
+        if_given(asked.load, stripes.load), stripes.weight, stripes.runs,
+        part, stripes.rows[part], stripes.rows[part + 1], radius, smooth,
+    )  # fmt: skip
+
+
+@compiled(inline=True)
+def _join(sums: Array, stripes: Stripes, part: int) -> None:
+    """Add to a part's sums what the parts before it have for its rows."""
+    for other in range(part):
+        end = min(stripes.ends[other], stripes.rows[part + 1])
+        add_row(sums, part, other, stripes.rows[part], end)
+
+
+@compiled(inline=True)
+def _collect(
+    out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
+) -> None:
+    """Give the grains of a part their sums, where they are asked for."""
+    if out is not None:
+        _give(out, sums, scale, stripes, part)
+
+
+@compiled
+def _give(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
+    if sums is not None:
+        _join(sums, stripes, part)
+        for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
+            out[stripes.order[k]] = scale * sums[part, stripes.place[k]]
+
+
+@compiled
+def _collect_part(stripes: Stripes, asked: Asked, part: int) -> None:
+    _collect(asked.fx, stripes.fx, STRENGTH * SCALE, stripes, part)
+    _collect(asked.fy, stripes.fy, STRENGTH * SCALE, stripes, part)
+    _collect(asked.stiffness, stripes.stiffness, SCALE, stripes, part)
+    _collect(asked.load, stripes.load, SCALE, stripes, part)
+
+
+@compiled
+def _sum_parts(stripes: Stripes, asked: Asked, radius: float, smooth: bool | None) -> None:
+    parts = stripes.ends.size
+    for part in range(parts):
+        _place_part(stripes, asked, part)
+    for part in range(parts):
+        _sweep_part(stripes, asked, part, radius, smooth)
+    for part in range(parts):
+        _collect_part(stripes, asked, part)
+
+
+# A kernel each: Numba runs two loops as one where it sees nothing that the second takes from the
+# first, and it does not look into the kernels that they call.
+
+
+@compiled(parallel=True)
+def _place_threaded(stripes: Stripes, asked: Asked) -> None:
+    for part in numba.prange(stripes.ends.size):
+        _place_part(stripes, asked, part)
+
+
+@compiled(parallel=True)
+def _sweep_threaded(stripes: Stripes, asked: Asked, radius: float, smooth: bool | None) -> None:
+    for part in numba.prange(stripes.ends.size):
+        _sweep_part(stripes, asked, part, radius, smooth)
+
+
+@compiled(parallel=True)
+def _collect_threaded(stripes: Stripes, asked: Asked) -> None:
+    for part in numba.prange(stripes.ends.size):
+        _collect_part(stripes, asked, part)
+
+
+@compiled
+def _sum_all(
+    threaded: bool | None, stripes: Stripes, asked: Asked, radius: float, smooth: bool | None
+) -> None:
+    if threaded is None:
+        _sum_parts(stripes, asked, radius, smooth)
+    else:
+        _place_threaded(stripes, asked)
+        _sweep_threaded(stripes, asked, radius, smooth)
+        _collect_threaded(stripes, asked)
+
+
+@compiled
+def _cut_sum(
+    stripes: Stripes, radius: float, smooth: bool | None, threaded: bool | None, grains: int,
+    x: Array, y: Array, fx: Array, fy: Array, moments: Array | None, stiffness: Array | None,
+    extremes: Array | None, load: Array | None, weight: Array | None,
+) -> None:  # fmt: skip
+    if not make_ready(stripes, x, y, grains, moments, weight, radius):
+        fx[:grains] = np.nan
+        fy[:grains] = np.nan
+        return
+    if extremes is None:
+        asked = Asked(x, y, fx, fy, stiffness, load, None)
+        _sum_all(threaded, stripes, asked, radius, smooth)
+    else:
+        parts = np.zeros((stripes.ends.size, 2))
+        measured = Asked(x, y, fx, fy, stiffness, load, parts)
+        _sum_all(threaded, stripes, measured, radius, smooth)
+        extremes[:] = 0.0
+        for part in range(len(parts)):
+            extremes[0] += SCALE * parts[part, 0]
+            extremes[1] = max(extremes[1], SCALE * parts[part, 1])
+
+
+cut_sum = plain_cut_sum if numba.config.DISABLE_JIT else _cut_sum
+"""Pair forces within a radius, and what else is asked for in the same pass.
+
+Parameters
+----------
+stripes : Stripes
+radius : float
+    Cut-off radius [D]. The energy of a pair is taken as zero there.
+smooth : bool or None
+    As in `CutOff`.
+threaded : bool or None
+    None sweeps the stripes one after another, anything else on Numba's threads.
+grains : int
+x, y, fx, fy, moments, stiffness, extremes, load, weight
+    As in `granular.pairs.direct.direct_sum`.
+"""

@@ -1,0 +1,112 @@
+"""What grains put on the finest level of a mesh, and what they find there."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+from granular.compiled import Array, compiled
+from granular.pairs.mesh import LEFT, LOW, PARTS, UP, Mesh
+from granular.pairs.stencil import put_spline, spline_sums
+
+_STRANDS = 4
+"""Grains that are spread in turn come from so many places: a sum waits for the one before it where
+both are of the same points."""
+
+
+@compiled
+def _reach_lines(mesh: Mesh, y: Array, order: Array, first: int, end: int, part: int) -> None:
+    """Clear the lines that a part of the grains reaches, and remember which."""
+    fineness, low, high = 1.0 / mesh.spacing, math.inf, -math.inf
+    for k in range(first, end):
+        low, high = min(low, y[order[k]]), max(high, y[order[k]])
+    reached = mesh.reached[part]
+    reached[0] = reached[1] = 0
+    if first < end:
+        reached[0] = math.floor(low * fineness) - 1 - mesh.windows[0, LOW]
+        reached[1] = math.floor(high * fineness) + 3 - mesh.windows[0, LOW]
+    stride = mesh.strides[0]
+    mesh.shares[part, reached[0] * stride : reached[1] * stride] = 0.0
+
+
+@compiled
+def _spread_part(
+    mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int, part: int
+) -> None:
+    parts = len(mesh.shares)
+    first, end = part * grains // parts, (part + 1) * grains // parts
+    _reach_lines(mesh, y, order, first, end, part)
+    window, share, stride = mesh.windows[0], mesh.shares[part], mesh.strides[0]
+    fineness = 1.0 / mesh.spacing
+    corner = mesh.margin - 1 - window[LEFT] - (1 + window[LOW]) * stride
+    many = (end - first + _STRANDS - 1) // _STRANDS
+    for k in range(_STRANDS * many):
+        place = first + k % _STRANDS * many + k // _STRANDS
+        if place < end:
+            i = order[place]
+            u, v = x[i] * fineness, y[i] * fineness
+            column, line = math.floor(u), math.floor(v)
+            at = corner + int(line) * stride + int(column)
+            amount = 1.0 if amounts is None else amounts[i]
+            put_spline(share, at, stride, u - column, v - line, amount)
+
+
+@compiled
+def _join_part(mesh: Mesh, part: int) -> None:
+    """Add up what all parts of the grains put on a part of the finest level's lines."""
+    up, stride = mesh.windows[0, UP], mesh.strides[0]
+    for line in range(part * up // PARTS, (part + 1) * up // PARTS):
+        total = mesh.source[line * stride : (line + 1) * stride]
+        total[:] = 0.0
+        for other in range(len(mesh.shares)):
+            if mesh.reached[other, 0] <= line < mesh.reached[other, 1]:
+                more = mesh.shares[other, line * stride : (line + 1) * stride]
+                for place in range(total.size):
+                    total[place] += more[place]
+
+
+@compiled(parallel=True)
+def _spread_threaded(
+    mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
+) -> None:
+    for part in numba.prange(len(mesh.shares)):
+        _spread_part(mesh, x, y, amounts, order, grains, part)
+
+
+@compiled(parallel=True)
+def _join_threaded(mesh: Mesh) -> None:
+    for part in numba.prange(PARTS):
+        _join_part(mesh, part)
+
+
+@compiled
+def spread(
+    mesh: Mesh, threaded: bool | None, x: Array, y: Array, amounts: Array | None, order: Array,
+    grains: int,
+) -> None:  # fmt: skip
+    """Put amounts (ones where there are none) on the finest level.
+
+    ``order``, int64 (m,), names the grains one after another: it is quickest where neighbours
+    follow each other.
+    """
+    if threaded is None:
+        for part in range(len(mesh.shares)):
+            _spread_part(mesh, x, y, amounts, order, grains, part)
+        for part in range(PARTS):
+            _join_part(mesh, part)
+    else:
+        _spread_threaded(mesh, x, y, amounts, order, grains)
+        _join_threaded(mesh)
+
+
+@compiled(inline=True)
+def gathered(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
+    """The potential at a place, and its derivatives."""
+    window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]
+    u, v = x * fineness, y * fineness
+    column, line = math.floor(u), math.floor(v)
+    row = int(line) - 1 - window[LOW]
+    at = mesh.margin - 1 - window[LEFT] + int(column) + row * stride
+    value, by_u, by_v = spline_sums(mesh.potential, at, stride, u - column, v - line)
+    return value, by_u * fineness, by_v * fineness

@@ -1,0 +1,153 @@
+"""The potential on a mesh: sources go up the levels, each level's own part of it comes down."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from granular.compiled import compiled
+from granular.pairs.convolution import convolve
+from granular.pairs.lanes import WIDTH
+from granular.pairs.mesh import ACROSS, LEFT, LOW, PARTS, UP, Mesh
+
+# Unsigned, since an index that may be negative is looked at every time.
+_ONE, _TWO = np.uintp(1), np.uintp(2)
+
+SHARES = (0.75, 0.5, 0.125)
+"""Share of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
+
+
+# Of numbers alone: arrays that are handed on from line to line are counted, which takes longer.
+@compiled(inline=True)
+def _line_begin(at: int, up: int, begin: int, stride: int, outside: int) -> np.uintp:
+    """Where a line begins, by its place in a window of ``up`` lines; outside, one of zeros."""
+    return np.uintp(begin + at * stride if 0 <= at < up else outside)
+
+
+@compiled
+def _restrict(mesh: Mesh, level: int) -> None:
+    """Sources of a level from those of the finer one before it."""
+    fine, coarse = mesh.windows[level - 1], mesh.windows[level]
+    row, source, margin = mesh.rows[0], mesh.source, mesh.margin
+    whole, half, rest = SHARES
+    first = np.uintp(2 * coarse[LEFT] - fine[LEFT] + margin)
+    lines, start, stride = fine[UP], mesh.begins[level - 1], mesh.strides[level - 1]
+    outside, own_start, own_stride = mesh.begins[-1], mesh.begins[level], mesh.strides[level]
+    lowest, across = 2 * coarse[LOW] - fine[LOW], coarse[ACROSS]
+    for up in range(coarse[UP]):
+        at_line = lowest + 2 * up
+        lower = _line_begin(at_line - 2, lines, start, stride, outside)
+        low = _line_begin(at_line - 1, lines, start, stride, outside)
+        middle = _line_begin(at_line, lines, start, stride, outside)
+        high = _line_begin(at_line + 1, lines, start, stride, outside)
+        higher = _line_begin(at_line + 2, lines, start, stride, outside)
+        for point in range(stride):
+            p = np.uintp(point)
+            near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
+            row[p] = whole * source[middle + p] + half * near + rest * far
+        begin = np.uintp(own_start + up * own_stride)
+        for point in range(own_stride):
+            source[begin + np.uintp(point)] = 0.0
+        begin += np.uintp(margin)
+        for column in range(across):
+            at = first + _TWO * np.uintp(column)
+            near, far = row[at - _ONE] + row[at + _ONE], row[at - _TWO] + row[at + _TWO]
+            source[begin + np.uintp(column)] = whole * row[at] + half * near + rest * far
+
+
+@compiled
+def _prolong(mesh: Mesh, level: int) -> None:
+    """Add the potential of a level to that of the finer one before it."""
+    fine, coarse = mesh.windows[level - 1], mesh.windows[level]
+    row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
+    whole, half, rest = SHARES
+    odd = fine[LEFT] % 2
+    first = np.uintp(fine[LEFT] // 2 - coarse[LEFT] + margin)
+    lines, start, stride = coarse[UP], mesh.begins[level], mesh.strides[level]
+    fine_start, fine_stride = mesh.begins[level - 1], mesh.strides[level - 1]
+    outside = mesh.begins[-1]
+    lowest, lowest_coarse, pairs = fine[LOW], coarse[LOW], (fine[ACROSS] + odd + 1) // 2
+    for up in range(fine[UP]):
+        line = lowest + up
+        at_line = line // 2 - lowest_coarse
+        middle = _line_begin(at_line, lines, start, stride, outside)
+        below = _line_begin(at_line - 1, lines, start, stride, outside)
+        above = _line_begin(at_line + 1, lines, start, stride, outside)
+        own, beside = (half, 0.0) if line % 2 == 1 else (whole, rest)
+        next_one = half if line % 2 == 1 else rest
+        for point in range(stride):
+            p = np.uintp(point)
+            row[p] = (
+                own * potential[middle + p]
+                + beside * potential[below + p]
+                + next_one * potential[above + p]
+            )
+        # The first point's place is odd, too, where the window's is: one more before it.
+        begin = np.uintp(fine_start + up * fine_stride + margin - odd)
+        for pair in range(pairs):
+            at, out = first + np.uintp(pair), begin + _TWO * np.uintp(pair)
+            potential[out] += whole * row[at] + rest * (row[at - _ONE] + row[at + _ONE])
+            potential[out + _ONE] += half * (row[at] + row[at + _ONE])
+
+
+@compiled
+def _convolve_part(mesh: Mesh, part: int) -> None:
+    """The potential of each level's own sources on a part of all columns.
+
+    The bands', and on the last level the rest's. Parts take about equally long.
+    """
+    levels, total, done = len(mesh.windows), 0, 0
+    for level in range(levels):
+        total += _cost(mesh, level) * (_columns(mesh, level) // WIDTH)
+    for level in range(levels):
+        cost = _cost(mesh, level)
+        for column in range(0, _columns(mesh, level), WIDTH):
+            middle = 2 * done + cost
+            done += cost
+            if part * total * 2 <= middle * PARTS < (part + 1) * total * 2:
+                _convolve_columns(mesh, level, column, part)
+
+
+@compiled
+def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
+    at, up = mesh.begins[level] + mesh.margin + column, mesh.windows[level, UP]
+    along, across = mesh.band_along, mesh.band_across
+    if level == len(mesh.windows) - 1:
+        along, across = mesh.rest_along, mesh.rest_across
+    convolve(
+        mesh.source, mesh.potential, along, across, mesh.rows[part], at, mesh.strides[level], up,
+        0.125**level,
+    )  # fmt: skip
+
+
+@compiled(inline=True)
+def _columns(mesh: Mesh, level: int) -> int:
+    return (mesh.windows[level, ACROSS] + WIDTH - 1) // WIDTH * WIDTH
+
+
+@compiled(inline=True)
+def _cost(mesh: Mesh, level: int) -> int:
+    """Of eight columns of a level: the rest takes more groups of terms, and reaches further."""
+    table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along
+    return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
+
+
+@compiled(parallel=True)
+def _convolve_threaded(mesh: Mesh) -> None:
+    for part in numba.prange(PARTS):
+        _convolve_part(mesh, part)
+
+
+@compiled
+def find_potential(mesh: Mesh, threaded: bool | None) -> None:
+    """Find the potential on the finest level of the sources there."""
+    levels = len(mesh.windows)
+    for level in range(1, levels):
+        _restrict(mesh, level)
+    if threaded is None:
+        for part in range(PARTS):
+            _convolve_part(mesh, part)
+    else:
+        _convolve_threaded(mesh)
+    for level in range(levels - 1, 0, -1):
+        _prolong(mesh, level)

@@ -1,0 +1,155 @@
+"""Cubic B-splines on the four by four points of a mesh about a grain, a line of them at a time.
+
+The splines of the four points along an axis, and their slopes, are eight polynomials of one
+number: how far the grain is on its way from the second point to the third.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import config, types
+from numba.extending import intrinsic
+
+from granular.compiled import Array, compiled
+from granular.pairs.lanes import DOUBLE, Code, vector_constant
+
+POINTS = 4
+"""Of a spline, along each axis."""
+
+_POLYNOMIALS = (
+    (1 / 6, 2 / 3, 1 / 6, 0.0, -0.5, 0.0, 0.5, 0.0),
+    (-0.5, 0.0, 0.5, 0.0, 1.0, -2.0, 1.0, 0.0),
+    (0.5, -1.0, 0.5, 0.0, -0.5, 1.5, -1.5, 0.5),
+    (-1 / 6, 0.5, -0.5, 1 / 6, 0.0, 0.0, 0.0, 0.0),
+)
+"""By the power of the way: the splines of the four points, and behind them their slopes."""
+
+_FOUR = ir.VectorType(DOUBLE, POINTS)
+
+
+def _splines(code: Code, way: ir.Value) -> ir.Value:
+    """Values of the four splines, and of their slopes."""
+    u = code.splat(way)
+    found: Any = vector_constant(_POLYNOMIALS[-1])
+    for coefficients in reversed(_POLYNOMIALS[:-1]):
+        found = code.fused(found, u, vector_constant(coefficients))
+    return found
+
+
+def _line(code: Code, values: ir.Value, at: ir.Value) -> ir.Value:
+    """Pointer to four points that follow each other."""
+    return code.builder.bitcast(code.builder.gep(values, [at]), _FOUR.as_pointer())
+
+
+def _folded(code: Code, vector: ir.Value) -> ir.Value:
+    """Sums of the first and of the last four lanes, each in its first lane."""
+    for lanes in ((2, 3, 0, 1, 6, 7, 4, 5), (1, 0, 3, 2, 5, 4, 7, 6)):
+        vector = code.builder.fadd(vector, code.shuffled(vector, vector, list(lanes)))
+    return vector
+
+
+@intrinsic
+def _put(
+    typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any
+) -> Any:  # fmt: skip
+    signature = types.void(
+        values, types.intp, types.intp, types.float64, types.float64, types.float64
+    )
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        code = Code(context, builder)
+        pointer = code.data(signature.args[0], arguments[0])
+        at, stride, u, v, amount = arguments[1:]
+        across = _splines(code, u)
+        along = code.shuffled(across, across, list(range(POINTS)))
+        ups = builder.fmul(_splines(code, v), code.splat(amount))
+        for line in range(POINTS):
+            share = code.shuffled(ups, ups, [line] * POINTS)
+            place = _line(code, pointer, at)
+            total = builder.fadd(builder.load(place, align=8), builder.fmul(along, share))
+            builder.store(total, place, align=8)
+            at = builder.add(at, stride)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def _sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any:
+    number = types.float64
+    signature = types.UniTuple(number, 3)(values, types.intp, types.intp, number, number)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        code = Code(context, builder)
+        pointer = code.data(signature.args[0], arguments[0])
+        at, stride, u, v = arguments[1:]
+        along, up = _splines(code, u), _splines(code, v)
+        total = None
+        for line in range(POINTS):
+            points = builder.load(_line(code, pointer, at), align=8)
+            both = code.shuffled(points, points, [*range(POINTS), *range(POINTS)])
+            # The spline of the line in the first four lanes, its slope in the others.
+            share = code.shuffled(up, up, [line] * POINTS + [line + POINTS] * POINTS)
+            total = builder.fmul(both, share) if total is None else code.fused(both, share, total)
+            at = builder.add(at, stride)
+        half = [*range(POINTS), *range(POINTS)]
+        splines = code.shuffled(along, along, half)
+        slopes = code.shuffled(along, along, [lane + POINTS for lane in half])
+        by_value = _folded(code, builder.fmul(total, splines))
+        by_slope = _folded(code, builder.fmul(total, slopes))
+        found = [code.lane(by_value, 0), code.lane(by_slope, 0), code.lane(by_value, POINTS)]
+        return context.make_tuple(builder, signature.return_type, found)
+
+    return signature, generate
+
+
+@compiled(inline=True)
+def _put_spline(values: Array, at: int, stride: int, u: float, v: float, amount: float) -> None:
+    _put(values, at, stride, u, v, amount)
+
+
+@compiled(inline=True)
+def _spline_sums(
+    values: Array, at: int, stride: int, u: float, v: float
+) -> tuple[float, float, float]:
+    return _sums(values, at, stride, u, v)
+
+
+def _plain_splines(way: float) -> np.ndarray:
+    """Values of the splines, and of their slopes, float64 (2, 4)."""
+    found = np.polynomial.polynomial.polyval(way, np.array(_POLYNOMIALS))
+    return np.asarray(found).reshape(2, POINTS)
+
+
+def _plain_put_spline(
+    values: Array, at: int, stride: int, u: float, v: float, amount: float
+) -> None:
+    places = at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)
+    values[places] += amount * np.outer(_plain_splines(v)[0], _plain_splines(u)[0])
+
+
+def _plain_spline_sums(
+    values: Array, at: int, stride: int, u: float, v: float
+) -> tuple[float, float, float]:
+    points = values[at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)]
+    across, up = _plain_splines(u), _plain_splines(v)
+    return up[0] @ points @ across[0], up[0] @ points @ across[1], up[1] @ points @ across[0]
+
+
+put_spline = _plain_put_spline if config.DISABLE_JIT else _put_spline
+"""Add an amount to the four by four points from ``at`` on, whose lines are ``stride`` apart.
+
+Parameters
+----------
+values : float64 (p,)
+at, stride : int
+u, v : float
+    Way along both axes from the second point to the third, 0 to 1.
+amount : float
+"""
+
+spline_sums = _plain_spline_sums if config.DISABLE_JIT else _spline_sums
+"""Value of the spline through such points, and its slopes along both axes [1/spacing]."""

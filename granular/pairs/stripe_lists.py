@@ -1,0 +1,238 @@
+"""Which runs of places hold the partners of which grains, in stripes.
+
+The runs are listed for a reach that is longer than the radius by a skin. No pair can be missed
+while no grain has moved by more than half the skin since; that is looked at before every sum, and
+the runs are listed anew where one has. How many runs there are is known beforehand: there is no
+list that could overflow. The skin grows or shrinks by how long the lists last.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.pairs.lanes import WIDTH
+from granular.pairs.runs import ROWS, RUNS
+from granular.pairs.stripes import (
+    BUILDS,
+    CALLS,
+    GRAINS,
+    LEAST_IN_STRIPE,
+    LISTED,
+    SKIN,
+    STRIPES,
+    Stripes,
+)
+
+PADDING = 1e70
+
+_ROW_COST = 3
+"""Of two rows besides their partners, in vectors of these."""
+
+_FIRST_SKIN, _LEAST_SKIN, _MOST_SKIN = 0.05, 0.01, 0.5
+_COST = 2.0
+"""Of listing, in sums."""
+
+
+@compiled
+def _sort(stripes: Stripes, grains: int, reach: float) -> int:
+    """Sort the grains into stripes by the places in ``built``; the number of stripes."""
+    x, y = stripes.built[0], stripes.built[1]
+    low, high = y[0], y[0]
+    for i in range(grains):
+        low, high = min(low, y[i]), max(high, y[i])
+    most = max(1, min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE))
+    height = max(reach / (RUNS - 1), (high - low) / most)
+    number = min(int((high - low) / height) + 1, most)
+    counts = np.zeros(number + 1, dtype=np.int64)
+    for i in range(grains):
+        stripes.stripe[i] = min(max(int((y[i] - low) / height), 0), number - 1)
+        counts[stripes.stripe[i] + 1] += 1
+    stripes.begins[0] = 0
+    for k in range(number):
+        stripes.begins[k + 1] = stripes.begins[k] + ((counts[k + 1] + 7) // WIDTH + 1) * WIDTH
+        counts[k + 1] += counts[k]
+    ends = counts[:number].copy()
+    for i in range(grains):
+        stripes.order[ends[stripes.stripe[i]]] = i
+        ends[stripes.stripe[i]] += 1
+    for slot in range(stripes.begins[number] + 2 * WIDTH):
+        stripes.x[slot] = PADDING * (slot + 1.0)
+        stripes.y[slot] = 0.0
+    for k in range(number):
+        chosen = stripes.order[counts[k] : counts[k + 1]]
+        across = np.empty(chosen.size)
+        for c in range(chosen.size):
+            across[c] = x[chosen[c]]
+        turns = np.argsort(across)
+        for c in range(chosen.size):
+            stripes.stripe[c] = chosen[turns[c]]
+        for c in range(chosen.size):
+            chosen[c] = stripes.stripe[c]
+            stripes.place[counts[k] + c] = stripes.begins[k] + c
+            stripes.x[stripes.begins[k] + c] = x[chosen[c]]
+            stripes.y[stripes.begins[k] + c] = y[chosen[c]]
+    return number
+
+
+@compiled
+def _list_runs(stripes: Stripes, number: int, reach: float) -> None:
+    """List the runs of every two rows."""
+    far = reach * (1.0 + 1e-12)
+    for k in range(number):
+        for up in range(RUNS):
+            _list_runs_of(stripes, k, min(k + up, number), number, up, far)
+
+
+@compiled
+def _list_runs_of(stripes: Stripes, k: int, there: int, number: int, up: int, far: float) -> None:
+    """List the partners of a stripe's rows in itself or in one above, which may be none."""
+    x, y, runs = stripes.x, stripes.y, stripes.runs
+    begin = stripes.begins[there]
+    end, lowest = begin, math.inf
+    while there < number and end < stripes.begins[there + 1] and x[end] < PADDING:
+        lowest = min(lowest, y[end])
+        end += 1
+    start, stop = begin, begin
+    for first in range(stripes.begins[k], stripes.begins[k + 1], ROWS):
+        pair = first // ROWS
+        if x[first] < PADDING:
+            two = x[first + 1] < PADDING
+            right = x[first + 1] if two else x[first]
+            apart = lowest - (max(y[first], y[first + 1]) if two else y[first])
+            wide = far if up == 0 else math.sqrt(max(far * far - max(apart, 0.0) ** 2, 0.0))
+            while start > begin and x[start - 1] >= x[first] - wide:
+                start -= 1
+            while start < end and x[start] < x[first] - wide:
+                start += 1
+            while stop > begin and x[stop - 1] > right + wide:
+                stop -= 1
+            while stop < end and x[stop] <= right + wide:
+                stop += 1
+            # The seven behind the second row are met with it.
+            runs[pair, up, 0] = first + 1 + WIDTH if up == 0 else start
+            runs[pair, up, 1] = stop if apart < far or up == 0 else start
+        else:
+            runs[pair, up, 0] = 0
+            runs[pair, up, 1] = 0
+
+
+@compiled(inline=True)
+def _row_cost(stripes: Stripes, first: int) -> tuple[int, int]:
+    """Cost of eight rows, in vectors of partners; behind the last place that they meet."""
+    cost, last = 0, first + 2 * WIDTH
+    for pair in range(first // ROWS, (first + WIDTH) // ROWS):
+        cost += _ROW_COST
+        for run in range(RUNS):
+            start, stop = stripes.runs[pair, run, 0], stripes.runs[pair, run, 1]
+            if stop > start:
+                vectors = (stop - start + WIDTH - 1) // WIDTH
+                cost += vectors
+                last = max(last, start + vectors * WIDTH)
+    return cost, (last + WIDTH - 1) // WIDTH * WIDTH
+
+
+@compiled
+def _deal_rows(stripes: Stripes, grains: int, end: int) -> None:
+    """Deal the rows out to parts that take about equally long; they begin at whole vectors."""
+    parts, total, done, part = stripes.ends.size, 0, 0, 0
+    for first in range(0, end, WIDTH):
+        total += _row_cost(stripes, first)[0]
+    stripes.rows[:] = end
+    stripes.rows[0] = 0
+    stripes.ends[:] = 0
+    for first in range(0, end, WIDTH):
+        cost, last = _row_cost(stripes, first)
+        while part + 1 < parts and (2 * done + cost) * parts >= 2 * (part + 1) * total:
+            part += 1
+            stripes.rows[part] = first
+        done += cost
+        stripes.ends[part] = max(stripes.ends[part], last)
+    part = 0
+    stripes.firsts[:] = grains
+    for k in range(grains):
+        while part <= parts and stripes.rows[part] <= stripes.place[k]:
+            stripes.firsts[part] = k
+            part += 1
+
+
+@compiled
+def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Array | None) -> None:
+    if moments is not None and stripes.moments is not None:
+        stripes.moments[:] = 0.0
+        for k in range(grains):
+            stripes.moments[stripes.place[k]] = moments[stripes.order[k]]
+    if weight is not None and stripes.weight is not None:
+        stripes.weight[:] = 0.0
+        for k in range(grains):
+            stripes.weight[stripes.place[k]] = weight[stripes.order[k]]
+
+
+@compiled
+def _list_partners(
+    stripes: Stripes, grains: int, moments: Array | None, weight: Array | None, radius: float
+) -> None:
+    reach = radius + stripes.memory[SKIN]
+    number = _sort(stripes, grains, reach)
+    _list_runs(stripes, number, reach)
+    _put_values(stripes, grains, moments, weight)
+    _deal_rows(stripes, grains, stripes.begins[number])
+    stripes.memory[LISTED] = 1.0
+    stripes.memory[STRIPES] = number
+
+
+@compiled
+def _adapt_skin(memory: Array, radius: float) -> None:
+    """Bring the skin nearer to where making lists costs as much as the partners in it."""
+    if memory[SKIN] == 0.0:
+        memory[SKIN] = _FIRST_SKIN * radius
+    elif memory[CALLS] * memory[SKIN] < _COST * radius / 2.0:
+        memory[SKIN] = min(1.25 * memory[SKIN], _MOST_SKIN * radius)
+    else:
+        memory[SKIN] = max(memory[SKIN] / 1.1, _LEAST_SKIN * radius)
+
+
+@compiled
+def _moved(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
+    """Whether the lists may lack a pair."""
+    if stripes.memory[GRAINS] != grains:
+        return True
+    most = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
+    moved = 0
+    for i in range(grains):
+        dx, dy = x[i] - stripes.built[0, i], y[i] - stripes.built[1, i]
+        moved += not dx * dx + dy * dy <= most
+    return moved > 0
+
+
+@compiled
+def finite(x: Array, y: Array, grains: int) -> bool:
+    odd = 0
+    for i in range(grains):
+        odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
+    return odd == 0
+
+
+@compiled
+def make_ready(
+    stripes: Stripes, x: Array, y: Array, grains: int, moments: Array | None, weight: Array | None,
+    radius: float,
+) -> bool:  # fmt: skip
+    """Make the lists hold every pair within the radius; False where a place is no number."""
+    if _moved(stripes, x, y, grains):
+        if not finite(x, y, grains):
+            return False
+        _adapt_skin(stripes.memory, radius)
+        for i in range(grains):
+            stripes.built[0, i] = x[i]
+            stripes.built[1, i] = y[i]
+        stripes.memory[GRAINS] = grains
+        stripes.memory[CALLS] = 0.0
+        stripes.memory[BUILDS] += 1.0
+        stripes.memory[LISTED] = 0.0
+    if stripes.memory[LISTED] == 0.0:
+        _list_partners(stripes, grains, moments, weight, radius)
+    stripes.memory[CALLS] += 1.0
+    return True

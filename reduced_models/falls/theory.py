@@ -1,0 +1,146 @@
+"""What a scene says of the law of its fall, before anything has fallen.
+
+A crystal of N equal dipoles with their moments normal to it, in a cell of width W below a piston at
+the height z, has the pressure p = 1.6674 (F*/D) rho^(5/2), rho = N D^2/(W z) (lattice sum of the
+hexagonal crystal, minus its derivative by the area; a mixture at random has the square of its mean
+moment in place of that of one grain). The piston's weight M g = p W then gives the height of rest
+
+    r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
+
+Walls hold the grains beside them less densely: r is greater by a share that falls with N^(-1/2).
+Grains that follow the piston affinely have the velocity z' y/z at the height y; their drag is that
+of a third of them at the piston's speed, so lam = N gamma/(6 M).
+
+Shear modulus and strength have no theory here: they and the two numbers of the walls' share were
+measured on falls of beds of 184, 276, 552 and 1104 grains of the packaged damper's kind from 20 D
+(times sqrt(N/368)), two starts each, with lam, weight and power as above.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.law import Law
+from reduced_models.laws.small_swing import NoSwing, small_swing
+from reduced_models.models.fitted_law import AtRest, FittedLaw
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
+LAW = LAWS["elastoplastic-bed"]
+POWER = 2.5
+PRESSURE = 1.6674
+"""Of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module's first lines."""
+BULK, WALLS = 0.957, 0.906
+"""Height of rest over that of the lattice: BULK + WALLS/sqrt(N)."""
+MODULUS, STRENGTH = 0.31, 0.041
+FEWEST = 250
+"""Grains from which on modulus and strength are alike from bed to bed."""
+_SHAPED = {"dipole", "walls", "gravity", "drag"}
+
+
+@dataclasses.dataclass(frozen=True)
+class PredictedLaw(FittedLaw):
+    """A law whose numbers follow from a scene; `FittedLaw` tells of attributes and methods."""
+
+    parameters: Mapping[str, float]
+    initial: tuple[float, float]
+    at_rest: AtRest | None
+    provenance: Mapping[str, str]
+    law: Law = LAW
+    map: HeightMap = HeightMap(0.0, 1.0)  # noqa: RUF009  # immutable
+    domain: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    input_interpolation: str = "spline"  # type: ignore[assignment]  # one of its names
+    angle: bool = False
+
+
+def predict(scene: Scene) -> PredictedLaw:
+    """The law of a scene's fall, from the scene alone: nothing is run, and nothing fitted.
+
+    Its motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
+
+    Raises
+    ------
+    InputError
+        As `parameters_of`.
+    """
+    values = parameters_of(scene)
+    assert scene.piston is not None
+    found = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
+    at_rest = None
+    if not isinstance(found, NoSwing):
+        at_rest = AtRest(found.z, found.period, found.damping_ratio, {})
+    return PredictedLaw(
+        values, (scene.piston.height, 0.0), at_rest, {"from": f"the scene {scene.name}"}
+    )
+
+
+def parameters_of(scene: Scene) -> dict[str, float]:
+    """The parameters of ``elastoplastic-bed`` for a scene.
+
+    Raises
+    ------
+    InputError
+        If the scene has no heavy piston over dipoles that drag alone damps, or too few grains for
+        what was measured.
+    """
+    piston, grains = scene.piston, scene.grains
+    present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
+    if piston is None or piston.mass is None or "gravity" not in present:
+        raise InputError(
+            f"the scene {quoted(scene.name)} has no piston with a mass under gravity, so nothing "
+            "falls; give it piston.mass"
+        )
+    from granular.run.summary import effect_names
+
+    others = sorted(set(effect_names(scene)) - _SHAPED)
+    if others or piston.friction or "dipole" not in present:
+        what = ", ".join(others) or "friction of the piston, or no dipoles"
+        raise InputError(
+            f"the scene {quoted(scene.name)} has {what}; the law of a fall is known for dipoles, "
+            "walls, gravity and drag: fit it to a fall instead"
+        )
+    if grains.count < FEWEST:
+        raise InputError(
+            f"{grains.count} grains; what is known of the law holds from {FEWEST} on: fit it to a "
+            "fall instead"
+        )
+    from granular.scene.scales import Scales
+
+    scales, width = Scales.of(grains), scene.cell.width
+    moment, mass = _means(scene)
+    effects = scene.effects
+    gravity = effects.gravity.acceleration if effects.gravity is not None else 0.0
+    drag = 0.0 if effects.drag is None else effects.drag.coefficient
+    weight = piston.mass * gravity
+    lattice = (grains.count * scales.length**2 / width) * (
+        PRESSURE * scales.force * moment**2 * width / (scales.length * weight)
+    ) ** (1.0 / POWER)
+    loss = grains.count * mass * drag / 3.0 + piston.drag
+    return {
+        "lam": max(loss / (2.0 * piston.mass), 1e-6),  # the law has none below zero
+        "weight": gravity,
+        "rest": (BULK + WALLS / math.sqrt(grains.count)) * lattice,
+        "power": POWER,
+        "modulus": MODULUS,
+        "strength": STRENGTH,
+    }
+
+
+def _means(scene: Scene) -> tuple[float, float]:
+    """Mean moment and mass of the grains, over those of the first species."""
+    share = np.array(scene.grains.shares())
+    return (
+        float(share @ scene.grains.moment_ratios()),
+        float(share @ scene.grains.mass_ratios()),
+    )

@@ -1,0 +1,96 @@
+"""Falls of simulated beds, told by one fall, and by the scene alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, Scene, damper, simulate
+from reduced_models import judged_falls, predict
+from reduced_models.falls.data import Falls
+from reduced_models.falls.judging import fall_error
+
+D = 0.006
+SEED = 1
+MIXTURE = damper().replace(
+    **{
+        "name": "mixture",
+        "grains.species": [
+            {"name": "big", "diameter": D, "share": 0.5},
+            {"name": "small", "diameter": D / 2, "share": 0.5},
+        ],
+        "piston.mass": 3.0,
+    }
+)
+
+
+def fall(scene: Scene, height: float, seed: int = SEED) -> PistonRecord:
+    """Three seconds from a height [D], times the square root of the grains over 368."""
+    scale = math.sqrt(scene.grains.count / 368)
+    changes = {
+        "piston.height": height * scale * D, "arrangement.height": (height - 1.0) * scale * D,
+        "arrangement.seed": seed, "output.record": "drop",
+        "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
+    }  # fmt: skip
+    return simulate(scene.replace(**changes), dt="auto*2", progress=False).piston()
+
+
+def level(record: PistonRecord) -> float:
+    return float(record.height[-len(record) // 10 :].mean())
+
+
+def judged(scene: Scene, heights: Sequence[float]) -> Falls:
+    unseen = {f"{height:g} D": fall(scene, height) for height in heights}
+    unseen |= {f"start {seed}": fall(scene, 20.0, seed) for seed in (2, 3, 4)}
+    return judged_falls(fall(scene, 20.0), unseen, scene=scene)
+
+
+HEIGHTS = (14.0, 16.0, 18.0, 22.0, 24.0, 26.0, 28.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "scene", [damper(), damper(count=736), MIXTURE], ids=lambda one: str(one.name)
+)
+def test_one_fall_tells_the_others(scene: Scene) -> None:
+    """Six numbers from a fall from 20 D; heights and starts that no fit has seen."""
+    found = judged(scene, HEIGHTS)
+    print(f"\n{found.table}\nscatter {found.scatter}")
+    best = found.best
+    assert best.name == "elastoplastic-bed"
+    assert best.median <= 0.01
+    assert best.greatest <= 0.02
+    for other in found.rows[1:]:
+        assert all(a > b for a, b in zip(other.errors, best.errors, strict=True)), other.name
+
+
+@pytest.mark.long
+def test_one_fall_of_few_grains_tells_the_others() -> None:
+    """Layers of 92 grains slip one by one: starts differ by as much as the law errs."""
+    found = judged(damper(count=92), (16.0, 22.0, 24.0, 26.0, 28.0))
+    print(f"\n{found.table}\nscatter {found.scatter}")
+    best = found.best
+    assert best.name == "elastoplastic-bed"
+    assert best.greatest <= max(0.03, 2.0 * max(found.scatter))
+    for other in found.rows[1:]:
+        assert all(a > b for a, b in zip(other.errors, best.errors, strict=True)), other.name
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", [368, 736, 1472])
+def test_the_scene_alone_tells_the_fall(count: int) -> None:
+    """Nothing fitted; shear modulus and strength come from beds of other sizes."""
+    for mass in (5.0, 7.5, 10.0):
+        for drag in (0.1, 0.2):
+            scene = damper(mass, count=count, drag=drag)
+            law = predict(scene)
+            errors = []
+            for height in (17.0, 20.0, 24.0, 28.0):
+                one = fall(scene, height)
+                errors.append(fall_error(law, one, level(one)))
+            print(f"{count} grains, {mass:g} kg, {drag:g} kg/s:",
+                  *(f"{100 * each:.2f} %" for each in np.array(errors)))  # fmt: skip
+            assert max(errors) <= 0.025

@@ -1,0 +1,77 @@
+"""What a scene says of its fall: the lattice's pressure and what follows, or why nothing is."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import damper
+from granular.scene.scales import Scales
+from granular.shared.errors import InputError
+from reduced_models import predict
+from reduced_models.falls.theory import POWER, PRESSURE, parameters_of
+
+
+def test_pressure_is_that_of_the_hexagonal_lattice() -> None:
+    """Energy of a grain: half the sum of F* D (D/r)^3/4; pressure: minus its slope by the area."""
+    cut = 400
+    i, j = np.meshgrid(np.arange(-cut, cut + 1), np.arange(-cut, cut + 1))
+    squares = (i * i + i * j + j * j).astype(float)
+    inside = (squares > 0.0) & (squares < (0.8 * cut) ** 2)
+    tail = 2.0 * math.pi / (math.sqrt(0.75) * 0.8 * cut)  # what lies farther off, as a continuum
+    total = float((squares[inside] ** -1.5).sum()) + tail
+    # At the density rho the spacing a has (D/a)^2 = sqrt(3/4) rho.
+    energy = 0.125 * total * 0.75**0.75
+    assert 1.5 * energy == pytest.approx(PRESSURE, rel=3e-5)
+    assert POWER == 1.5 + 1.0
+
+
+def test_weight_and_pressure_balance_at_rest() -> None:
+    """In a bed so large that walls do not count, the lattice's pressure carries the piston."""
+    scene = damper(count=10**6)
+    values = parameters_of(scene)
+    assert scene.piston is not None
+    scales, width = Scales.of(scene.grains), scene.cell.width
+    density = scene.grains.count * scales.length**2 / (width * values["rest"])
+    pressure = PRESSURE * scales.force / scales.length * density**POWER
+    weight = scene.piston.mass * 9.8 / width
+    assert pressure == pytest.approx(weight, rel=0.12)  # walls and rest by what was measured
+    assert values["weight"] == 9.8
+    assert values["lam"] == pytest.approx(1e6 * 0.1 / (6.0 * scene.piston.mass))
+
+
+def test_a_mixture_of_equals_is_the_bed_itself() -> None:
+    plain = damper()
+    (one,) = plain.grains.species
+    halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
+    mixed = plain.replace(**{"grains.species": halves})
+    assert parameters_of(mixed) == pytest.approx(parameters_of(plain))
+
+
+def test_small_swing_and_motion_follow() -> None:
+    law = predict(damper())
+    assert law.at_rest is not None
+    assert 0.055 < law.at_rest.height < 0.063  # simulated: 0.0591 m
+    assert law.at_rest.period == pytest.approx(0.288, rel=0.05)  # simulated
+    motion = law.simulate(np.linspace(0.0, 30.0, 3001))
+    assert motion.height[0] == 0.12
+    assert motion.height[-1] == pytest.approx(law.at_rest.height, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"piston.mass": None, "output.record": None,
+          "protocol": [{"kind": "hold", "name": "a", "duration": 1.0}]}, "nothing falls"),
+        ({"effects.gravity": None}, "nothing falls"),
+        ({"effects.friction": True}, "has friction"),
+        ({"piston.friction": 1.0}, "friction of the piston"),
+        ({"grains.count": 92}, "92 grains"),
+    ],
+)  # fmt: skip
+def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        predict(damper().replace(**changes))

@@ -1,0 +1,60 @@
+"""What a part's results say on the console: the same figures as on the page, and what failed."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from validation.convergence_result import ConvergenceResult, Slope
+from validation.cost import Point, Setting, WorkPrecision
+from validation.energy import EnergyStudy
+from validation.outcomes import ACCURATE, Outcome
+from validation.parts import FAILED, Plain
+from validation.printing import part_text
+from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExperiment, SourceRun
+from validation.trend import Trend
+
+ORDER = ConvergenceResult(
+    "bounce", "pefrl", 4, True, (0.1, 0.01), (1.0, 1e-4), 1e-9, Slope(4.01, (3.9, 4.1), 0, 1),
+    (0.1, 1.0),
+)  # fmt: skip
+TREND = Trend(1e-3, (5e-4, 2e-3), 1e-3, 1e-3, 0.1, 1.0)
+ENERGY = EnergyStudy(
+    "swing", "explicit-euler", False, 0.1, 10, None, (0.0, 0.5, 1.0), (0.0, 5e-4, 1e-3), TREND,
+    (2.0, 1.0, 2.0), (0.0, -1.0, 0.0),
+)  # fmt: skip
+COST = WorkPrecision(
+    "damper", "period", "1", None,
+    (Point(Setting("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5),), 1e-4, "finer",
+)  # fmt: skip
+CASE = Outcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
+SOURCE = SourceExperiment(
+    tuple(
+        SourceRun(form, h, 0.1 + 1e4 * h * h, 1e4 * h * h, 1.0)
+        for form in (PLAIN, COMPENSATED, TOOLKIT)
+        for h in (4e-6, 2e-6, 1e-6)
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "plain", "said"),
+    [
+        ("convergence", ORDER.to_plain(), ("bounce", "pefrl", "4.0100")),
+        ("source-experiment", SOURCE.to_plain(), ("4e-06", "1.60e-07")),
+        ("energy", ENERGY.to_plain(), ("swing", "explicit-euler", "gains")),
+        ("work-precision", {"studies": [COST.to_plain()]}, ("period of damper", "auto*8", "1.5")),
+        ("stability", CASE.to_plain(), ("drop", "auto", "2.0e-02")),
+        ("glance", {"studies": [COST.to_plain()], "fresh": [], "starts": 5},
+         ("damper: what accuracy costs", "auto*8: 1.5 s")),
+        ("glance", {"outcomes": [CASE.to_plain()]}, ("1",)),
+    ],
+)  # fmt: skip
+def test_a_parts_figures_are_said(part: str, plain: Plain, said: tuple[str, ...]) -> None:
+    kept = json.loads(json.dumps(plain))  # as it comes back from a file
+    text = part_text(part, [kept, {"label": "the next", FAILED: "RunError: off"}])
+    assert all(words in text for words in said), text
+    assert "the next failed: RunError: off" in text
+    assert str(math.nan) not in text

@@ -1,0 +1,67 @@
+"""What the recovery suite found, in words and tables: on the console and for a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from validation.recovery.peer import MOST_CALLS
+from validation.table import TextTable, table
+
+REACHED = 1.05
+"""A residual up to so many times the noise that was added is that of the true optimum."""
+LOST = 1.5
+"""Above so many times it, no search may say that all of its starts agree."""
+
+_HEADER = (
+    "system", "reached", "worst residual/noise", "starts that agree", "CPU s", "SciPy reached",
+    "of its starts", "stopped", "CPU s a start",
+)  # fmt: skip
+
+
+def recovery_text(found: Mapping[str, Any]) -> str:
+    """The table, and the totals in words."""
+    return f"{_table(found).text()}\n{_totals(found)}"
+
+
+def recovery_markdown(found: Mapping[str, Any]) -> str:
+    """The same for a page, with the day and the command that found it."""
+    shown, made = _table(found), found["made"]
+    lines = [shown.header, ("---",) * len(shown.header), *shown.rows]
+    rows = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    by = f"`{made['command']}` on {made['date']}, {made['cores']} cores, {made['processor']}"
+    return f"{rows}\n\n{_totals(found)}.\n({by}.)"
+
+
+def _table(found: Mapping[str, Any]) -> TextTable:
+    rows = [
+        (
+            row["system"], f"{row['reached']} of {row['fits']}", f"{row['worst']:.3f}",
+            f"{100 * row['starts that agree']:.0f} %", f"{row['seconds']:.2f}",
+            f"{row['SciPy reached']} of {row['SciPy fits']}",
+            f"{100 * row['SciPy starts that reach it']:.0f} %", _stopped(row),
+            f"{row['SciPy seconds a start']:.2f}",
+        )
+        for row in found["rows"]
+    ]  # fmt: skip
+    return table(_HEADER, rows)
+
+
+def _totals(found: Mapping[str, Any]) -> str:
+    words = (
+        f"{found['reached']} of {found['fits']} fits leave a residual within {REACHED} of the "
+        f"noise; {found['wrongly agreed']} of the others say that all starts agree"
+    )
+    if any(row["SciPy starts stopped"] for row in found["rows"]):
+        words += f"\nSciPy is stopped where a start has called the law {MOST_CALLS} times a sample"
+    return words
+
+
+def _stopped(row: Mapping[str, Any]) -> str:
+    """How many of SciPy's starts were stopped, and where."""
+    if not row["SciPy starts stopped"]:
+        return "none"
+    return (
+        f"{row['SciPy starts stopped']} of {row['SciPy starts']} at "
+        f"{row['SciPy calls when stopped']:,} calls"
+    )
