@@ -78,7 +78,7 @@ def _least_width(drawing: Figure) -> float:
     from matplotlib.text import Text
 
     texts = [one for one in drawing.findobj(Text) if isinstance(one, Text) and one.get_text()]
-    smallest = min((one.get_fontsize() for one in texts), default=math.inf)
+    smallest = min((float(one.get_fontsize()) for one in texts), default=math.inf)
     return LEAST_LETTERS * 72.0 * drawing.get_figwidth() / smallest
 
 
