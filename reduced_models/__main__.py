@@ -126,9 +126,12 @@ def _add_fit(one: Parser) -> None:
     )  # fmt: skip
     one.add_argument(
         "--bound", dest="bounds", action="append", default=[], metavar="NAME=LOW:HIGH",
-        help="least and greatest value of a parameter (repeatable)",
+        help="least and greatest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
     )  # fmt: skip
-    one.add_argument("--holdout", type=float, default=0.3, help="share held out, at the end")
+    one.add_argument(
+        "--holdout", type=in_unit("1"), default=0.3, metavar="S",
+        help="share held out, at the end: 0.3 (default) or '30 %%'",
+    )  # fmt: skip
     one.add_argument("--starts", type=int, default=16, help="random starts")
     one.add_argument(
         "--intervals", default="linear", metavar="HOW",
@@ -154,7 +157,10 @@ def _add_compare(one: Parser) -> None:
         "--held-out", action="append", default=[], metavar="SOURCE",
         help="record that no fit sees (repeatable)",
     )  # fmt: skip
-    one.add_argument("--holdout", type=float, default=0.3, help="share held out, at the end")
+    one.add_argument(
+        "--holdout", type=in_unit("1"), default=0.3, metavar="S",
+        help="share held out, at the end: 0.3 (default) or '30 %%'",
+    )  # fmt: skip
     one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
     one.add_argument("-o", "--out", metavar="DIR", help="directory for report and models")
     add_output(one)
@@ -188,13 +194,20 @@ def _add_design(one: Parser) -> None:
         "--frequency", type=in_unit("Hz"), required=True, metavar="F",
         help="of the undamped small swing about rest [Hz]",
     )  # fmt: skip
-    one.add_argument("--damping", type=float, required=True, metavar="R", help="damping ratio")
+    one.add_argument(
+        "--damping", type=in_unit("1"), required=True, metavar="R",
+        help="damping ratio, as 0.04 or '4 %%'",
+    )  # fmt: skip
     one.add_argument("--grains", type=int, metavar="N", help="number of grains; chosen without")
     one.add_argument(
         "--mass", type=in_unit("kg"), metavar="M", help="of the piston [kg]; chosen without"
     )
     one.add_argument(
-        "--small-share", type=float, default=0.0, metavar="S", help="share of grains of 0.6 D (0)"
+        "--small-share",
+        type=in_unit("1"),
+        default=0.0,
+        metavar="S",
+        help="share of grains of 0.6 D (0)",
     )
     one.add_argument(
         "--maps",

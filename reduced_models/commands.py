@@ -6,7 +6,7 @@ import contextlib
 import math
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,8 @@ from granular.shared.messages import quoted
 from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, shown
 
 _MOST_SAMPLES = 10**7
+SLIDERS = "sliders.html"
+"""Beside the report of maps: the same, under sliders."""
 
 
 def laws_from(names: Sequence[str]) -> tuple[str, ...]:
@@ -32,8 +34,8 @@ def laws_from(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Bounds of parameters from ``NAME=LOW:HIGH`` texts.
+def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
+    """Bounds of parameters from ``NAME=LOW:HIGH`` texts, and the parameters' SI units by name.
 
     Raises
     ------
@@ -44,15 +46,27 @@ def bounds_from(items: Sequence[str]) -> dict[str, tuple[float, float]]:
     for item in items:
         name, _, pair = item.partition("=")
         low, colon, high = pair.partition(":")
-        try:
-            if not colon:
-                raise ValueError
-            found[name.strip()] = (float(low or -math.inf), float(high or math.inf))
-        except ValueError:
-            raise InputError(
-                f"--bound {quoted(item)} is not NAME=LOW:HIGH; write lam=0:2"
-            ) from None
+        name = name.strip()
+        if not colon:
+            raise InputError(f"--bound {quoted(item)} is not NAME=LOW:HIGH; write lam=0:2")
+        unit = units.get(name, "")
+        found[name] = (_bound(low, -math.inf, unit), _bound(high, math.inf, unit))
     return found
+
+
+def _bound(words: str, missing: float, unit: str) -> float:
+    """A number in the unit of the law, or a quantity of that dimension."""
+    from granular.scene.units import si_value
+
+    try:
+        return float(words) if words.strip() else missing
+    except ValueError:
+        pass
+    if not unit:
+        raise InputError(f"the bound {quoted(words)} is not a number; write lam=0:2")
+    if unit == "rad/s" and "Hz" in words:
+        raise InputError(f"the bound {quoted(words)} is a frequency; give 2 pi times it, in rad/s")
+    return si_value(words, unit)
 
 
 def list_laws(options: Any) -> None:
@@ -98,7 +112,7 @@ def fit_sources(options: Any) -> None:
         _records(options.sources, options),
         options.law,
         own=options.own,
-        bounds=bounds_from(options.bounds),
+        bounds=bounds_from(options.bounds, _units(options.law)),
         holdout=options.holdout,
         starts=options.starts,
         intervals="bootstrap" if options.bootstrap else options.intervals,
@@ -108,6 +122,13 @@ def fit_sources(options: Any) -> None:
         models[0].save(options.out)
         text += f"\nmodel: {options.out}"
     emit({"models": [model.to_plain() for model in models]}, text, options.json)
+
+
+def _units(law: str) -> Mapping[str, str]:
+    """SI units of a law's parameters; none of a law that is given as an equation."""
+    from reduced_models.laws.catalogue import LAWS
+
+    return LAWS[law].units if law in LAWS else {}
 
 
 def discover_source(options: Any) -> None:
@@ -227,8 +248,8 @@ def map_dampers(options: Any) -> None:
             )
         write_text(target / "study.csv", study.to_csv(index=False))
         maps = DamperMaps(study)
-    maps_page(maps).save(target / "report.html")
-    maps.view().save(target / "sliders.html")
+    maps.view().save(target / SLIDERS)
+    maps_page(maps, SLIDERS).save(target / "report.html")
     errors = {name: surface.error for name, surface in maps.surfaces.items()}
     lines = [f"maps of {len(maps.dampers)} dampers; errors of prediction (leave-one-out):"]
     lines += [

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from granular.readers.description import is_description, read_description, write_description
 from granular.readers.reading import Reading
+from granular.scene.units import si_value
 from granular.shared.console import add_output, emit
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quoted
 
 EXAMPLES = """\
@@ -76,17 +78,23 @@ def reading_from(options: Any) -> Reading:
     if options.between is not None:
         start, colon, stop = options.between.partition(":")
         try:
-            between = (float(start or "-inf"), float(stop or "inf"))
-        except ValueError:
+            between = (_time(start, -math.inf), _time(stop, math.inf))
+        except SceneError:
             colon = ""
         if not colon:
-            raise InputError(f"--between {quoted(options.between)}; give two times, such as 0.5:6")
+            raise InputError(
+                f"--between {quoted(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
+            )
     return Reading(
         columns=_pairs("--columns", options.columns.split(",")),
         units=_pairs("--units", options.units.split(",")),
         decimal=options.decimal, skip=options.skip, sheet=options.sheet, flip=options.flip,
         between=between,
     )  # fmt: skip
+
+
+def _time(words: str, missing: float) -> float:
+    return si_value(words, "s") if words.strip() else missing
 
 
 def _pairs(option: str, items: Sequence[str]) -> dict[str, str]:

@@ -17,6 +17,7 @@ from granular.shared.console import (
     changes_from,
     command_parser,
     emit,
+    in_unit,
     launch,
 )
 from granular.shared.errors import InputError
@@ -96,8 +97,12 @@ def parser(prog: str = PROG) -> Parser:
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
     add_scene(one)
     one.add_argument("quantity", help="such as energy, positions, 'rest height', period")
-    one.add_argument("tolerance", type=float, help="error that is allowed, such as 0.01")
-    one.add_argument("--t-end", type=float, metavar="S", help="stop each run at this time [s]")
+    one.add_argument(
+        "tolerance", type=in_unit("1"), help="error that is allowed, such as 0.01 or '1 %%'"
+    )
+    one.add_argument(
+        "--t-end", type=in_unit("s"), metavar="T", help="stop each run at this time [s]"
+    )
     add_output(one)
     _add_prices(add("prices", "measure anew the table that accuracies are promised from"))
     return top
@@ -119,7 +124,9 @@ def _add_method(one: argparse.ArgumentParser) -> None:
         "--quantity", dest="quantities", metavar="Q", action="append",
         help="what the error is in, such as energy or 'rest height' (repeatable)",
     )  # fmt: skip
-    one.add_argument("--t-end", type=float, metavar="S", help="stop runs of the scene there [s]")
+    one.add_argument(
+        "--t-end", type=in_unit("s"), metavar="T", help="stop runs of the scene there [s]"
+    )
     one.add_argument(
         "-o", "--out", metavar="DIR", default=METHOD_REPORT,
         help=f"directory for the report ({METHOD_REPORT} if not given)",

@@ -95,7 +95,7 @@ def _shown(part: Part, pieces: Sequence[Piece], progress: bool) -> Iterator[Piec
 
     with progress_bar(
         total=len(pieces), desc=part.name, wanted=progress,
-        bar_format="{desc} {bar:20} {n_fmt}/{total_fmt} {postfix} [{elapsed}]",
+        bar_format="{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}]",
     ) as bar:  # fmt: skip
         for piece in pieces:
             bar.set_postfix_str(piece.label)

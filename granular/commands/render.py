@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from granular.shared.console import Parser, add_import, add_output, emit
-from granular.shared.errors import InputError
+from granular.shared.console import Parser, add_import, add_output, emit, in_unit
+from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quoted
 
 WHAT = "draw a still or a movie of a run"
@@ -42,7 +42,9 @@ def add_options(one: Parser) -> None:
     )
     one.add_argument("--time", metavar="T", help="take the frame nearest to this time [s]")
     one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
-    one.add_argument("--fps", type=float, metavar="F", help="the movie's pictures a second (25)")
+    one.add_argument(
+        "--fps", type=in_unit("Hz"), metavar="F", help="the movie's pictures a second (25)"
+    )
     one.add_argument(
         "--speed", metavar="X",
         help="seconds of the run in a second of the movie (1: real time); 'frames' for a picture a "
@@ -104,9 +106,11 @@ def _render_movie(options: Any) -> None:
 def _speed(words: str | None) -> float | None:
     if words == "frames":
         return None
+    from granular.scene.units import si_value
+
     try:
-        return 1.0 if words is None else float(words)
-    except ValueError:
+        return 1.0 if words is None else si_value(words, "1")
+    except SceneError:
         raise InputError(
             f"--speed {quoted(words)}; give a number such as 0.1, or 'frames'"
         ) from None

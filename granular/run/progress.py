@@ -75,7 +75,7 @@ class ProgressBar:
         """A bar of the stage's time; of one that ends at rest, of the way to rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if rest_limit(run) >= 0.0:
-            form = "{desc} {bar:20} {postfix} [{elapsed}]"
+            form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), Settling(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
         return progress_bar(desc=name, total=stage_seconds(run), bar_format=form), None

@@ -73,10 +73,13 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
         If the unit is unknown or cannot be read.
     """
     size, total = 1.0, [0, 0, 0, 0]
-    for place, part in enumerate(unit.replace("·", " ").split("/")):
-        if not part.strip():
+    for place, text in enumerate(unit.replace("·", " ").split("/")):
+        part = text.strip()
+        if place and part.startswith("(") and part.endswith(")"):  # as in 1/(m s)
+            part = part[1:-1].strip()
+        if not part:
             raise SceneError(f"the unit {quoted(unit)} cannot be read; write for instance 'mm/s'")
-        for factor in re.split(r"\s+|(?<!\*)\*(?!\*)", part.strip()):
+        for factor in re.split(r"\s+|(?<!\*)\*(?!\*)", part):
             match = _FACTOR.fullmatch(factor)
             if match is None:
                 raise SceneError(
@@ -133,9 +136,8 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     size, dimension = unit_size(written, diameter)
     wanted = unit_size(unit)[1]
     if dimension != wanted:
-        raise SceneError(
-            f"{quoted(text)} has the unit {visible(written)}; a quantity in {unit} is wanted"
-        )
+        right = "a pure number or a share in %" if unit == "1" else f"a quantity in {unit}"
+        raise SceneError(f"{quoted(text)} has the unit {visible(written)}; {right} is wanted")
     if not 0.0 < abs(number) < math.inf:
         return number
     # By decimal numbers "0.2 D" of 6 mm is 0.0012 m, and not 0.0012000000000000001 m.

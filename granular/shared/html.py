@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,8 @@ from granular.shared.messages import printable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LEAST_LETTERS = 9.0
+"""Size of letters that can be read [pixels]."""
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1c2733; --paper: #ffffff; --line: #d5dce3;
   --soft: #f4f6f8; --accent: #20639b; }
@@ -25,7 +28,7 @@ body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
 h1 { font-size: 1.6rem; line-height: 1.2; margin: 0.6rem 0; }
 h2 { font-size: 1.2rem; margin: 2rem 0 0.5rem; border-bottom: 1px solid var(--line); }
 p.lead { font-size: 1.05rem; }
-figure { margin: 1rem 0; }
+figure { margin: 1rem 0; overflow-x: auto; }
 figure svg { width: 100%; max-width: 46rem; height: auto; background: #ffffff; border-radius: 4px; }
 figure img { max-width: 100%; height: auto; }
 figcaption, footer, .small { font-size: 0.87rem; opacity: 0.85; }
@@ -40,7 +43,8 @@ th { font-weight: 600; }
 pre { background: var(--soft); padding: 0.6rem 0.8rem; overflow-x: auto; font-size: 0.85rem; }
 @media (max-width: 30rem) { table { font-size: 0.72rem; } pre { white-space: pre-wrap; }
   th, td { padding-right: 0.25rem; hyphens: auto; }
-  .equation { font-size: 1.05rem; padding: 0.5rem; } }
+  .equation { font-size: 1.05rem; padding: 0.5rem; }
+  figure svg { min-width: var(--least); } }
 footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6rem; }
 """
 
@@ -69,6 +73,15 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def _least_width(drawing: Figure) -> float:
+    """Of a figure whose smallest letters can be read [pixels]."""
+    from matplotlib.text import Text
+
+    texts = [one for one in drawing.findobj(Text) if isinstance(one, Text) and one.get_text()]
+    smallest = min((float(one.get_fontsize()) for one in texts), default=math.inf)
+    return LEAST_LETTERS * 72.0 * drawing.get_figwidth() / smallest
+
+
 class Page:
     """An HTML page that grows from top to bottom."""
 
@@ -88,6 +101,10 @@ class Page:
         """A paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escaped(words)}</p>')
 
+    def link(self, words: str, to: str) -> None:
+        """A line that leads to another file beside the page."""
+        self._parts.append(f'<p><a href="{_escaped(to)}">{_escaped(words)}</a></p>')
+
     def listing(self, items: Sequence[str]) -> None:
         """A list of short texts."""
         rows = "".join(f"<li>{_escaped(words)}</li>" for words in items)
@@ -104,13 +121,18 @@ class Page:
         self._parts.append(f'<div class="scroll">{table(header, rows)}</div>')
 
     def figure(self, drawing: Figure, caption: str) -> None:
-        """A matplotlib figure, as lines that stay sharp at any size."""
+        """A matplotlib figure, as lines that stay sharp at any size.
+
+        On a phone it is so wide that its letters can be read, and scrolls where that is wider than
+        the page.
+        """
         buffer = io.StringIO()
         drawing.savefig(buffer, format="svg", metadata={"Date": None})
         svg = buffer.getvalue()
         svg = svg[svg.index("<svg") :]
         label = _escaped(caption)
-        svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+        look = f"--least:{_least_width(drawing):.0f}px"
+        svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}" style="{look}"', 1)
         self._parts.append(f"<figure>{svg}<figcaption>{_escaped(caption)}</figcaption></figure>")
 
     def footer(self, words: str) -> None:

@@ -19,7 +19,7 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     tqdm = _tqdm()
     if wanted and not _is_watched():
         form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
-        options["bar_format"] = form.replace("{bar:20} ", "")
+        options["bar_format"] = form.replace(" {bar:20}", "")
         options |= {"file": _Lines(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
     return tqdm(disable=not wanted, **options)
 

@@ -29,8 +29,11 @@ COUNTS, SHARES = (92, 184, 368), (0.0, 0.5)
 """Beds that the page of maps shows."""
 
 
-def maps_page(maps: DamperMaps) -> Page:
-    """All maps as a page: pictures, their errors, and the law that they stand for."""
+def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
+    """All maps as a page: pictures, their errors, and the law that they stand for.
+
+    ``sliders`` is the name of the page with the maps under sliders, where it is beside this one.
+    """
     page = Page(
         "Maps of the damper",
         f"What {len(maps.dampers)} simulated dampers say of frequency, damping and height of rest.",
@@ -39,6 +42,8 @@ def maps_page(maps: DamperMaps) -> Page:
         "A map is a polynomial in the coordinates below, fitted to the study. Its "
         "error is that of predicting a damper which the fit did not see (leave-one-out)."
     )
+    if sliders is not None:
+        page.link("The maps under sliders: move them and see the swing", sliders)
     page.table(
         ("figure", "error of its map"),
         [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from pathlib import Path
 
@@ -12,7 +13,10 @@ import pytest
 from granular import PistonRecord, load_scene
 from granular.shared.console import BAD_INPUT, launch
 from granular.shared.files import finite
-from reduced_models.__main__ import main
+from reduced_models.__main__ import main, parser
+from reduced_models.commands import bounds_from
+from reduced_models.laws import LAWS
+from reduced_models.look_command import reading_from
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +144,11 @@ def test_fit_compare_and_simulate(
         (("fit", "lab.csv", "--bound", "lam"), "is not NAME=LOW:HIGH"),
         (("fit", "lab.csv", "--law", "linear", "--bound", "lam=2:1"), "give them in order"),
         (("fit", "lab.csv", "--law", "linear", "--own", "mass"), "unknown parameter 'mass'"),
+        (("fit", "lab.csv", "--law", "linear", "--bound", "lam=1 m:2"), "in 1/s is wanted"),
+        (("fit", "lab.csv", "--law", "linear", "--bound", "omega=3 Hz:"), "give 2 pi times it"),
+        (("fit", "lab.csv", "--law", "q'' + k*q = g0", "--bound", "k=one:2"), "is not a number"),
         (("fit", "lab.csv", "--holdout", "1"), "from 0 to 0.9"),
+        (("fit", "lab.csv", "--holdout", "2 s"), "a pure number or a share in % is wanted"),
         (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
         (("compare", "lab.csv", "--held-out", "nothing.csv"), "there is no file"),
         (("discover", "nothing.csv"), "there is no file"),
@@ -159,6 +167,17 @@ def test_bad_words_of_the_other_commands(
     said = capsys.readouterr()
     assert said.err.count("\n") == 1
     assert message in said.err
+
+
+def test_numbers_have_units_where_they_are_taken() -> None:
+    units = LAWS["polynomial-spring"].units
+    found = bounds_from(["rest=1 cm:20 mm", "k2=-1e-3 1/(mm s^2):", "lam=0:2"], units)
+    assert found == {"rest": (0.01, 0.02), "k2": (-1.0, math.inf), "lam": (0.0, 2.0)}
+    words = ["design", "--frequency", "3.5 Hz", "--damping", "4 %", "--small-share", "25 %"]
+    options = parser().parse_args(words)
+    assert (options.frequency, options.damping, options.small_share) == (3.5, 0.04, 0.25)
+    options = parser().parse_args(["look", "lab.csv", "--between", "500 ms:"])
+    assert reading_from(options).between == (0.5, math.inf)
 
 
 def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:
