@@ -323,6 +323,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
     assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=None)
 
 
+@pytest.mark.long
 def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) -> None:
     """Forces and loads to second order, in `AHEAD` steps at most; then they are found again."""
     scene = on_mesh(rubbing(small_bed))

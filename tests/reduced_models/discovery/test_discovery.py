@@ -149,6 +149,7 @@ def test_the_small_swing_alone_hides_the_spring() -> None:
     assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY)}
 
 
+@pytest.mark.long
 def test_several_records_share_the_polished_numbers() -> None:
     records = pair("duffing", (0.1, 1.8))
     found = discover(records)
@@ -180,6 +181,7 @@ def test_the_command_takes_several_records(
     assert len(found["model"]["parameters"]) == 3
 
 
+@pytest.mark.long
 def test_terms_that_may_be_zero_are_left_out() -> None:
     """Record 5 calls for a friction of nothing in the weak form; its fit shows that it is none."""
     record = made("quadratic-drag", 5)

@@ -217,6 +217,7 @@ def test_outliers_weigh_little(made: Callable[..., PistonRecord], loss: Any) -> 
         assert np.diff(model.intervals[name])[0] < 1.5 * (high - low)
 
 
+@pytest.mark.long
 def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot(
     made: Callable[..., PistonRecord],
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 import re
@@ -22,6 +23,8 @@ from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
 from reduced_models import identify, load_model
+from reduced_models.falls import judged_falls
+from reduced_models.identification import fall_checks
 from reduced_models.identification.checks import step_check
 
 ROOT = Path(__file__).parents[3]
@@ -59,7 +62,11 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
-def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path) -> None:
+def test_from_scene_with_checks(
+    small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two = functools.partial(judged_falls, laws=("power-law-spring", "linear"))  # quick to compile
+    monkeypatch.setattr(fall_checks, "judged_falls", two)
     scene = small_damper.replace(
         **{"protocol.release.duration": 1.0, "protocol.drop.tolerance": "1e-3 D",
            "effects.drag.coefficient": 0.5}

@@ -34,6 +34,7 @@ def test_every_way_sums_the_same(way) -> None:
     assert (np.abs(entry.force() - force).max(axis=1) < 1e-13 * magnitude).all()
 
 
+@pytest.mark.long
 def test_lists_of_moving_grains_agree() -> None:
     positions = arrangement(400)
     one, other = by_cut_off(positions), by_plain_list(positions)
