@@ -106,6 +106,7 @@ def test_too_many_contacts_are_an_error_not_silence() -> None:
     find_close_pairs(close_pairs_room(40), x, y, 40, 1.0)
 
 
+@pytest.mark.long
 def test_bed_with_contact_does_not_overlap(small_damper: Scene) -> None:
     """A heavy piston squeezes the bed; contacts keep the grains apart."""
     heavy = small_damper.replace(

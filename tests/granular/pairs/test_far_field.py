@@ -299,6 +299,7 @@ def test_order_with_impulses(small_damper: Scene) -> None:
     np.testing.assert_allclose(slopes, 2.0, atol=0.1)
 
 
+@pytest.mark.long
 def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> None:
     """It is found again for a grain that moves on, whichever and however it moves."""
     method = method_named("stormer-verlet")

@@ -89,6 +89,7 @@ def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRec
     return PistonRecord(record.time, record.height + noise, force=record.force if force else None)
 
 
+@pytest.mark.long
 def test_mass_and_drag_of_few_grains(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

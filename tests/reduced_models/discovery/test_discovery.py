@@ -89,6 +89,7 @@ def test_symbolic_regression_finds_the_structure(name: str) -> None:
     assert is_exact(discover(made(name, 0), "operon", polish=0), name)
 
 
+@pytest.mark.long
 def test_every_candidate_that_matters_is_polished() -> None:
     found = discover(made("van-der-pol-like", 0))
     assert is_exact(found, "van-der-pol-like")
