@@ -77,7 +77,20 @@ def autoregression(residuals: np.ndarray) -> Autoregression:
             break
         if len(forward) < 2 or variance <= _LEAST * power:
             break
-    return best
+    return _remembering(best, count)
+
+
+def _remembering(found: Autoregression, count: int) -> Autoregression:
+    """A single weight without its bias: residuals of a fit seem to forget sooner than the noise.
+
+    By (1 + 3 w) / n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390), which the level of a
+    long memory feels: its variance goes with 1 / (1 - w)^2.
+    """
+    if len(found.weights) != 1 or found.weights[0] <= 0.0:
+        return found
+    weight = found.weights[0]
+    least = 0.5 * (1.0 - weight)  # no closer to a walk than half of what was found
+    return found._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)]))
 
 
 def spread_of(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:

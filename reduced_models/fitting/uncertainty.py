@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reduced_models.fitting.covariance import LEAST_FREEDOM, Information, marginal, sandwich
+from reduced_models.fitting.covariance import Information, marginal, sandwich
 from reduced_models.laws.small_swing import NoSwing, small_swing
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.quality import Direction
@@ -74,8 +74,7 @@ def bootstrap_intervals(
     from scipy.stats import norm
 
     shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    count = max(LEAST_FREEDOM, known.independent)
-    wider = known.quantile(confidence) / float(norm.ppf(shares[1])) * math.sqrt(count / (count - 1))
+    wider = known.quantile(confidence) / float(norm.ppf(shares[1]))
     edges = theta + wider * (np.quantile(replicates, shares, axis=0) - theta)
     return intervals_between(unknowns, *edges)
 

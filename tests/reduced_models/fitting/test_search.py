@@ -177,6 +177,21 @@ def test_the_spread_of_correlated_noise(memory: float) -> None:
     assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)
 
 
+def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
+    """The weight of residuals about a fitted level is on average that of the noise."""
+    from scipy.signal import lfilter
+
+    found = []
+    for seed in range(200):
+        long = np.random.default_rng(seed).normal(size=800)
+        noise = lfilter([1.0], [1.0, -0.95], long)[400:]
+        weights = autoregression(noise - noise.mean()).weights
+        if len(weights) == 1:
+            found.append(weights[0])
+    assert len(found) > 180
+    assert np.mean(found) == pytest.approx(0.95, abs=0.004)
+
+
 def test_a_walk_is_taken_out_and_put_back() -> None:
     noise = np.random.default_rng(2).normal(size=300)
     np.testing.assert_allclose(with_walk(without_walk(noise, 0.2), 0.2), noise, atol=1e-12)
