@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -55,11 +56,21 @@ def run_groups(
                 measure=measure,
                 method=METHOD,
                 out=directory,
+                keep_runs=True,
                 executor=executor,
                 workers=workers,
                 progress=progress,
             )
+        _drop_runs(directory)
         after()
+
+
+def _drop_runs(directory: Path) -> None:
+    """Delete the runs whose outcome is kept: they were there to go on from, had it been cut off."""
+    shelf = outcomes_in(directory)
+    for run in (directory / "runs").glob("*"):
+        if shelf.path(run.name).exists():
+            shutil.rmtree(run, ignore_errors=True)
 
 
 def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
