@@ -46,6 +46,11 @@ class Interactions(NamedTuple):
     forces: np.ndarray
 
 
+def foreign_effects(scene: Scene) -> tuple[str, ...]:
+    """Effects of a scene whose share in the forces between grains is not known here."""
+    return tuple(one.key for one in scene.effects.all if one.key not in (*KNOWN, *SILENT))
+
+
 def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interactions]:
     """The forces of all other grains on each grain, for some grains at a time.
 
@@ -120,12 +125,11 @@ def _begun(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     positions = checked_positions(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
-    for effect in scene.effects.all:
-        if effect.key not in (*KNOWN, *SILENT):
-            raise InputError(
-                f"effects.{effect.key}: what it does between grains is not taken apart; ask for "
-                "the resulting force instead"
-            )
+    if foreign := foreign_effects(scene):
+        raise InputError(
+            f"effects.{foreign[0]}: what it does between grains is not taken apart; ask for the "
+            "resulting force instead"
+        )
     return positions, np.flatnonzero(present(positions)), natural_system(scene)
 
 

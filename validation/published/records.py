@@ -60,8 +60,7 @@ def bed_record(run: Trajectory) -> Mapping[str, Any]:
         "times": ((times[first:] - relax.end) / period).tolist(),
         "half_distances": (0.5 * pair_distance_series(run).values[first:]).tolist(),
         "piston_distances": [
-            least_piston_distance(positions[k], float(heights[k]))
-            for k in range(first, len(times))
+            least_piston_distance(positions[k], float(heights[k])) for k in range(first, len(times))
         ],
         **_cost(run),
     }

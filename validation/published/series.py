@@ -116,9 +116,7 @@ def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
     return Series(name, QUICK.name, words, scene, (1, 2), STEP, pressed_record)
 
 
-def fall(
-    name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1, 2, 3)
-) -> Series:
+def fall(name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1, 2, 3)) -> Series:
     """The damper: dropped from 20 D, at rest, lifted by 0.2 D, released."""
 
     def scene(seed: int) -> Scene:
@@ -128,9 +126,7 @@ def fall(
     return Series(name, "published", words, scene, seeds, "auto", damper_record)
 
 
-def _recorded(
-    scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES
-) -> Scene:
+def _recorded(scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES) -> Scene:
     """The scene with its first stages, and as many records as the figures need."""
     period = 2000.0 * scene.output.scalars
     protocol = scene.to_plain()["protocol"][:stages]
