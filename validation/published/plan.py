@@ -38,6 +38,8 @@ MASSES = (7.5, 6.24)
 """Pistons [kg]: that of the packaged damper, and the one that rests where the source's does."""
 GAMMAS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2)
 """Drag of a grain [kg/s]."""
+SOURCE_DRAG = 1.0
+"""Drag with which the source's law fits [kg/s]; the source prints none for its damper."""
 NEAR_MASSES = (6.0, 6.5)
 """Pistons beside the one that rests where the source's does [kg]."""
 MIXTURE_PERIOD = 400.0
@@ -98,13 +100,16 @@ def full_plan() -> list[Group]:
     return [
         Group("dampers", _dampers()),
         Group("sizes, quick protocol", _direct(QUICK)),
+        Group("small sizes", _direct(PUBLISHED, SIZES[:3])),
         Group("mixtures, quick protocol", [*_halves(QUICK), *_ends(QUICK)]),
-        Group("causes of the hysteresis, quick protocol", _hysteresis_causes()),
-        Group("sizes", _direct(PUBLISHED)),
+        Group("causes of the hysteresis, 92 and 184 grains", _hysteresis_causes((92, 184))),
+        Group("368 grains", _direct(PUBLISHED, (368,))),
+        Group("source's friction and protocol, 92 and 184 grains", _source_cycle((92, 184))),
+        Group("causes of the hysteresis, 368 and 736 grains", _hysteresis_causes((368, 736))),
+        Group("large sizes", _direct(PUBLISHED, SIZES[4:])),
         Group("mixtures at R = 0 and 0.5", _halves(PUBLISHED)),
         Group("starts, speeds and friction", _cycle()),
         Group("mixtures, the source's friction and the wide cell", _mixture_causes()),
-        Group("source's friction and protocol", _source_cycle((92, 184), (1, 2, 3))),
         Group("mixtures over R, quick protocol", _scan(QUICK)),
         Group("drag and weightlessness, quick protocol", _variants(QUICK)),
         Group("walls, quick protocol", _walls()),
@@ -115,14 +120,14 @@ def full_plan() -> list[Group]:
         Group("up to 110 N", _pressed()),
         Group("shorter steps", _steps()),
         Group("every pair by the mesh", _meshes()),
-        Group("source's friction and protocol, 368 grains", _source_cycle((368,), (1, 2, 3))),
+        Group("source's friction and protocol, 368 grains", _source_cycle((368,))),
         Group("source's friction and protocol, 736 grains", _source_cycle((736,), (1,))),
         Group("large beds, with the list", [_listed(n, PUBLISHED) for n in LARGE]),
     ]
 
 
-def _direct(protocol: Protocol) -> list[Series]:
-    return [mono(f"direct {n}", n, protocol) for n in SIZES]
+def _direct(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
+    return [mono(f"direct {n}", n, protocol) for n in sizes]
 
 
 def _listed(count: int, protocol: Protocol) -> Series:
@@ -229,7 +234,7 @@ def _source_friction(count: int) -> dict[str, Any]:
     return {"step": 1e-6 * period, "effects__friction": _regularised(period, 0.006)}
 
 
-def _source_cycle(sizes: Sequence[int], seeds: Sequence[int]) -> list[Series]:
+def _source_cycle(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> list[Series]:
     """The source's friction at its own step, through its own protocol."""
     return [
         mono(f"direct {n}, source's friction", n, PUBLISHED, seeds=seeds, **_source_friction(n))
@@ -237,10 +242,10 @@ def _source_cycle(sizes: Sequence[int], seeds: Sequence[int]) -> list[Series]:
     ]
 
 
-def _hysteresis_causes() -> list[Series]:
-    """One thing changed, and all of them, at four sizes."""
+def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
+    """One thing changed, and all of them."""
     made = []
-    for n in HYSTERESIS_SIZES:
+    for n in sizes:
         name, two = f"direct {n}", (1, 2)
         own = _source_friction(n)
         wide = {"cell__width": f"{60.0 * WIDER * (n / 368) ** 0.5!r} D"}
@@ -254,7 +259,7 @@ def _hysteresis_causes() -> list[Series]:
             mono(f"{name}, all together", n, QUICK, seeds=two if n < 736 else (1,),
                  **own, **wide, **loose),
         ]  # fmt: skip
-    return [*made, _rounded_184()]
+    return [*made, _rounded_184()] if 184 in sizes else made
 
 
 def _loose(count: int) -> dict[str, Any]:
@@ -318,5 +323,7 @@ def _pressed() -> list[Series]:
 def _dampers() -> list[Series]:
     packaged = [fall(damper_name(mass), mass) for mass in MASSES]
     scan = [fall(damper_name(MASSES[1], g), MASSES[1], drag=g, seeds=(1, 2)) for g in GAMMAS[1:]]
-    beside = [fall(damper_name(m, 1.0), m, drag=1.0, seeds=(1, 2)) for m in NEAR_MASSES]
+    beside = [
+        fall(damper_name(m, SOURCE_DRAG), m, drag=SOURCE_DRAG, seeds=(1, 2)) for m in NEAR_MASSES
+    ]
     return [*packaged, *scan, *beside]
