@@ -231,9 +231,13 @@ def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
         words for words in dict.fromkeys(one.change for one in rows)
         if sum(bool(one.explains) for one in rows if one.change == words) >= CAUSE_SIZES
     ]  # fmt: skip
-    begun = f"Hysteresis of the mean distance over a cycle: {gaps}."
+    tried = "; ".join(
+        f"{words} ({sum(one.change == words for one in rows)} sizes)"
+        for words in dict.fromkeys(one.change for one in rows)
+    )
+    begun = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
     if causes:
         return f"{begun} Within scatter at {CAUSE_SIZES} sizes or more with: {'; '.join(causes)}."
     met = [f"{one.change} at {one.bed}" for one in rows if one.explains]
     alone = f" Met at one size alone: {'; '.join(met)}." if met else ""
-    return f"{begun} Not explained: none of the changes gives it at {CAUSE_SIZES} sizes.{alone}"
+    return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{alone}"

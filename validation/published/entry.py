@@ -142,7 +142,7 @@ def verdict(
         return Verdict(DIFFERS if beyond > allowed else AGREES, allowed, True)
     size = rule.scale or abs(published)
     words = AGREES if abs(difference) <= allowed else DIFFERS
-    return Verdict(words, allowed, allowed < SHARP * size)
+    return Verdict(words, float(allowed), bool(allowed < SHARP * size))
 
 
 def half_width(published_spread: float | None, found: Finding) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from validation.published.causes import comparisons, verdict_on_hysteresis
-from validation.published.judging import Judged, counts, judged
+from validation.published.judging import Judged, judged, said
 from validation.published.page import FIRST, words_of
 from validation.published.plan import (
     ASPECTS,
@@ -71,7 +71,7 @@ def _counts(results: Results) -> str:
     series = counted(results)
     made = results.made
     sentences = [
-        f"Of {len(rows)} published numbers: {words_of(counts(rows))}.",
+        f"Of {len(rows)} published numbers: {said(rows)}.",
         f"Of {sum(counted_statements(results).values())} statements: "
         f"{words_of(counted_statements(results))}.",
         f"{series['whole']} of {series['planned']} series are run whole, {series['begun']} begun, "

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from validation.published.catalogue import entries
 from validation.published.entry import (
+    AGREES,
     DIFFERS,
     NOT_COMPARABLE,
     VERDICTS,
@@ -76,13 +77,26 @@ def judged(results: Results) -> list[Judged]:
 
 
 def counts(rows: Sequence[Judged]) -> dict[str, int]:
-    """How many entries have each verdict, could fail, and rest on the source's protocol."""
+    """How many entries have each verdict."""
     kinds = Counter(row.verdict.words for row in rows)
+    return {name: kinds[name] for name in VERDICTS}
+
+
+def strength(rows: Sequence[Judged]) -> dict[str, int]:
+    """How many entries were judged by an interval that they could fail, and by whose protocol."""
     return {
-        **{name: kinds[name] for name in VERDICTS},
-        "could fail": sum(row.verdict.can_fail for row in rows),
-        "by the source's protocol": sum(row.by_the_sources_protocol for row in rows),
+        "could have failed": sum(row.verdict.can_fail for row in rows),
+        "rest on the source's own protocol": sum(row.by_the_sources_protocol for row in rows),
     }
+
+
+def said(rows: Sequence[Judged]) -> str:
+    """Both in words."""
+    numbers = {**counts(rows), **strength(rows)}
+    return ", ".join(f"{number} {_PLURALS.get(name, name)}" for name, number in numbers.items())
+
+
+_PLURALS = {AGREES: "agree", DIFFERS: "differ"}
 
 
 def judge(entry: Entry, results: Results) -> Judged:

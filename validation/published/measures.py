@@ -255,7 +255,10 @@ def order_correlation(names: Sequence[str]) -> Measure:
             value = pearson_correlation(pairs[0], pairs[1]).coefficient
         except InputError:
             return None
-        return without_error(value, orders)
+        # Fisher's standard error of a correlation.
+        free = len(pairs[0]) - 3.0
+        error = (1.0 - value**2) / math.sqrt(free)
+        return without_error(value, orders)._replace(error=error, freedom=free)
 
     return measure
 

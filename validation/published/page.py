@@ -10,7 +10,7 @@ from validation.published import plots
 from validation.published.causes import ChangedFigure, comparisons, verdict_on_hysteresis
 from validation.published.entry import AGREES, DIFFERS
 from validation.published.finding import Finding
-from validation.published.judging import Judged, counts, judged
+from validation.published.judging import Judged, judged, said
 from validation.published.results import Results, counted, is_whole, worst_residual
 from validation.published.statements import counted_statements, statements
 
@@ -84,11 +84,11 @@ def page(shown: Results, quick: Results | None = None) -> Page:
 def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
     series = counted(shown)
     words = (
-        f"{len(rows)} published numbers: {words_of(counts(rows))}. {series['whole']} of "
+        f"{len(rows)} published numbers: {said(rows)}. {series['whole']} of "
         f"{series['planned']} series are run whole, by today's code; {series['stale']} are stale. "
         f"Statements: {words_of(counted_statements(shown))}."
     )
-    return words if quick is None else f"{words} This quick run: {words_of(counts(judged(quick)))}."
+    return words if quick is None else f"{words} This quick run: {said(judged(quick))}."
 
 
 def words_of(numbers: dict[str, int]) -> str:
@@ -144,7 +144,7 @@ def _entries(
 ) -> None:
     header = ["what", "published", "ours", "verdict", "allowed", "protocol"]
     header += ["quick run", "its verdict"] if with_quick else []
-    cells, said = [], []
+    cells, told = [], []
     for row, other in rows:
         found, allowed = row.found, row.verdict.allowed
         cells.append(
@@ -153,14 +153,14 @@ def _entries(
         )  # fmt: skip
         if other is not None:
             cells[-1] += [ours_of(other.found, row.entry.unit), other.verdict.words]
-        if row.note and row.note not in said:
-            said.append(row.note)
+        if row.note and row.note not in told:
+            told.append(row.note)
     made.table(header, cells)
     if not notes:
         return
     sources = list(dict.fromkeys(row.source for row, _ in rows))
     made.text("Source: " + "; ".join(sources) + ".")
-    for note in said:
+    for note in told:
         made.note(note)
 
 
@@ -197,8 +197,8 @@ def _statements(made: Page, results: Results) -> None:
     rows = []
     for one in statements():
         check = one.test(results)
-        said = "not run" if check is None else "holds" if check.holds else "does not hold"
-        rows.append((one.words, one.source, said, "" if check is None else check.figures))
+        verdict = "not run" if check is None else "holds" if check.holds else "does not hold"
+        rows.append((one.words, one.source, verdict, "" if check is None else check.figures))
     made.table(("statement", "section", "", "figures"), rows)
 
 

@@ -13,7 +13,7 @@ from granular.shared.files import finite, make_directory, write_json, write_text
 from validation.published.calculations import calculated
 from validation.published.causes import comparisons
 from validation.published.collecting import checked, collected, missing
-from validation.published.judging import counts, judged
+from validation.published.judging import counts, judged, strength
 from validation.published.plan import Group, full_plan, quick_plan
 from validation.published.results import Results, committed, counted, read
 from validation.published.running import forget, run_groups
@@ -159,6 +159,7 @@ def summary(results: Results) -> dict[str, Any]:
     return {
         "made": dict(results.made),
         "summary": counts(rows),
+        "strength": strength(rows),
         "series": counted(results),
         "entries": [row.to_plain() for row in rows],
         "statements": [
@@ -188,7 +189,8 @@ def text(found: dict[str, Any]) -> str:
         for one in shown["entries"]
         if one["ours"] is not None or shown is found
     ]  # fmt: skip
-    numbers = ", ".join(f"{count} {name}" for name, count in shown["summary"].items())
+    both = shown["summary"] | shown["strength"]
+    numbers = ", ".join(f"{count} {name}" for name, count in both.items())
     series = ", ".join(f"{count} {name}" for name, count in shown["series"].items())
     shape = ("what", "published", "ours", "protocol", "verdict")
     return f"{table(shape, rows).text()}\n{numbers}\nseries: {series}"
