@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,9 @@ def test_digits_follow_the_interval(value: float, low: float, high: float, text:
         (lambda t: 1e-5 * np.cos(2.0 * t), "not white"),
     ],
 )
-def test_structure_is_called_wrong_though_it_is_small(error, words: str) -> None:  # type: ignore[no-untyped-def]
+def test_structure_is_called_wrong_though_it_is_small(
+    error: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
     """One per cent of the swing at the right places."""
     from reduced_models import fit
 
