@@ -56,8 +56,11 @@ def _kept(state: State) -> dict[str, np.ndarray]:
     """The arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
     kept = {IN_FILES.get(name, name): getattr(state, name) for name in names}
-    if state.far_forces is not None and state.far_forces.held is not None:
-        kept["far_held"] = state.far_forces.held
+    far = state.far_forces
+    if far is not None and far.held is not None:
+        kept["far_held"] = far.held
+    if far is not None and far.met is not None:
+        kept["far_moment"] = far.moment
     return kept
 
 

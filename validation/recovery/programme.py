@@ -20,14 +20,16 @@ from granular.shared.shelf import Shelf, digest
 from validation.parts import KEY_LENGTH, machine
 from validation.recovery.peer import problem, problem_key, scipy_fit
 from validation.recovery.systems import (
+    LOST,
     NOISES,
+    REACHED,
     SEEDS,
     SYSTEMS,
     clean_motion,
     law_of_system,
     made_record,
 )
-from validation.recovery.text import LOST, REACHED, recovery_markdown
+from validation.recovery.text import recovery_markdown
 
 _QUICK = (0.01,)
 _PEER_STARTS = 3

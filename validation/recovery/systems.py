@@ -19,6 +19,10 @@ from reduced_models.laws.law import Law
 NOISES = (0.001, 0.01, 0.03, 0.1)
 """Standard deviations of the noise, over that of the motion."""
 SEEDS = 5
+REACHED = 1.05
+"""A residual up to so many times the noise that was added is that of the true optimum."""
+LOST = 1.5
+"""Above so many times it, no search may say that all of its starts agree."""
 
 
 class System(NamedTuple):

@@ -6,12 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from validation.recovery.peer import MOST_CALLS
+from validation.recovery.systems import REACHED
 from validation.table import TextTable, table
-
-REACHED = 1.05
-"""A residual up to so many times the noise that was added is that of the true optimum."""
-LOST = 1.5
-"""Above so many times it, no search may say that all of its starts agree."""
 
 _HEADER = (
     "system", "reached", "worst residual/noise", "starts that agree", "CPU s", "SciPy reached",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -13,15 +12,9 @@ from hypothesis import strategies as st
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
 from granular.engine.far import add_far_field, refresh_far_field
-from granular.engine.step_size import Step
-from granular.engine.system import natural_system
-from granular.methods import method_named
 from granular.pairs import far_field, mesh_grains, mesh_kernel
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import (
-    AHEAD,
-    STILL,
-    TIME,
     FarField,
     FarForces,
     far_forces_room,
@@ -29,8 +22,6 @@ from granular.pairs.far_field import (
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
 from granular.pairs.split import far_cube, far_fifth
-from granular.run.run import Run
-from granular.run.standing import PLACE
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
@@ -297,102 +288,6 @@ def test_order_with_impulses(small_damper: Scene) -> None:
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(slopes, 2.0, atol=0.1)
-
-
-@pytest.mark.long
-def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> None:
-    """It is found again for a grain that moves on, whichever and however it moves."""
-    method = method_named("stormer-verlet")
-    scene = on_mesh(rubbing(small_bed))
-    system = natural_system(scene, method=method)
-    run = Run(scene, system, method, Step(), None)
-    run.begin_stage()
-    state, far = run.state, run.state.far_forces
-    assert far is not None
-    before = far.fx.copy()
-    for by, finds in ((0.4 * STILL, False), (-0.8 * STILL, False), (1.6 * STILL, True)):
-        for places in (state.x, state.y):
-            far.fx[:] = before
-            start = places.copy()
-            places[5] += by
-            evaluate_far(far, state, run.constants, 0.0)
-            assert (far.fx != before).any() == finds
-            places[:] = start
-            run.look(PLACE)
-    assert system.constants.acting.far is not None
-    often = natural_system(on_mesh(rubbing(small_bed), far_every=1), method=method)
-    assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=None)
-
-
-@pytest.mark.long
-def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) -> None:
-    """Forces and loads to second order, in `AHEAD` steps at most; then they are found again."""
-    scene = on_mesh(rubbing(small_bed))
-    method, dt, speed = method_named("stormer-verlet"), 0.02, 0.3
-
-    def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
-        """Far part of force and load after steps at constant speed, and when it was last found."""
-        system = natural_system(scene, method=method)
-        far = system.constants.acting.far
-        assert far is not None
-        acting = system.constants.acting._replace(far=far._replace(rubbing=rubs))
-        constants = system.constants._replace(acting=acting)
-        run = Run(scene, dataclasses.replace(system, constants=constants), method, Step(), None)
-        run.begin_stage()
-        state = run.state
-        assert state.far_forces is not None
-        assert state.load is not None
-        way = speed * np.random.default_rng(4).standard_normal((2, constants.grains))
-        for step in range(steps + 1):
-            assert evaluate_far(state.far_forces, state, constants, dt * step) == 0
-            if step < steps:
-                state.x[: constants.grains] += dt * way[0]
-                state.y[: constants.grains] += dt * way[1]
-        for sums in (state.fx, state.fy, state.load):
-            sums[:] = 0.0
-        add_far(state.far_forces, state, constants.grains, dt * steps)
-        found = np.array([state.fx, state.fy, state.load])
-        return found, float(state.far_forces.moment[TIME])
-
-    for steps, met in ((AHEAD, 1), (AHEAD + 1, AHEAD + 1)):
-        exact, _ = force_of(None, steps)
-        still, when = force_of(AHEAD, met)
-        assert when == pytest.approx(met * dt)
-        going, when = force_of(AHEAD, steps)
-        assert when == pytest.approx(met * dt)
-        if steps > met:
-            left = np.abs(going - exact).max(axis=1)
-            assert (left < 0.3 * np.abs(still - exact).max(axis=1)).all()
-        else:
-            np.testing.assert_allclose(going, exact, atol=1e-15)
-
-
-@pytest.mark.long  # quick: how the far field goes on
-def test_order_where_grains_slide(small_bed: Scene) -> None:
-    """Second order in the step also where the far field goes on for some steps."""
-    scene = on_mesh(rubbing(small_bed)).replace(
-        **{"effects.drag": None, "effects.gravity": None, "arrangement.speed": "2 D/s"}
-    )
-    ends = [
-        simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
-        for dt in (4e-5, 2e-5, 1e-5, 1.25e-6)
-    ]
-    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
-    assert np.log2(errors[0] / errors[1]) > 1.8
-    assert np.log2(errors[1] / errors[2]) > 1.8
-
-
-@pytest.mark.long  # quick: when the far field is found again
-def test_bed_that_rubs_rests_under_the_same_force(small_bed: Scene) -> None:
-    """As with the far field found at every step, and grains that stick stand still exactly."""
-    runs = [
-        simulate(on_mesh(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
-        for keys in ({}, {"far_every": 1})
-    ]
-    forces = [one["piston_force"].values[-1] for one in runs]
-    assert forces[0] == pytest.approx(forces[1], rel=5e-4)
-    moved = np.abs(runs[0]["position"].values[-1] - runs[0]["position"].values[-2])
-    assert (moved == 0.0).mean() > 0.5
 
 
 @pytest.mark.long

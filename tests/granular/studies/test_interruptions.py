@@ -189,26 +189,6 @@ def test_a_command_whose_cases_the_machine_failed_says_so(
     )
 
 
-INTERRUPTED = """
-import os, signal, threading
-from granular import load_scene, sweep
-long = [{"kind": "hold", "name": "fall", "duration": 1e3}]
-scene = load_scene("single-particle").replace(protocol=long)
-values = {"effects.gravity.acceleration": [float(k) for k in range(1, 41)]}
-threading.Timer(1.0, os.kill, [os.getpid(), signal.SIGINT]).start()
-sweep(scene, values, dt=1e-6, progress=False)
-"""
-
-
-def test_an_interrupted_sweep_ends_in_silence() -> None:
-    """Many cases wait then; what manages the processes must not stumble over them."""
-    done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, cwd=ROOT, check=False
-    )
-    assert "KeyboardInterrupt" in done.stderr
-    assert "executor manager" not in done.stderr
-
-
 def write_study(path: Path, cases: int) -> Path:
     """A study of short runs whose results differ in every bit."""
     falling(0.02).save(path / "fall.toml")

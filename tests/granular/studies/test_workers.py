@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +17,8 @@ from granular import load_scene, sweep
 from granular.studies.cases import Case
 from granular.studies.sweep import ATTEMPTS
 from granular.studies.workers import Workers, workshop
+
+ROOT = Path(__file__).parents[3]
 
 
 class Mortal(Executor):
@@ -116,3 +121,23 @@ def test_processes_that_die_are_replaced() -> None:
 def test_no_process_is_started_without_work() -> None:
     with Workers(2) as workers:
         assert workers._pool is None
+
+
+INTERRUPTED = """
+import os, signal, threading
+from granular import load_scene, sweep
+long = [{"kind": "hold", "name": "fall", "duration": 1e3}]
+scene = load_scene("single-particle").replace(protocol=long)
+values = {"effects.gravity.acceleration": [float(k) for k in range(1, 41)]}
+threading.Timer(1.0, os.kill, [os.getpid(), signal.SIGINT]).start()
+sweep(scene, values, dt=1e-6, progress=False)
+"""
+
+
+def test_an_interrupted_sweep_ends_in_silence() -> None:
+    """Many cases wait then; what manages the processes must not stumble over them."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert "KeyboardInterrupt" in done.stderr
+    assert "executor manager" not in done.stderr
