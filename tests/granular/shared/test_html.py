@@ -32,7 +32,7 @@ def test_a_logarithmic_axis_has_no_small_exponents(values: tuple[float, ...]) ->
         ticks = [*axes.yaxis.get_major_ticks(), *axes.yaxis.get_minor_ticks()]
         labels = [tick.label1.get_text() for tick in ticks]
     assert any(labels)
-    assert all(re.fullmatch(r"[\d.e+-]*", one) for one in labels), labels
+    assert all(re.fullmatch(r"[\d.e+\u2212-]*", one) for one in labels), labels
 
 
 def test_a_page_leads_to_the_files_beside_it(tmp_path: Path) -> None:
