@@ -46,6 +46,8 @@ from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
 _RIVAL_TRIALS = 20  # of a law as it stands, beside its fit with a map
 _HOPELESS = 4.0  # times the cost of the fit with a map
+_FREER = 1.5  # times the cost of the swing form: more is the law's own, or another valley
+_POOR = 0.05  # of the amplitude: what is left over where even the swing form may be in a wrong one
 _MOST_NUMBERS = 2**26
 """Starts times grid points times unknowns, which stand in memory four times: two gigabytes."""
 
@@ -77,7 +79,9 @@ def _searched(
 ) -> Searched:
     """Search from random starts over horizons that double.
 
-    All but the first are left out where even that costs more than the limit.
+    All but the first are left out where even that costs more than the limit. Starts of the law's
+    swing form come first; where the law leaves over more than that form does, which is free of
+    the law's bounds, they may lie in the wrong valley, and starts of the law itself are tried too.
     """
     # First of all: a record with too many periods is refused before any search.
     fine_grids(law, case)
@@ -88,23 +92,42 @@ def _searched(
     coarse = [coarse_record(unknowns, case, data) for data in case.data]
     _check_memory(starts, max(len(one.means.weight) for one in coarse), len(vector.places[0]))
     swung = _swung(unknowns, vector, case, coarse, starts, seed)
-    if swung is None:
-        theta = vector.merged(_start_vectors(unknowns, case, starts, seed))
-        swings_seen = horizons(coarse)
+    if swung is not None:
+        theta, least = swung
+        normal, prior = coarse_normal(unknowns, vector, case, coarse, math.inf)
+        found = search(normal, theta, prior, bounds=bounds)
+        poor = prior.samples * _POOR**2
+        if found[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
+            other = _over_horizons(unknowns, vector, case, coarse, bounds, starts, seed, limit)
+            found = min(found, other, key=lambda one: float(one[1].min()))
     else:
-        theta, swings_seen = swung, iter([math.inf])
+        found = _over_horizons(unknowns, vector, case, coarse, bounds, starts, seed, limit)
+    reached = tuple(one.end for one in coarse)
+    return Searched(unknowns, vector, bounds, *found, reached)
+
+
+def _over_horizons(
+    unknowns: Unknowns,
+    vector: JointVector,
+    case: Case,
+    coarse: Sequence[Coarse],
+    bounds: Bounds,
+    starts: int,
+    seed: int,
+    limit: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where random starts of a law lead to, and what that costs."""
+    theta = vector.merged(_start_vectors(unknowns, case, starts, seed))
     costs, begun = np.zeros(starts), theta
-    for swings in swings_seen:
+    for swings in horizons(coarse):
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
         normal, prior = coarse_normal(unknowns, vector, case, coarse, swings)
-        if law.start is None and not first and swung is None:
+        if unknowns.law.start is None and not first:
             theta = _better(normal, theta, begun)
         rival = first and not math.isinf(limit)
         trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
-            waiting = None if swung is not None or not costs.any() else in_the_running(
-                costs, prior.samples
-            )  # fmt: skip
+            waiting = None if not costs.any() else in_the_running(costs, prior.samples)
             theta, costs = search(normal, theta, prior, bounds=bounds, waiting=waiting)
         else:
             waiting = None if first else in_the_running(costs, prior.samples)
@@ -113,8 +136,7 @@ def _searched(
             )
         if rival and costs.min() > limit:
             break
-    reached = tuple(one.end for one in coarse)
-    return Searched(unknowns, vector, bounds, theta, costs, reached)
+    return theta, costs
 
 
 def _better(normal: Normal, theta: np.ndarray, begun: np.ndarray) -> np.ndarray:
@@ -144,8 +166,8 @@ def _swung(
     coarse: Sequence[Coarse],
     starts: int,
     seed: int,
-) -> np.ndarray | None:
-    """Start vectors of a mapped law where random starts of its swing form lead to."""
+) -> tuple[np.ndarray, float] | None:
+    """Start vectors of a mapped law where random starts of its swing form lead to; its cost."""
     form, leader = unknowns.law.swing_form, case.leader
     if form is None or unknowns.map is not None or case.own or case.bounds or case.start:
         return None
@@ -158,11 +180,11 @@ def _swung(
     theta = vector.merged([started(swinging, data.guess, free) for data in case.data])
     for swings in horizons(coarse):
         normal, prior = coarse_normal(swinging, vector, case, coarse, swings)
-        theta, _ = search(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
+        theta, costs = search(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
     values = swinging.physical(theta[:, vector.places[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
     theta[:, : free.shape[1]] = free_entries(unknowns, mapped)
-    return theta
+    return theta, float(costs.min())
 
 
 def _start_vectors(unknowns: Unknowns, case: Case, starts: int, seed: int) -> list[np.ndarray]:
