@@ -106,6 +106,12 @@ from .forces import (
 from .forces import (
     wall_forces as wall_forces,
 )
+from .grain_correlation import (
+    ValueCorrelation as ValueCorrelation,
+)
+from .grain_correlation import (
+    value_correlation as value_correlation,
+)
 from .grain_stress import (
     grain_pressures as grain_pressures,
 )
@@ -213,12 +219,6 @@ from .temperature import (
 )
 from .temperature import (
     temperature_series as temperature_series,
-)
-from .grain_correlation import (
-    ValueCorrelation as ValueCorrelation,
-)
-from .grain_correlation import (
-    value_correlation as value_correlation,
 )
 from .voronoi import (
     CellShares as CellShares,

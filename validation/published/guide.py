@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -45,8 +44,9 @@ def with_blocks(page: str, made: Mapping[str, str]) -> str:
     """A page with the text between the marks of each block replaced."""
     for name, text in made.items():
         begin, end = marks(name)
-        pattern = re.compile(re.escape(begin) + r".*?" + re.escape(end), re.DOTALL)
-        page = pattern.sub(lambda _, b=begin, t=text, e=end: f"{b}\n{t}\n{e}", page)
+        if begin in page and end in page:
+            before, _, rest = page.partition(begin)
+            page = f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
     return page
 
 

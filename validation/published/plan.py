@@ -136,7 +136,7 @@ def _listed(count: int, protocol: Protocol) -> Series:
 
 def _meshes() -> list[Series]:
     """Beds that the direct sum would take hours for; and one that both ways can do."""
-    mesh = {"pairs__method": "mesh"}
+    mesh: dict[str, Any] = {"pairs__method": "mesh"}
     return [
         mono("mesh 736", 736, PUBLISHED, **mesh),
         *(mono(f"direct {n}", n, PUBLISHED, **mesh) for n in LARGE),
@@ -248,7 +248,7 @@ def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
     for n in sizes:
         name, two = f"direct {n}", (1, 2)
         own = _source_friction(n)
-        wide = {"cell__width": f"{60.0 * WIDER * (n / 368) ** 0.5!r} D"}
+        wide: dict[str, Any] = {"cell__width": f"{60.0 * WIDER * (n / 368) ** 0.5!r} D"}
         loose = _loose(n)
         made += [
             mono(f"{name}, wider cell", n, QUICK, seeds=two, **wide),

@@ -82,7 +82,7 @@ def _run(scene: Scene, step: float | str) -> dict[str, float]:
     except GranularError:
         return {}
     data = run.dataset
-    names = [name for name in data if name.endswith(("_energy", "_force", "_loss"))]
+    names = [str(name) for name in data if str(name).endswith(("_energy", "_force", "_loss"))]
     positions = data["position"].values[-1]
     found = {name: float(data[name].values[-1]) for name in names}
     found["mean_distance"] = mean_pair_distance(positions)
