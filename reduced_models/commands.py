@@ -172,7 +172,8 @@ def _height_map(text: str) -> HeightMap:
     parts = text.split(":")
     if len(parts) != 2:
         raise InputError(f"--map {quoted(text)}; give two lengths, such as '60 mm:10 mm'")
-    return HeightMap(*(si_value(part, "m") for part in parts))
+    shift, scale = (si_value(part, "m") for part in parts)
+    return HeightMap(shift, scale)
 
 
 def compare_sources(options: Any) -> None:

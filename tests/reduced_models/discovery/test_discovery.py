@@ -176,7 +176,7 @@ def test_the_command_takes_several_records(
     for k, record in enumerate(pair("duffing", (0.1, 1.8))):
         names.append(str(tmp_path / f"{k}.csv"))
         record.to_csv(names[-1])
-    main(["discover", *names, "--json"])
+    main(["discover", *names, "--method", "sindy", "--json"])
     found = json.loads(capsys.readouterr().out)
     assert found["model"]["quality"]["samples"] == 1000
     assert len(found["model"]["parameters"]) == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -12,14 +13,14 @@ from hypothesis import strategies as st
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import HeightMap, discover
+from reduced_models import HeightMap, discover, fit
 from reduced_models.discovery.choice import polished_front
 from reduced_models.discovery.libraries import LIBRARIES, terms_named
 from reduced_models.discovery.own_terms import OwnTerm, read_terms
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import scored
 from reduced_models.discovery.symbols import symbols
-from reduced_models.discovery.terms import Term, library, sum_of, terms_of
+from reduced_models.discovery.terms import library, sum_of, terms_of
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -166,7 +167,7 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
         ({"terms": ["sin(z"]}, r"cannot be read"),
         ({"terms": ["z - z"]}, r"is zero; leave it out"),
         ({"terms": ["__import__('os')"]}, r"cannot be read"),
-        ({"terms": ["1/z"]}, r"the term '1/z' is not finite for all z from"),
+        ({"terms": ["log(z)"]}, r"the term 'log\(z\)' is not finite for all z from"),
         ({"terms": [3]}, r"the term 3 is no text"),
         ({"library": "cubic"}, r"library = 'cubic'; give one or more of physical"),
         ({"library": "driven"}, r"needs an input"),
@@ -190,28 +191,18 @@ def test_own_terms_are_of_the_height_itself() -> None:
 
 
 def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
-    """The best cannot be polished; one that comes later can."""
+    """The best few cannot be polished; one that comes later can."""
     z, v, _ = symbols()
-    weak = weak_form(
-        SmoothedMotion(
-            TIME, np.cos(TIME), np.cos(TIME), -np.sin(TIME), -np.cos(TIME), None, 1e-3, 0.0, 6.0
-        )
-    )
-    _, judge = scored(weak, library(1), library(1), [np.array([[0]])])
-    candidates = [CandidateEquation(k * z + v, 5 + k, 1.0 + k, 10.0 * k) for k in range(1, 8)]
+    wave, slope = np.cos(TIME), -np.sin(TIME)
+    motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
+    _, judge = scored(weak_form(motion), library(1), library(1), [np.array([[0]])])
+    model = fit(PistonRecord(TIME, wave), "linear", starts=2, holdout=0.0)
+    candidates = [CandidateEquation(sympy.sin(1.5 * z) ** k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]
 
     def polish(one: CandidateEquation) -> CandidateEquation:
-        from reduced_models import fit
-
-        if one is not candidates[4]:
-            return one
-        model = fit(PistonRecord(TIME, np.cos(TIME)), "linear", starts=2, holdout=0.0)
-        import dataclasses
-
-        return dataclasses.replace(one, models=(model,))
+        return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
 
     front, chosen = polished_front(candidates, polish, 2, judge)
-    assert front[chosen].model is not None
+    assert front[chosen].model is model
     front, chosen = polished_front(candidates, polish, 0, judge)
-    assert front[chosen].model is None
-    assert Term(1) in (front[chosen].terms or {})
+    assert front[chosen] is candidates[0]
