@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from validation.published.entry import AGREES, PLAIN, verdict
 from validation.published.finding import Finding
 from validation.published.plan import (
     ASPECTS,
@@ -20,6 +19,8 @@ from validation.published.protocols import BEST_FIRST, PUBLISHED, QUICK
 from validation.published.results import Results
 from validation.published.values import published_value
 
+ROUNDING = 0.005
+"""Half of the last digit of what is printed here."""
 CAUSE_SIZES = 2
 """A cause must give the published figure within scatter at so many sizes."""
 
@@ -52,26 +53,41 @@ class ChangedFigure(NamedTuple):
         """
         from scipy.special import stdtrit
 
-        both = (self.without, self.with_it)
-        known = [(one.starts - 1, one.spread) for one in both if one.spread is not None]
-        if not known:
+        if (deviation := self._pooled()) is None:
             return None
-        free = sum(number for number, _ in known)
-        pooled = math.sqrt(sum(number * spread**2 for number, spread in known) / free)
+        pooled, free = deviation
+        both = (self.without, self.with_it)
         error = pooled * math.sqrt(sum(1.0 / one.starts for one in both))
         difference = abs(self.with_it.value - self.without.value)
         return bool(difference > stdtrit(free, 0.975) * error)
 
     @property
     def explains(self) -> bool | None:
-        """Whether the published figure is met with the change and not without it."""
-        if self.published is None:
+        """Whether the published figure is met with the change and not without it.
+
+        It is met within Student's interval of the mean, of 95 %, by the scatter of both beds.
+        """
+        if self.published is None or (deviation := self._pooled()) is None:
             return None
-        met = [
-            verdict(self.published, None, one, PLAIN, 2).words == AGREES
-            for one in (self.without, self.with_it)
-        ]
+        pooled, free = deviation
+        met = [self._is_met(one, pooled, free) for one in (self.without, self.with_it)]
         return met[1] and not met[0]
+
+    def _is_met(self, one: Finding, pooled: float, free: int) -> bool:
+        from scipy.special import stdtrit
+
+        assert self.published is not None
+        half = stdtrit(free, 0.975) * pooled / math.sqrt(one.starts) + ROUNDING
+        return bool(abs(one.value - self.published) <= half)
+
+    def _pooled(self) -> tuple[float, int] | None:
+        """Deviation of single starts by both beds together, and its degrees of freedom."""
+        both = (self.without, self.with_it)
+        known = [(one.starts - 1, one.spread) for one in both if one.spread is not None]
+        if not known:
+            return None
+        free = sum(number for number, _ in known)
+        return math.sqrt(sum(number * spread**2 for number, spread in known) / free), free
 
 
 _FIGURES = {
