@@ -33,7 +33,7 @@ WIDER = WIDE_CELL / 0.33
 """The same change of width for beds of equal grains."""
 LOOSE = 1.35
 """Height of a loose arrangement over that of the compression's start: its grains stand farther
-apart, and fall."""
+apart, and fall from higher. The source does not print the height of its grid."""
 MASSES = (7.5, 6.24)
 """Pistons [kg]: that of the packaged damper, and the one that rests where the source's does."""
 GAMMAS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2)
