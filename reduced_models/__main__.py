@@ -38,8 +38,10 @@ examples:
   %(prog)s a.csv b.csv --law linear --own g0 --bound lam=0:2
   %(prog)s shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0\"""",
     "discover": """\
-example:
-  %(prog)s lab.csv --method sindy -o model.json""",
+examples:
+  %(prog)s lab.csv -o model.json
+  %(prog)s pendulum.csv --library trigonometric --terms "z'**3"
+  %(prog)s lab.csv --method operon --functions sin --effort 2 --seed 1 --json""",
     "compare": """\
 example:
   %(prog)s a.csv b.csv --law all --held-out c.csv -o out""",
@@ -145,7 +147,43 @@ def _add_fit(one: Parser) -> None:
 
 def _add_discover(one: Parser) -> None:
     one.add_argument("sources", nargs="+", metavar="SOURCE", help=_SOURCE)
-    one.add_argument("--method", default="sindy", help="sindy, operon or pysr")
+    one.add_argument(
+        "--method", default="auto", help="auto (sindy and operon side by side), sindy, operon, pysr"
+    )
+    one.add_argument(
+        "--library", action="append", default=[], metavar="NAME",
+        help="terms to choose from: physical (default), polynomial, trigonometric, rational, dry "
+        "friction, contact, driven (repeatable)",
+    )  # fmt: skip
+    one.add_argument(
+        "--terms", action="append", default=[], metavar="TERM",
+        help="a term of your own in z, z' and the input, such as 'sin(z)' (repeatable)",
+    )  # fmt: skip
+    one.add_argument(
+        "--functions", action="append", default=[], metavar="NAME",
+        help="what symbolic regression may use beside sums and products: sin, exp, max, / "
+        "(repeatable)",
+    )  # fmt: skip
+    one.add_argument("--degree", type=int, default=3, help="of the physical library's powers of z")
+    one.add_argument(
+        "--form", default="weak", help="of sindy: weak (integrals, default) or strong (derivatives)"
+    )
+    one.add_argument(
+        "--input", dest="drive", metavar="COLUMN",
+        help="column of the records that drives the motion",
+    )  # fmt: skip
+    one.add_argument(
+        "--target", default="acceleration", help="acceleration (default), or height for z(t) itself"
+    )
+    one.add_argument(
+        "--map", metavar="SHIFT:SCALE",
+        help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without",
+    )  # fmt: skip
+    one.add_argument(
+        "--effort", type=in_unit("1"), default=1.0, metavar="X",
+        help="times the usual length of a symbolic regression",
+    )  # fmt: skip
+    one.add_argument("--seed", type=int, default=0, help="of random searches")
     one.add_argument("-o", "--out", metavar="FILE", help="the chosen model, as JSON")
     add_output(one)
 

@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.messages import quoted
 from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, shown
+
+if TYPE_CHECKING:
+    from reduced_models.laws.height_map import HeightMap
 
 _MOST_SAMPLES = 10**7
 SLIDERS = "sliders.html"
@@ -134,13 +137,43 @@ def _units(law: str) -> Mapping[str, str]:
 def discover_source(options: Any) -> None:
     """Discover a law in the records of some sources."""
     from reduced_models.discovery.discovering import discover
+    from reduced_models.discovery.libraries import PHYSICAL
 
-    found = discover(_records(options.sources, options), method=options.method)
-    text = f"{found}\n\n{found.model}"
+    records = _records(options.sources, options)
+    found = discover(
+        records[0] if len(records) == 1 else records,
+        method=options.method,
+        form=options.form,
+        degree=options.degree,
+        library=options.library or PHYSICAL,
+        terms=options.terms,
+        functions=options.functions,
+        input=options.drive,
+        target=options.target,
+        map="auto" if options.map is None else _height_map(options.map),
+        effort=options.effort,
+        seed=options.seed,
+    )
+    text = str(found)
+    if found.best.model is not None:
+        text += f"\n\n{found.model}"
     if options.out is not None:
         found.model.save(options.out)
         text += f"\nmodel: {options.out}"
-    emit({"method": options.method, "model": found.model.to_plain()}, text, options.json)
+    model = None if found.best.model is None else found.model.to_plain()
+    emit({**found.to_plain(), "method": options.method, "model": model}, text, options.json)
+
+
+def _height_map(text: str) -> HeightMap:
+    """Of "SHIFT:SCALE", two lengths."""
+    from granular.scene.units import si_value
+    from reduced_models.laws.height_map import HeightMap
+
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise InputError(f"--map {quoted(text)}; give two lengths, such as '60 mm:10 mm'")
+    shift, scale = (si_value(part, "m") for part in parts)
+    return HeightMap(shift, scale)
 
 
 def compare_sources(options: Any) -> None:

@@ -20,7 +20,9 @@ examples:
 colours:
   species       which species a grain is of
   speed         of each grain
-  force         magnitude of the force of grains and walls on each grain
+  force         magnitude of the resulting force of grains and walls on each grain
+  compression   sum of the magnitudes of the forces of grains and walls on each grain
+  pressure      of each grain, by its virial and its Voronoi cell
   sides         number of sides of the Voronoi cells, drawn
   regularity    of the hexagonal Voronoi cells: 1 for a regular hexagon
   fluctuation   |F - mean|/mean of the force, within the species"""

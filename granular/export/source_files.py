@@ -13,8 +13,10 @@ The source's text names the files and how often each is written; everything else
   comes before each frame and a blank line after it. Grains that have left the cell have no line;
   the comment names them.
 - ``posPart``, ``velPart``, ``forPart`` have the columns x and y; the force is magnetic and weight
-  (and contact), without friction and drag. ``comPart`` has one column: the magnitude of the
-  resulting magnetic force [D, eq. 4.35; Fig. 5.3].
+  (and contact), without friction and drag. ``comPart`` has one column: the compressive force, the
+  sum of the magnitudes of the forces of all other grains and of the walls, whose distribution the
+  source finds to have two modes [D, Figs. 4.22 and 5.3]. It is left out, with ``comPart_norm``,
+  where an effect acts between grains by a law of its own, whose forces are known in sum alone.
 - ``piston`` has the columns time and height, ``avgDis`` time and mean distance, in the source's
   convention: half of the mean over all pairs.
 - The files with ``_0`` (every 10 steps) cover the whole run, and are left out where they would only
@@ -32,7 +34,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, opened
-from granular.observables import force_magnitudes, source_pair_distance
+from granular.observables import compressive_forces, source_pair_distance
+from granular.observables.interactions import foreign_effects
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.scene.scales import Scales
@@ -164,8 +167,12 @@ def _particle_files(
         "posPart": ("x y [D]", lambda frame: frame.position / units.length),
         "velPart": ("x y [D/T]", lambda frame: frame.velocity / speed),
         "forPart": ("x y [m D/T^2]", lambda frame: frame.force / force),
-        "comPart": ("magnetic force [m D/T^2]", lambda frame: _compression(frame) / force),
     }
+    apart = not foreign_effects(run.scene)
+    if apart:
+        tables["comPart"] = (
+            "compression [m D/T^2]", lambda frame: _compression(run, frame) / force
+        )  # fmt: skip
     times = run.dataset["frame_time"].values
     chosen = {every: _nearest(times, cadence, every) for every in (FINE, USUAL, COARSE)}
     files: dict[str, Iterator[str]] = {}
@@ -178,19 +185,21 @@ def _particle_files(
         add(name, USUAL, table)
         if len(chosen[FINE]) > len(chosen[USUAL]):
             add(f"{name}_0", FINE, table)
-    greatest = max(
-        (float(_compression(one).max(initial=0.0)) for one in bed_frames(run, chosen[COARSE])),
-        default=0.0,
-    )
-    share = "magnetic force/(its greatest)"
-    add("comPart_norm", COARSE, (share, lambda frame: _compression(frame) / (greatest or 1.0)))
+    if apart:
+        coarse = bed_frames(run, chosen[COARSE])
+        sizes = (float(np.fmax.reduce(_compression(run, one)[:, 0], initial=0.0)) for one in coarse)
+        greatest = max(sizes, default=0.0) or 1.0
+        share = "compression/(its greatest)"
+        add("comPart_norm", COARSE, (share, lambda frame: _compression(run, frame) / greatest))
     add("posPart_norm", COARSE, tables["posPart"])
     return files
 
 
-def _compression(frame: BedFrame) -> np.ndarray:
-    """Magnitude of the resulting magnetic force on each grain (k, 1) [N]."""
-    return force_magnitudes(frame.interaction)[:, None]
+def _compression(run: Trajectory, frame: BedFrame) -> np.ndarray:
+    """Compressive force on each grain that is there (k, 1) [N]."""
+    positions = np.full((run.scene.grains.count, 2), np.nan)
+    positions[frame.grains] = frame.position
+    return compressive_forces(run.scene, positions, frame.height)[frame.grains][:, None]
 
 
 def _frame_lines(

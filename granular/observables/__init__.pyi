@@ -22,6 +22,12 @@ from .bond_order import (
 from .bond_order import (
     psi6_series as psi6_series,
 )
+from .compression import (
+    compressive_force_series as compressive_force_series,
+)
+from .compression import (
+    compressive_forces as compressive_forces,
+)
 from .correlation import (
     Correlation as Correlation,
 )
@@ -42,6 +48,18 @@ from .defects import (
 )
 from .defects import (
     dislocations as dislocations,
+)
+from .dip import (
+    DipTest as DipTest,
+)
+from .dip import (
+    dip_test as dip_test,
+)
+from .directions import (
+    Directions as Directions,
+)
+from .directions import (
+    direction_order as direction_order,
 )
 from .distance import (
     mean_pair_distance as mean_pair_distance,
@@ -65,6 +83,9 @@ from .force_distribution import (
     force_distribution_of_run as force_distribution_of_run,
 )
 from .force_distribution import (
+    force_modes_of_run as force_modes_of_run,
+)
+from .force_distribution import (
     knuth_bins as knuth_bins,
 )
 from .force_distribution import (
@@ -85,6 +106,24 @@ from .forces import (
 from .forces import (
     wall_forces as wall_forces,
 )
+from .grain_correlation import (
+    ValueCorrelation as ValueCorrelation,
+)
+from .grain_correlation import (
+    value_correlation as value_correlation,
+)
+from .grain_stress import (
+    grain_pressures as grain_pressures,
+)
+from .grain_stress import (
+    grain_stress_series as grain_stress_series,
+)
+from .grain_stress import (
+    grain_stresses as grain_stresses,
+)
+from .grain_stress import (
+    grain_virials as grain_virials,
+)
 from .hexatic import (
     hexatic_susceptibility as hexatic_susceptibility,
 )
@@ -102,6 +141,15 @@ from .hysteresis import (
 )
 from .hysteresis import (
     hysteresis_of_run as hysteresis_of_run,
+)
+from .interactions import (
+    Interactions as Interactions,
+)
+from .interactions import (
+    pair_interactions as pair_interactions,
+)
+from .interactions import (
+    wall_interactions as wall_interactions,
 )
 from .named import (
     OBSERVABLES as OBSERVABLES,

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.forces import force_magnitudes, interaction_forces
+from granular.observables.compression import compressive_forces
+from granular.observables.dip import DipTest, dip_test
 from granular.observables.frames import species_names
+from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -89,36 +91,64 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     return Histogram(edges, counts, counts / (counts.sum() * np.diff(edges)))
 
 
-def force_distribution_of_run(run: Trajectory, frame: int = -1) -> dict[str, Histogram]:
-    """Histograms of the magnetic force on the grains of a frame, by species [D, Fig. 4.21].
+def force_distribution_of_run(
+    run: Trajectory, frame: int = -1, *, pooled: bool = False
+) -> dict[str, Histogram]:
+    """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
+
+    Only grains with an interior Voronoi cell count, as in the source's pictures of forces.
 
     Parameters
     ----------
     run : Trajectory
     frame : int
         Index of the frame; the last if not given.
+    pooled : bool
+        All species in one histogram, named ``"all"``, over the greatest force of the frame, as the
+        source draws them.
 
     Returns
     -------
     dict of str to Histogram
-        Of the magnitudes [N] by the name of the species, for the species that have grains there.
+        By the name of the species, for the species that have such grains there; forces in N, or
+        over their greatest where they are pooled.
 
     Raises
     ------
     InputError
-        If there is no such frame.
+        If there is no such frame, no such grain, or a force that cannot be taken apart (see
+        `compressive_forces`).
     """
-    total = run.dataset.sizes["frame"]
-    if not -total <= frame < total:
-        raise InputError(f"frame = {frame}; the run has the frames 0 to {total - 1}")
-    magnitudes = force_magnitudes(interaction_forces(run).values[frame])
+    forces = _inner_forces(run, frame)
+    if pooled:
+        known = _known(forces)
+        return {"all": knuth_histogram(known / known[-1])}
     owner = run.dataset["species"].values
     found = {}
     for k, name in enumerate(species_names(run)):
-        chosen = (owner == k) & np.isfinite(magnitudes)
+        chosen = (owner == k) & np.isfinite(forces)
         if chosen.any():
-            found[name] = knuth_histogram(magnitudes[chosen])
+            found[name] = knuth_histogram(forces[chosen])
     return found
+
+
+def force_modes_of_run(run: Trajectory, frame: int = -1) -> DipTest:
+    """Whether the compressive forces of a frame, of all species together, have more than one mode.
+
+    Grains and errors as of `force_distribution_of_run`.
+    """
+    return dip_test(_inner_forces(run, frame))
+
+
+def _inner_forces(run: Trajectory, frame: int) -> np.ndarray:
+    """Compressive forces of the grains with an interior cell (n,) [N]; NaN for the others."""
+    total = run.dataset.sizes["frame"]
+    if not -total <= frame < total:
+        raise InputError(f"frame = {frame}; the run has the frames 0 to {total - 1}")
+    positions = run.dataset["position"].values[frame]
+    height = float(run.dataset["frame_height"].values[frame])
+    forces = compressive_forces(run.scene, positions, height)
+    return np.where(voronoi_cells(positions).interior, forces, np.nan)
 
 
 def _known(values: np.ndarray) -> np.ndarray:

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from granular.observables.bond_order import psi6
+from granular.observables.compression import compressive_forces
 from granular.observables.distance import mean_pair_distance
+from granular.observables.grain_stress import grain_pressures
 from granular.observables.of_frames import Frame, Observable, observable
 from granular.observables.packing import packing_fraction
 from granular.observables.piston_distance import least_piston_distance
@@ -48,9 +50,23 @@ def temperature(frame: Frame) -> float:
     return kinetic_temperature(frame.velocities, frame.masses)
 
 
+@observable("N", "compressive force on the grain")
+def compressive_force(frame: Frame) -> np.ndarray:
+    return compressive_forces(frame.scene, frame.positions, frame.piston_height)
+
+
+@observable("N/m", "pressure of the grain")
+def grain_pressure(frame: Frame) -> np.ndarray:
+    return grain_pressures(frame.scene, frame.positions, frame.piston_height)
+
+
 OBSERVABLES = {
-    one.name: one for one in (mean_distance, piston_distance, packing, hexatic_order, temperature)
-}
+    one.name: one
+    for one in (
+        mean_distance, piston_distance, packing, hexatic_order, temperature, compressive_force,
+        grain_pressure,
+    )
+}  # fmt: skip
 
 
 def observable_named(name: str, own: Mapping[str, Observable] | None = None) -> Observable:

@@ -30,6 +30,7 @@ __all__ = [
     "plot_correlation_function",
     "plot_dislocations",
     "plot_force_distribution",
+    "plot_forces",
     "plot_hysteresis",
     "plot_order_correlation",
     "plot_response",
@@ -160,9 +161,31 @@ def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = 
             one.density, one.edges, fill=True, alpha=0.35, color=COLOURS[k % len(COLOURS)],
             label=f"{plain_label(name)}: {one.counts.sum()} grains",
         )  # fmt: skip
-    ax.set(xlabel="force on the grain [N]", ylabel="probability density [1/N]")
+    ax.set(xlabel="compressive force on the grain [N]", ylabel="probability density [1/N]")
     ax.legend()
     return ax
+
+
+def plot_forces(
+    positions: np.ndarray, forces: np.ndarray, species: np.ndarray, ax: Axes | None = None
+) -> Axes:
+    """The resulting force on each grain as an arrow [D, Fig. 4.23].
+
+    Each species' arrows are drawn over its greatest force, in a colour of its own; grains whose
+    force (n, 2) is NaN have none.
+    """
+    ax = axes_or_new(ax, 7.2, 4.2)
+    places, forces = 1e3 * np.asarray(positions), np.asarray(forces, dtype=np.float64)
+    sizes = np.linalg.norm(forces, axis=1)
+    ax.plot(*places.T, ".", color=GREY, markersize=2.0)
+    for k in np.unique(species):
+        chosen = (np.asarray(species) == k) & np.isfinite(sizes)
+        if chosen.any() and sizes[chosen].max() > 0.0:
+            ax.quiver(
+                *places[chosen].T, *(forces[chosen] / sizes[chosen].max()).T,
+                color=COLOURS[int(k) % len(COLOURS)], angles="xy", width=0.0025, scale=25.0,
+            )  # fmt: skip
+    return _as_map(ax)
 
 
 def plot_order_correlation(orders: np.ndarray, shares: np.ndarray, ax: Axes | None = None) -> Axes:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.readers.clock import is_stamp, seconds_of
-from granular.readers.names import is_unit, name_and_unit, role_of
+from granular.readers.names import TIME, is_unit, name_and_unit, role_of
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
 from granular.shared.messages import quoted, visible
@@ -30,6 +30,8 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", 
 _LOOKED_AT = 200
 """Lines at the beginning, in the middle and at the end, from which the form is told."""
 _MOST_COLUMNS = 100_000
+_HEADER = 4
+"""Lines above the rows among which names and units are looked for."""
 
 
 class Line(NamedTuple):
@@ -276,7 +278,7 @@ def _header(
     head: Sequence[Line], form: Form, every: Sequence[Line], start: int
 ) -> tuple[list[str], list[str]]:
     """Names and units above the rows; empty lists where there are none."""
-    rows = [_words(line.text, form.separator) for line in head[-3:]]
+    rows = [_words(line.text, form.separator) for line in head[-_HEADER:]]
     found = [row for row in rows if _is_header(row, form)]
     if not found:
         comments = [line.text.lstrip().lstrip(COMMENTS + "/ ") for line in every
@@ -286,13 +288,26 @@ def _header(
     if not found:
         return [], []
     if not all(is_unit(cell) or cell in LOST for cell in found[-1]):
-        return list(found[-1]), []
+        return _above_others(found)
     units = list(found.pop())
     if found:
         return list(found[-1]), units
     # A row of units alone, or below one whose names hold numbers, such as that of a channel.
     above = rows[-2] if len(rows) > 1 and len(rows[-2]) >= form.width else []
     return list(above), units
+
+
+def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
+    """The lowest row with a time among its names, and units in that below it; else the lowest.
+
+    Loggers write what was done to a column, such as averaging, below its name and unit.
+    """
+    for place in range(len(rows) - 1, -1, -1):
+        if any(role_of(name_and_unit(cell)[0]) == TIME for cell in rows[place]):
+            below = rows[place + 1] if place + 1 < len(rows) else []
+            units = [cell if is_unit(cell) else "" for cell in below]
+            return list(rows[place]), units
+    return list(rows[-1]), []
 
 
 def _end(path: Path, lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:

@@ -54,9 +54,7 @@ def read_labview(path: Path, text: str, reading: Reading) -> Sheet:
     channels = [one for one in sheet.columns if one.name.lower() not in ("x_value", "comment")]
     for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
         column.unit = column.unit or unit or None
-    for column in sheet.columns:
-        if column.name.lower() == "x_value":
-            column.name, column.unit = TIME, "s"
+    _name_times(path, sheet)
     if file_head.get("X_Columns", [""])[0] == "No":
         step = _number(path, head, "Delta_X", decimal)
         first = _number(path, head, "X0", decimal)
@@ -64,6 +62,27 @@ def read_labview(path: Path, text: str, reading: Reading) -> Sheet:
         sheet.columns = [one for one in sheet.columns if one.name != TIME]
         sheet.columns.insert(0, Column(TIME, "s", first + step * np.arange(count)))
     return sheet
+
+
+def _name_times(path: Path, sheet: Sheet) -> None:
+    """``X_Value`` is the time; each channel may have one (``X_Columns Multi``), if all agree."""
+    times = [one for one in sheet.columns if one.name.lower() == "x_value"]
+    for column in times:
+        column.name, column.unit = TIME, "s"
+    for column in times[1:]:
+        if not _agree(times[0], column):
+            number = sheet.columns.index(column) + 1
+            raise RecordError(
+                f"{visible(path)}: column {number} holds other times than the first; export the "
+                "channels with one column of times, or each in a file of its own"
+            )
+        sheet.columns.remove(column)
+
+
+def _agree(first: Column, second: Column) -> bool:
+    if first.values is None or second.values is None:
+        return False
+    return np.array_equal(first.values, second.values, equal_nan=True)
 
 
 def _padded(body: str, head: dict[str, list[str]]) -> str:
@@ -139,5 +158,6 @@ def read_tdms(path: Path, reading: Reading) -> Sheet:
     ]  # fmt: skip
     step = channels[0].properties.get("wf_increment")
     if step and not any(column.name.lower() == TIME for column in columns):
-        columns.insert(0, Column(TIME, "s", channels[0].time_track()))
+        first = channels[0].properties.get("wf_start_offset", 0.0)
+        columns.insert(0, Column(TIME, "s", first + step * np.arange(len(channels[0]))))
     return Sheet(columns, None, True, f"group {quoted(name)} of a TDMS file")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.names import name_and_unit
+from granular.readers.names import TIME, name_and_unit
 from granular.readers.reading import Reading
 from granular.readers.sheet import Column, Sheet
 from granular.readers.text import read_bytes
@@ -20,6 +20,8 @@ _MOST_BYTES = 256 * 2**20
 
 def read_matlab(path: Path, reading: Reading) -> Sheet:
     """The vectors of one length in a MATLAB file of version 4 to 7.
+
+    Times are a vector, or follow from the numbers ``Tstart`` and ``Tinterval`` of PicoScope.
 
     Parameters
     ----------
@@ -63,6 +65,11 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
         for name, values in vectors.items()
         if len(values) == length
     ]
+    step = variables.get("Tinterval")
+    if isinstance(step, int | float) and columns:  # PicoScope: a start and an interval
+        first = variables.get("Tstart", 0.0)
+        times = float(first) + float(step) * np.arange(length)
+        columns.insert(0, Column(TIME, "s", times))
     if len(columns) < 2:
         raise RecordError(
             f"{visible(path)}: holds no two vectors of one length; found: "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 from collections.abc import Mapping, Sequence
 
@@ -73,9 +74,9 @@ def meaning_of(sheet: Sheet, reading: Reading) -> Meaning:
     RecordError
         If there is no time or no coordinate, a unit does not fit, or a value is no number.
     """
-    _check_doubles(sheet)
     notes = list(sheet.notes)
     chosen = _chosen(sheet, reading, notes)
+    _check_doubles(sheet, chosen, reading)
     units = _units(sheet, chosen, reading)
     angle = _is_angle(units.get(HEIGHT))
     values = {role: _checked(sheet, role, column) for role, column in chosen.items()}
@@ -97,13 +98,18 @@ def meaning_of(sheet: Sheet, reading: Reading) -> Meaning:
     )  # fmt: skip
 
 
-def _check_doubles(sheet: Sheet) -> None:
-    seen: set[str] = set()
-    for column in sheet.columns:
+def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: Reading) -> None:
+    """Refuse to choose between columns of one name, unless the user says a number."""
+    names = [column.name.lower() for column in sheet.columns]
+    for role, column in chosen.items():
         name = column.name.lower()
-        if name and name in seen:
-            raise RecordError(f"the column {quoted(name)} is there twice; names must differ")
-        seen.add(name)
+        places = [k for k, one in enumerate(names, start=1) if one == name]
+        if name and len(places) > 1 and not str(reading.columns.get(role, "")).isdigit():
+            listed = ", ".join(map(str, places[:-1])) + f" and {places[-1]}"
+            raise RecordError(
+                f"the column {quoted(name)} is there twice, in columns {listed}; names "
+                f"must differ, or say which it is (columns: {role}={places[-1]})"
+            )
 
 
 # Which column is what --------------------------------------------------------------------------
@@ -185,6 +191,12 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
         notes.append(f"there are no names: time is column {number}, in s (columns: time=...)")
 
 
+def _is_acceleration(column: Column) -> bool:
+    if role_of(column.name) == ACCELERATION:
+        return True
+    return column.unit is not None and _is_of(column.unit, "m/s^2")
+
+
 def _is_of(unit: str, wanted: str) -> bool:
     """Whether a unit has the dimension of another."""
     try:
@@ -210,7 +222,7 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     nameless = [one for one in lengths if not one.name]
     found = lengths if len(lengths) == 1 else nameless[:1]
     if not found:
-        accelerations = [one for one in free if role_of(one.name) == ACCELERATION]
+        accelerations = [one for one in free if _is_acceleration(one)]
         if accelerations and not lengths:
             raise RecordError(
                 f"no column 'height', only the acceleration {quoted(accelerations[0].name)}: twice "
@@ -269,10 +281,13 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
     try:
         size, dimension = unit_size(unit)
     except SceneError as error:
-        raise RecordError(f"{role}: {error}") from None
+        raise RecordError(
+            f"{role}: {error}; if it is another, say so (units: {role}=...)"
+        ) from None
     if dimension != unit_size(wanted)[1]:
         raise RecordError(
-            f"{role}: the unit {quoted(unit)} does not fit; one of {wanted} is wanted"
+            f"{role}: the unit {quoted(unit)} does not fit; one of {wanted} is wanted: name "
+            f"another column (columns: {role}=...) or its unit (units: {role}=...)"
         )
     return size
 
@@ -300,9 +315,18 @@ def _checked(sheet: Sheet, role: str, column: Column) -> np.ndarray:
 
 def _others(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict[str, np.ndarray], list[str]]:
     taken = list(map(id, chosen.values()))
-    free = [one for one in sheet.columns if id(one) not in taken and one.name]
-    others = {one.name.lower(): one.values for one in free if one.values is not None}
-    return others, [one.name for one in free if one.values is None]
+    names = [one.name.lower() for one in sheet.columns]
+    counts = collections.Counter(names)
+    others: dict[str, np.ndarray] = {}
+    left_out = []
+    for number, (name, column) in enumerate(zip(names, sheet.columns, strict=True), start=1):
+        if not name or id(column) in taken:
+            continue
+        if column.values is None:
+            left_out.append(column.name)
+        else:
+            others[name if counts[name] == 1 else f"{name} ({number})"] = column.values
+    return others, left_out
 
 
 def _without_gaps(

@@ -52,10 +52,12 @@ KNOWN = {
 }  # fmt: skip
 """Units that are recognised behind a name, without brackets."""
 
+_TIMES = ("s", "ms", "us")
 _BRACKETS = re.compile(r"\s*([^\[\]\(\)\{\}]*?)\s*[\[\(\{]\s*([^\[\]\(\)\{\}]*?)\s*[\]\)\}]\s*")
 _WITHIN = re.compile(r"\s*([^\[\]\(\)]+?)\s*[\[\(]\s*([^\[\]\(\)]+?)\s*[\]\)]\s*([^\[\]\(\)]+?)\s*")
 _RUN = re.compile(r"^(latest|run \d+) | run \d+$")
 """What programs for schools put before or behind a name."""
+_IN = re.compile(r"\s*(.*?)\s*\bin\s+([^\s_,:]+)\s*")
 _BEHIND = re.compile(r"\s*(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)\s*")
 
 
@@ -74,8 +76,8 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
     """Name and unit of a column from its header.
 
     ``height [mm]``, ``height (mm)``; and, where the name is one of `SYNONYMS` and the unit is
-    known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too. A header that is a
-    unit of time alone, such as ``ms``, is the time in it.
+    known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too; ``height in mm``. A
+    header that is a unit of time alone, such as ``ms`` or ``in s``, is the time in it.
     """
     match = _BRACKETS.fullmatch(cell)
     if match is not None:
@@ -83,10 +85,13 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
     match = _WITHIN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
         return f"{match[1]} {match[3]}", match[2]
+    match = _IN.fullmatch(cell)
+    if match is not None and is_unit(match[2]):
+        return match[1] or (TIME if plain_unit(match[2]) in _TIMES else ""), match[2]
     match = _BEHIND.fullmatch(cell)
     if match is not None and is_unit(match[2]) and role_of(match[1]) is not None:
         return match[1], match[2]
-    if cell.strip() and plain_unit(cell) in ("s", "ms", "us") and len(cell.strip()) > 1:
+    if cell.strip() and plain_unit(cell) in _TIMES and len(cell.strip()) > 1:
         return TIME, cell.strip()
     return cell.strip(), None
 

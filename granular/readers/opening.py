@@ -12,9 +12,10 @@ from granular.readers.matlab import read_matlab
 from granular.readers.meaning import Meaning, meaning_of
 from granular.readers.parquet import read_parquet
 from granular.readers.reading import Reading
+from granular.readers.rigol import is_rigol, read_rigol
 from granular.readers.sheet import Sheet
 from granular.readers.text import decoded, read_bytes
-from granular.readers.workbook import read_workbook
+from granular.readers.workbook import read_workbook, refuse_old
 from granular.shared.errors import RecordError
 from granular.shared.messages import visible
 
@@ -78,9 +79,13 @@ def read_text_sheet(path: Path, reading: Reading) -> Sheet:
     RecordError
         If there is none.
     """
-    text, encoding = decoded(path, read_bytes(path))
+    content = read_bytes(path)
+    refuse_old(path, content)
+    text, encoding = decoded(path, content)
     if is_labview(text):
         sheet = read_labview(path, text, reading)
+    elif is_rigol(text):
+        sheet = read_rigol(path, text)
     else:
         sheet = read_delimited(path, text, reading.decimal, reading.skip)
     if encoding not in ("utf-8", "utf-8-sig"):

@@ -17,6 +17,23 @@ from granular.shared.messages import quoted, visible
 
 _ENGINES = {".xlsx": "openpyxl", ".xlsm": "openpyxl", ".ods": "odf"}
 _MOST_BYTES = 64 * 2**20
+_OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+"""What a workbook of Excel 97 to 2003 begins with."""
+
+
+def refuse_old(path: Path, content: bytes) -> None:
+    """Refuse a workbook in the form of Excel 97 to 2003.
+
+    Raises
+    ------
+    RecordError
+        If it is one.
+    """
+    if content.startswith(_OLD):
+        raise RecordError(
+            f"{visible(path)}: is a workbook of Excel 97 to 2003 (.xls), which is not read; save "
+            "it as .xlsx or CSV"
+        )
 
 
 def read_workbook(path: Path, reading: Reading) -> Sheet:

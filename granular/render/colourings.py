@@ -13,8 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame
+from granular.observables.compression import compressive_forces
 from granular.observables.fluctuation import relative_fluctuation
 from granular.observables.forces import force_magnitudes
+from granular.observables.grain_stress import grain_pressures
 from granular.observables.regularity import hexagon_regularity
 from granular.observables.voronoi import VoronoiCells
 from granular.scene.scene import Scene
@@ -33,6 +35,7 @@ class View(NamedTuple):
     Attributes
     ----------
     frame : BedFrame
+    scene : Scene
     species : int (k,)
         Index of each grain's species.
     cells : VoronoiCells or None
@@ -40,6 +43,7 @@ class View(NamedTuple):
     """
 
     frame: BedFrame
+    scene: Scene
     species: np.ndarray
     cells: VoronoiCells | None
 
@@ -88,6 +92,23 @@ def _fluctuation(view: View) -> np.ndarray:
     return relative_fluctuation(np.where(_cells(view).interior, sizes, np.nan), view.species)
 
 
+def _everyone(view: View) -> np.ndarray:
+    """Positions of all grains of the scene (n, 2) [m]; NaN for absent ones."""
+    positions = np.full((view.scene.grains.count, 2), np.nan)
+    positions[view.frame.grains] = view.frame.position
+    return positions
+
+
+def _compression(view: View) -> np.ndarray:
+    found = compressive_forces(view.scene, _everyone(view), view.frame.height)
+    return found[view.frame.grains]
+
+
+def _pressure(view: View) -> np.ndarray:
+    found = grain_pressures(view.scene, _everyone(view), view.frame.height)
+    return found[view.frame.grains]
+
+
 COLOURINGS: Mapping[str, Colouring] = {
     "species": Colouring("species", lambda view: view.species.astype(float)),
     "speed": Colouring(
@@ -97,6 +118,15 @@ COLOURINGS: Mapping[str, Colouring] = {
         "force of grains and walls [N]",
         lambda view: force_magnitudes(view.frame.interaction),
         "inferno",
+    ),
+    "compression": Colouring("compressive force [N]", _compression, "inferno", lower=None),
+    "pressure": Colouring(
+        "pressure of the grain [N/m] (white: rim)",
+        _pressure,
+        "inferno",
+        needs_cells=True,
+        on_cells=True,
+        lower=None,
     ),
     "sides": Colouring("sides of the Voronoi cell", _sides, needs_cells=True, on_cells=True),
     "regularity": Colouring(
@@ -117,10 +147,12 @@ COLOURINGS: Mapping[str, Colouring] = {
 }
 """The colourings by name.
 
-``species``; ``speed``; ``force``: magnitude of the force of grains and walls; ``sides``: number of
-sides of the interior Voronoi cells; ``regularity`` of the hexagonal ones [D, eq. 4.25];
-``fluctuation``: |F_k - mean|/mean within the species, of the grains with an interior cell
-[D, eq. 4.35]. A cell is interior if it lies in the box of the outermost centres [D, 4.2.4].
+``species``; ``speed``; ``force``: magnitude of the resulting force of grains and walls;
+``compression``: sum of the magnitudes of the single ones; ``pressure`` of the grains with an
+interior cell, by their virials; ``sides``: number of sides of the interior Voronoi cells;
+``regularity`` of the hexagonal ones [D, eq. 4.25]; ``fluctuation``: |F_k - mean|/mean of the
+resulting force within the species, of the grains with an interior cell [D, eq. 4.35]. A cell is
+interior if it lies in the box of the outermost centres [D, 4.2.4].
 """
 
 

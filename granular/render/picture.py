@@ -194,7 +194,7 @@ class BedPicture:
 def view_of(run: Trajectory, with_cells: bool, frame: BedFrame) -> View:
     """A frame as the colourings see it."""
     cells = voronoi_cells(frame.position) if with_cells else None
-    return View(frame, run.scene.grains.assignment()[frame.grains], cells)
+    return View(frame, run.scene, run.scene.grains.assignment()[frame.grains], cells)
 
 
 def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from granular.shared.messages import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from granular.scene.scene import Scene
@@ -35,6 +36,18 @@ def line_look(place: int) -> dict[str, Any]:
 def plain_label(words: object) -> str:
     """A user's words for a figure: short, and never a formula to be set."""
     return visible(words, _LONGEST_LABEL).replace("$", r"\$")
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Label a logarithmic axis 0.1, 1, 10: exponents of powers are too small on a phone."""
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    class Plain(LogFormatterSciNotation):
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return f"{x:g}" if super().__call__(x, pos) else ""
+
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(Plain())
 
 
 @contextlib.contextmanager

@@ -11,12 +11,13 @@ from reduced_models.discovery.polishing import parametrised
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.selection import Judge, weighed
 from reduced_models.discovery.structures import candidate_of
-from reduced_models.discovery.terms import Term
+from reduced_models.discovery.terms import AnyTerm, in_order
 
 _POOR = 2.0
 _STRONG = 6.0
 """Difference of criteria from which evidence is strong (Kass & Raftery 1995,
 doi:10.1080/01621459.1995.10476572); below it the simpler equation is chosen."""
+_MOST_TRIED = 20
 _HOPELESS = 15.0  # a criterion that is so much worse is not made good by fitting
 
 
@@ -29,7 +30,10 @@ def polished_front(
     """The Pareto front, with all polished candidates, and the place of the chosen one."""
     order = sorted(candidates, key=lambda one: one.criterion)
     near = [one for one in order if one.criterion <= order[0].criterion + _HOPELESS][:count]
-    done = _with_simpler_ones([polish(one) for one in near], polish, judge)
+    done = [polish(one) for one in near]
+    if count and not any(one.models for one in done):
+        done += _first_with_model([one for one in order if not _is_among(one, near)], polish)
+    done = _with_simpler_ones(done, polish, judge)
     fitted = [one for one in done if one.models]
     if fitted:
         best = _simplest(fitted, _solution_criteria(fitted, judge))
@@ -40,6 +44,17 @@ def polished_front(
     rest = [one for one in pareto_front(candidates) if not _is_among(one, [*near, *shown])]
     front = sorted([*shown, *rest], key=lambda one: (one.complexity, -one.error))
     return front, next(k for k, one in enumerate(front) if one is best)
+
+
+def _first_with_model(
+    order: Sequence[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation]
+) -> list[CandidateEquation]:
+    """The best of those that come next which can be polished; none where none of many can."""
+    for one in order[:_MOST_TRIED]:
+        found = polish(one)
+        if found.models:
+            return [found]
+    return []
 
 
 def _with_simpler_ones(
@@ -68,13 +83,13 @@ def _is_among(candidate: CandidateEquation, others: Sequence[CandidateEquation])
     )
 
 
-def _needed_terms(candidate: CandidateEquation) -> list[Term]:
+def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
     """The terms whose coefficients' intervals leave out zero."""
     if candidate.model is None or candidate.terms is None:
         return []
     # The coefficients of a sum are named in the order of its terms.
     intervals = [candidate.model.intervals[f"c{k}"] for k in range(len(candidate.terms))]
-    terms = zip(sorted(candidate.terms), intervals, strict=True)
+    terms = zip(in_order(candidate.terms), intervals, strict=True)
     return [term for term, (low, high) in terms if not low <= 0.0 <= high]
 
 

@@ -2,39 +2,53 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
+
+import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.discovery.choice import notes_on, polished_front
+from reduced_models.discovery.libraries import PHYSICAL, functions_named, terms_named
 from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.polishing import polished
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.selection import scored
-from reduced_models.discovery.structures import candidate_of, sindy_supports, symbolic_candidates
-from reduced_models.discovery.terms import library
-from reduced_models.discovery.weak_form import weak_form
+from reduced_models.discovery.structures import (
+    Search,
+    candidate_of,
+    sindy_supports,
+    symbolic_candidates,
+)
+from reduced_models.discovery.symbolic import has_operon
+from reduced_models.discovery.terms import AnyTerm
+from reduced_models.discovery.weak_form import WeakForm, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
-Method = Literal["sindy", "operon", "pysr"]
-METHODS: tuple[Method, ...] = ("sindy", "operon", "pysr")
+Method = Literal["auto", "sindy", "operon", "pysr"]
+METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
 def discover(
     record: PistonRecord | Sequence[PistonRecord],
-    method: Method = "sindy",
+    method: Method = "auto",
     *,
     form: Literal["weak", "strong"] = "weak",
     ensemble: bool = False,
     derivative: DerivativeMethod = "savitzky-golay",
     degree: int = 3,
+    library: str | Sequence[str] = PHYSICAL,
+    terms: Sequence[str] = (),
+    functions: Sequence[str] = (),
     input: str | None = None,  # noqa: A002
     target: Literal["acceleration", "height"] = "acceleration",
     map: HeightMap | Literal["auto"] = "auto",  # noqa: A002
     polish: int = 3,
+    effort: float = 1.0,
     seed: int = 0,
 ) -> Discovery:
     """Discover the equation of motion z'' = f(z, z', input) of a record, or of several at once.
@@ -49,7 +63,8 @@ def discover(
     record : PistonRecord, or a sequence of them
         Several obey the same equation, with the same numbers, each from its own initial state.
     method : str
-        ``"sindy"``: a sparse sum of the terms of a physical library, powers of z times 1, z',
+        ``"auto"``: what ``"sindy"`` and, where pyoperon is installed, ``"operon"`` propose, side by
+        side. ``"sindy"``: a sparse sum of the terms of a physical library, powers of z times 1, z',
         |z'| z' and sign(z'). ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by
         pyoperon. ``"pysr"``: the same by PySR, which needs Julia.
     form : "weak" or "strong"
@@ -61,7 +76,18 @@ def discover(
     derivative : str
         Estimator of z' and z'', see `derivatives`.
     degree : int
-        Of the powers of z in the library, from 1 to 5.
+        Of the powers of z in the physical library, from 1 to 5.
+    library : str, or a sequence of them
+        Which terms there are to choose from, one or more of
+        `reduced_models.discovery.libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
+        ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
+        Symbolic regressions are given what of it is no product of powers as variables.
+    terms : sequence of str
+        Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
+        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Numbers in them stay as they are.
+    functions : sequence of str
+        What symbolic regressions may use beside sums, differences and products:
+        ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
     target : "acceleration" or "height"
@@ -69,10 +95,13 @@ def discover(
     map : HeightMap or "auto"
         z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
         farther from zero than the swing is wide, the swing about rest in amplitudes; of the record
-        that swings the furthest.
+        that swings the furthest. With own terms or another library, which mean something by z, it
+        is the height itself.
     polish : int
         Greatest number of candidates, best first, that are fitted through their differential
         equation; those whose criterion is hopeless beside the best one's are not.
+    effort : float
+        Times the usual length of a symbolic regression.
     seed : int
         Of random searches.
 
@@ -87,7 +116,9 @@ def discover(
     InputError
         If an option is out of its range, or a program that the method needs is not installed.
     """
-    _check(method, form, target, degree, polish, ensemble)
+    _check(method, form, target, degree, polish, ensemble, effort)
+    known = terms_named(library, terms, degree, input)
+    allowed = functions_named(functions, method)
     records = [record] if isinstance(record, PistonRecord) else list(record)
     if not records:
         raise InputError("there is no record to discover a law in; give at least one")
@@ -97,20 +128,26 @@ def discover(
         from reduced_models.discovery.julia import require_julia
 
         require_julia()
-    height_map = map_of(records, map)
+    own = bool(terms) or library not in (PHYSICAL, (PHYSICAL,), [PHYSICAL])
+    height_map = HeightMap() if own and map == "auto" else map_of(records, map)
     if target == "height":
         from reduced_models.discovery.height import height_equations
 
-        return height_equations(records[0], method, height_map, seed)
+        return height_equations(records[0], method, height_map, effort, seed)
     weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
-    terms = library(degree, input is not None)
+    _check_finite(weak, known)
     inclusion: dict[str, float] = {}
-    if method == "sindy":
-        supports, inclusion = sindy_supports(weak, terms, form, ensemble, seed)
-        ranked, judge = scored(weak, terms, terms, supports)
+    supports: list[np.ndarray] = []
+    if method in ("auto", "sindy"):
+        supports, inclusion = sindy_supports(weak, known, form, ensemble, seed)
+    if method == "sindy" or (method == "auto" and not has_operon()):
+        method = "sindy"
+        ranked, judge = scored(weak, known, known, supports)
         candidates = [candidate_of(one) for one in ranked]
     else:
-        candidates, judge = symbolic_candidates(weak, terms, method, seed)
+        symbolic = "pysr" if method == "pysr" else "operon"
+        search = Search(symbolic, allowed, effort, seed)
+        candidates, judge = symbolic_candidates(weak, known, search, supports)
     name = f"discovered by {_words(method, form, ensemble)}"
     front, chosen = polished_front(
         candidates,
@@ -128,7 +165,9 @@ def discover(
     )
 
 
-def _check(method: str, form: str, target: str, degree: int, polish: int, ensemble: bool) -> None:
+def _check(
+    method: str, form: str, target: str, degree: int, polish: int, ensemble: bool, effort: float
+) -> None:
     for name, value, valid in (
         ("method", method, METHODS),
         ("form", form, ("weak", "strong")),
@@ -140,17 +179,33 @@ def _check(method: str, form: str, target: str, degree: int, polish: int, ensemb
         raise InputError(f"degree = {quoted(degree)}; give a whole number from 1 to 5")
     if not isinstance(polish, int) or polish < 0:
         raise InputError(f"polish = {quoted(polish)}; give a whole number from 0 on")
-    if method == "sindy" and target == "height":
+    if not isinstance(effort, int | float) or not 0.0 < effort < math.inf:
+        raise InputError(f"effort = {quoted(effort)}; give a number above 0")
+    if method in ("auto", "sindy") and target == "height":
         raise InputError(
             "target = 'height' needs a symbolic method: give method 'operon' or 'pysr'"
         )
-    if method != "sindy" and (ensemble or form != "weak"):
+    if method not in ("auto", "sindy") and (ensemble or form != "weak"):
         raise InputError(
             f"form and ensemble belong to method 'sindy'; leave them out of {quoted(method)}"
         )
 
 
+def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
+    for motion in weak.motions:
+        for term in terms:
+            values = term.values(motion.z, motion.velocity, motion.drive)
+            if not np.isfinite(values).all():
+                low, high = motion.z.min(), motion.z.max()
+                raise InputError(
+                    f"the term {quoted(term.text)} is not finite for all z from {low:.3g} to "
+                    f"{high:.3g}; leave it out, or give map=HeightMap(shift, scale)"
+                )
+
+
 def _words(method: str, form: str, ensemble: bool) -> str:
+    if method == "auto":
+        return "sindy and operon"
     if method != "sindy":
         return method
     return f"sindy, {form} form" + (", ensemble" if ensemble else "")

@@ -23,13 +23,12 @@ if TYPE_CHECKING:
 
 _FUNCTIONS = ("sin", "cos", "exp")
 _MOST_POINTS = 500
-_EVALUATIONS = 400_000
 _FLOOR = 1e-6
 _MOST_NUMBERS = 16
 
 
 def height_equations(
-    record: PistonRecord, method: str, height_map: HeightMap, seed: int
+    record: PistonRecord, method: str, height_map: HeightMap, effort: float, seed: int
 ) -> Discovery:
     """Expressions of z in t, from the record's start on; numbers fitted to all samples."""
     import sympy
@@ -44,11 +43,11 @@ def height_equations(
     if method == "operon":
         from reduced_models.discovery.symbolic import operon_expressions
 
-        found = operon_expressions(inputs, z[rows], noise, _FUNCTIONS, _EVALUATIONS, seed)
+        found = operon_expressions(inputs, z[rows], noise, _FUNCTIONS, effort, seed)
     else:
         from reduced_models.discovery.julia import pysr_expressions
 
-        found = pysr_expressions(inputs, z[rows], noise, _FUNCTIONS, elliptic=True, seed=seed)
+        found = pysr_expressions(inputs, z[rows], noise, _FUNCTIONS, True, effort, seed)
     fitted = [_fitted(sympy.expand_mul(one), time, z, noise) for one in found]
     if not found:
         raise InputError(f"{method!r} found no expression that is finite; try another method")

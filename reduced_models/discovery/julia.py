@@ -31,6 +31,7 @@ _ENOUGH = 1.0
 0.66 to 0.96 of it, since it follows a little of the noise."""
 
 _ITERATIONS = 60
+_BINARY = ("/", "max", "min")
 _MOST_NODES = 30
 _MEAN = "foldl((p, _) -> ((p[1] + p[2])/2, sqrt(p[1]*p[2])), 1:9; init=(one({m}), sqrt({m})))[1]"
 _QUARTER = "(pi/(2*" + _MEAN.format(m="(1 - m)") + "))"
@@ -118,15 +119,15 @@ def regressor() -> Any:
 
 
 def settings(
-    functions: Sequence[str] = (), elliptic: bool = False, seed: int = 0
+    functions: Sequence[str] = (), elliptic: bool = False, effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
     """Keywords of ``pysr.PySRRegressor`` for a repeatable search."""
-    binary = ["+", "-", "*"]
+    binary = ["+", "-", "*", *(name for name in functions if name in _BINARY)]
     return {
         "binary_operators": binary + (elliptic_operators() if elliptic else []),
-        "unary_operators": list(functions),
+        "unary_operators": [name for name in functions if name not in _BINARY],
         "extra_sympy_mappings": elliptic_mappings() if elliptic else None,
-        "niterations": _ITERATIONS,
+        "niterations": max(1, round(effort * _ITERATIONS)),
         "maxsize": _MOST_NODES,
         "precision": 64,
         "deterministic": True,
@@ -145,6 +146,7 @@ def pysr_expressions(
     noise: float,
     functions: Sequence[str] = (),
     elliptic: bool = False,
+    effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
     """Expressions of PySR's hall of fame; arguments as of `operon_expressions`.
@@ -162,7 +164,7 @@ def pysr_expressions(
         search = regressor()(
             early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,
             output_directory=folder,
-            **settings(functions, elliptic, seed),
+            **settings(functions, elliptic, effort, seed),
         )
         search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
         if getattr(search, "interrupted_", False):

@@ -13,7 +13,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.terms import complexity, symbols, terms_of, text_of
+from reduced_models.discovery.symbols import symbols, text_of
+from reduced_models.discovery.terms import complexity, in_order, terms_of
 from reduced_models.fitting.fitting import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -84,10 +85,10 @@ def parametrised(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
 
     terms = terms_of(expression)
     if terms is not None:
-        names = {f"c{k}": terms[term] for k, term in enumerate(sorted(terms))}
+        names = {f"c{k}": terms[term] for k, term in enumerate(in_order(terms))}
         parts = (
             sympy.Symbol(name) * term.expression
-            for name, term in zip(names, sorted(terms), strict=True)
+            for name, term in zip(names, in_order(terms), strict=True)
         )
         return sympy.Add(*parts), names
     floats = sorted(expression.atoms(sympy.Float), key=float)

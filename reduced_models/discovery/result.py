@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
-from reduced_models.discovery.terms import Term, terms_of, text_of
+from reduced_models.discovery.symbols import text_of
+from reduced_models.discovery.terms import AnyTerm, terms_of
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.model import ReducedModel
 
@@ -53,7 +54,7 @@ class CandidateEquation:
         return self.models[0] if self.models else None
 
     @property
-    def terms(self) -> dict[Term, float] | None:
+    def terms(self) -> dict[AnyTerm, float] | None:
         """The terms with their coefficients; None where it is no sum of library terms."""
         return terms_of(self.expression)
 

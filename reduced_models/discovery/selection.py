@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from reduced_models.discovery.terms import Term
+from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import WeakForm
 
 MOST_TERMS = 8
@@ -33,7 +33,7 @@ class Scored:
         Extended Bayesian information criterion (Chen & Chen 2008, doi:10.1093/biomet/asn034).
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[AnyTerm, ...]
     coefficients: np.ndarray
     misfit: float
     criterion: float
@@ -93,7 +93,7 @@ def by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 
 
 def scored(
-    weak: WeakForm, library: Sequence[Term], terms: Sequence[Term], subsets: list[np.ndarray]
+    weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[Scored], Judge]:
     """The best few subsets of each size, best criterion first, and the judge that weighed them.
 
@@ -118,7 +118,7 @@ def scored(
     return found, judge
 
 
-def weighed(judge: Judge, terms: Sequence[Term]) -> Scored:
+def weighed(judge: Judge, terms: Sequence[AnyTerm]) -> Scored:
     """One subset, by the same residuals as all others."""
     matrix = judge.weak.matrix(terms)
     return _ranked(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
@@ -133,7 +133,7 @@ def _judge(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
 
 
 def _ranked(
-    judge: Judge, matrix: np.ndarray, terms: Sequence[Term], subsets: list[np.ndarray]
+    judge: Judge, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> list[Scored]:
     columns, target = judge.whitening @ matrix, judge.whitening @ judge.weak.target
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from reduced_models.discovery.terms import Term, columns
+from reduced_models.discovery.terms import AnyTerm, columns
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
 _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)
@@ -63,7 +63,7 @@ class Regression:
         return np.asarray(np.mean(np.stack(ensemble.coef_list)[:, 0] != 0.0, axis=0))
 
 
-def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[Term]) -> Regression:
+def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> Regression:
     """The estimates of z'' against the terms, sample by sample, away from the ends."""
     rows = [_inner_rows(motion, terms, len(motions)) for motion in motions]
     matrices, targets = zip(*rows, strict=True)
@@ -71,7 +71,7 @@ def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[Term]) 
 
 
 def _inner_rows(
-    motion: SmoothedMotion, terms: Sequence[Term], motions: int
+    motion: SmoothedMotion, terms: Sequence[AnyTerm], motions: int
 ) -> tuple[np.ndarray, np.ndarray]:
     count = len(motion.time)
     edge = int(_EDGE * count)
@@ -80,7 +80,7 @@ def _inner_rows(
     return matrix[rows], motion.acceleration[rows]
 
 
-def weak_regression(weak: WeakForm, terms: Sequence[Term]) -> Regression:
+def weak_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> Regression:
     """The weak form, whitened for the noise of z''."""
     whitening = weak.whitening((), np.zeros(0))
     return Regression(whitening @ weak.matrix(terms), whitening @ weak.target)

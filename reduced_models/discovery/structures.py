@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from reduced_models.discovery.own_terms import OwnTerm
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import (
     Judge,
@@ -17,7 +18,8 @@ from reduced_models.discovery.selection import (
     pruned,
     scored,
 )
-from reduced_models.discovery.terms import Term, complexity, sum_of, symbols, terms_of
+from reduced_models.discovery.symbols import symbols
+from reduced_models.discovery.terms import AnyTerm, complexity, in_order, sum_of, terms_of
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
 if TYPE_CHECKING:
@@ -29,8 +31,28 @@ _MOST_UNION = 120
 _ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
 
 
+class Search(NamedTuple):
+    """How a symbolic regression searches.
+
+    Attributes
+    ----------
+    method : str
+        ``"operon"`` or ``"pysr"``.
+    functions : tuple of str
+        By the names that its program knows.
+    effort : float
+        Times the usual length of the search.
+    seed : int
+    """
+
+    method: str
+    functions: tuple[str, ...] = ()
+    effort: float = 1.0
+    seed: int = 0
+
+
 def sindy_supports(
-    weak: WeakForm, terms: Sequence[Term], form: str, ensemble: bool, seed: int
+    weak: WeakForm, terms: Sequence[AnyTerm], form: str, ensemble: bool, seed: int
 ) -> tuple[list[np.ndarray], dict[str, float]]:
     if form == "weak" and not ensemble:
         return all_subsets(len(terms)), {}
@@ -55,7 +77,7 @@ def sindy_supports(
 
 
 def _eliminated(
-    weak: WeakForm, terms: Sequence[Term], supports: Sequence[Sequence[int]]
+    weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
     """Supports, and all that backward elimination makes of them."""
     whitening = weak.whitening((), np.zeros(0))
@@ -65,50 +87,76 @@ def _eliminated(
 
 
 def symbolic_candidates(
-    weak: WeakForm, terms: Sequence[Term], method: str, seed: int
+    weak: WeakForm,
+    terms: Sequence[AnyTerm],
+    search: Search,
+    subsets: Sequence[np.ndarray] = (),
 ) -> tuple[list[CandidateEquation], Judge]:
-    """Expressions of a symbolic regression; of sums of terms also what can be left out of them."""
-    expressions = _expressions(weak.motions, method, seed)
+    """Expressions of a symbolic regression; of sums of terms also what can be left out of them.
+
+    ``subsets`` of the terms stand beside them, judged alike.
+    """
+    expressions = _expressions(weak.motions, terms, search)
     sums = [(one, terms_of(one)) for one in expressions]
-    union = sorted({term for _, found in sums if found is not None for term in found})
-    if not union or len(union) > _MOST_UNION:
-        union = sorted(set(terms) | set(union))[:_MOST_UNION]
+    union = in_order({term for _, found in sums if found is not None for term in found})
+    if len(subsets) or not union or len(union) > _MOST_UNION:
+        more = [term for term in union if term not in terms]
+        union = [*terms, *more][:_MOST_UNION]
     place = {term: k for k, term in enumerate(union)}
     supports = [
         [place[term] for term in found if term in place] for _, found in sums if found is not None
     ]
-    groups = _eliminated(weak, union, supports) or all_subsets(1)
+    groups = [*subsets, *_eliminated(weak, union, supports)] or all_subsets(1)
     ranked, judge = scored(weak, terms, union, groups)
-    candidates = [candidate_of(one) for one in ranked]
+    candidates = [candidate_of(one) for one in _once(ranked)]
     candidates += [_judged(one, judge) for one, found in sums if found is None]
     return candidates, judge
 
 
-def _expressions(motions: Sequence[SmoothedMotion], method: str, seed: int) -> list[sympy.Expr]:
+def _once(ranked: Sequence[Scored]) -> list[Scored]:
+    """Each subset once, though two searches propose it."""
+    found = {frozenset(one.terms): one for one in reversed(ranked)}
+    return sorted(found.values(), key=lambda one: one.criterion)
+
+
+def _expressions(
+    motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm], search: Search
+) -> list[sympy.Expr]:
     import sympy
 
     _, v, _ = symbols()
-    parts = [_search_samples(motion, len(motions)) for motion in motions]
+    own = [term for term in terms if isinstance(term, OwnTerm)]
+    parts = [_search_samples(motion, len(motions), own) for motion in motions]
     samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     target = samples.pop("target")
     noise = math.sqrt(sum(motion.acceleration_noise**2 for motion in motions) / len(motions))
-    if method == "operon":
-        from reduced_models.discovery.symbolic import operon_expressions
-
-        found = operon_expressions(samples, target, noise, seed=seed)
-    else:
+    if search.method == "pysr":
         from reduced_models.discovery.julia import pysr_expressions
 
-        found = pysr_expressions(samples, target, noise, seed=seed)
+        found = pysr_expressions(
+            samples, target, noise, search.functions, effort=search.effort, seed=search.seed
+        )
+    else:
+        from reduced_models.discovery.symbolic import operon_expressions
+
+        found = operon_expressions(
+            samples, target, noise, search.functions, search.effort, search.seed
+        )
     replaced = {
         sympy.Symbol("speed", real=True): sympy.Abs(v),
         sympy.Symbol("direction", real=True): sympy.sign(v),
     }
+    replaced |= {sympy.Symbol(f"own{k}", real=True): one.expression for k, one in enumerate(own)}
     return [one.xreplace(replaced) for one in found]
 
 
-def _search_samples(motion: SmoothedMotion, motions: int) -> dict[str, np.ndarray]:
-    """What a symbolic regression sees of one of so many motions, away from its ends."""
+def _search_samples(
+    motion: SmoothedMotion, motions: int, own: Sequence[OwnTerm] = ()
+) -> dict[str, np.ndarray]:
+    """What a symbolic regression sees of one of so many motions, away from its ends.
+
+    Own terms are variables beside z and z'.
+    """
     edge = int(_EDGE * len(motion.time))
     inner = len(motion.time) - 2 * edge
     rows = slice(edge, edge + inner, max(1, math.ceil(inner * motions / _MOST_POINTS)))
@@ -121,6 +169,8 @@ def _search_samples(motion: SmoothedMotion, motions: int) -> dict[str, np.ndarra
     }
     if motion.drive is not None:
         found["u"] = motion.drive
+    for k, one in enumerate(own):
+        found[f"own{k}"] = one.values(motion.smooth, motion.velocity, motion.drive)
     return {name: values[rows] for name, values in found.items()}
 
 

@@ -4,6 +4,7 @@ Kommenda 2020, doi:10.1145/3377929.3398099).
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -22,12 +23,17 @@ _LENGTH = 30
 _GENERATIONS = 10_000  # more than the evaluations last for
 
 
+def has_operon() -> bool:
+    """Whether pyoperon is installed."""
+    return importlib.util.find_spec("pyoperon") is not None
+
+
 def operon_expressions(
     inputs: Mapping[str, np.ndarray],
     target: np.ndarray,
     noise: float,
     functions: Sequence[str] = (),
-    evaluations: int = _EVALUATIONS,
+    effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
     """Expressions of the Pareto front of error and length.
@@ -41,8 +47,9 @@ def operon_expressions(
         Standard deviation of the target's noise.
     functions : sequence of str
         Beside sums, differences and products; such as ``"sin"``.
-    evaluations : int
-        Expressions to try. It ends the search, and not the clock, so that a seed repeats it.
+    effort : float
+        Times the usual number of expressions to try. It ends the search, and not the clock, so that
+        a seed repeats it.
     seed : int
 
     Raises
@@ -62,7 +69,7 @@ def operon_expressions(
         allowed_symbols=",".join(("add", "sub", "mul", "constant", "variable", *functions)),
         objectives=["r2", "length"],
         optimizer_iterations=_ITERATIONS,
-        max_evaluations=evaluations,
+        max_evaluations=round(effort * _EVALUATIONS),
         generations=_GENERATIONS,
         population_size=_POPULATION,
         max_length=_LENGTH,

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.shared.algebra import function_of
-from reduced_models.discovery.terms import Term
+from reduced_models.discovery.symbols import symbols
+from reduced_models.discovery.terms import AnyTerm
 
 if TYPE_CHECKING:
     import sympy
@@ -78,15 +79,15 @@ class Integrals:
     curvature: Any
     target: np.ndarray
 
-    def column(self, term: Term) -> np.ndarray:
+    def column(self, term: AnyTerm) -> np.ndarray:
         """The integrals (r,) of a term."""
         motion = self.motion
         if term.total:
-            return -np.asarray(self.slope @ (motion.z ** (term.power + 1) / (term.power + 1)))
+            return -np.asarray(self.slope @ term.primitive(motion.z))
         z = motion.z if term.still else motion.smooth
         return np.asarray(self.bump @ term.values(z, motion.velocity, motion.drive))
 
-    def matrix(self, terms: Sequence[Term]) -> np.ndarray:
+    def matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
         """The integrals (r, p) of terms."""
         return np.stack([self.column(term) for term in terms], axis=1)
 
@@ -95,31 +96,29 @@ class Integrals:
         motion = self.motion
         return np.asarray(self.bump @ evaluated(expression, motion))
 
-    def noise_weights(self, terms: Sequence[Term], coefficients: np.ndarray) -> Any:
+    def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
         """How the residuals depend on each sample's noise, a sparse (r, n)."""
         motion, found = self.motion, self.curvature
         for term, value in zip(terms, coefficients, strict=True):
             if term.total:
-                found = found + value * self.slope.multiply(motion.z**term.power)
-            elif term.still and term.power:
-                rate = term.power * motion.z ** (term.power - 1)
-                if term.driven and motion.drive is not None:
-                    rate = rate * motion.drive
-                found = found - value * self.bump.multiply(rate)
-            elif term.speed:
+                found = found + value * self.slope.multiply(term.by_primitive(motion.z))
+            elif term.still:
+                rate = term.by_height(motion.z, motion.velocity, motion.drive)
+                if np.any(rate):
+                    found = found - value * self.bump.multiply(rate)
+            elif term.moving:
                 found = found + value * self._speed_weights(term)
         return found
 
-    def _speed_weights(self, term: Term) -> Any:
+    def _speed_weights(self, term: AnyTerm) -> Any:
         """Those of a term that holds the speed in another way than z', by parts as well."""
-        motion, z, v = self.motion, self.motion.smooth, self.motion.velocity
-        sign = 1.0 if term.odd else np.sign(v)
-        by_speed = z**term.power * term.speed * np.abs(v) ** (term.speed - 1) * sign
-        by_height = term._replace(power=term.power - 1).values(z, v, None) if term.power else 0.0
-        rate = np.gradient(by_speed, motion.time) - term.power * by_height
+        motion = self.motion
+        here = motion.smooth, motion.velocity, motion.drive
+        by_speed = term.by_speed(*here)
+        rate = np.gradient(by_speed, motion.time) - term.by_height(*here)
         return self.slope.multiply(by_speed) + self.bump.multiply(rate)
 
-    def whitening(self, terms: Sequence[Term], coefficients: np.ndarray) -> np.ndarray:
+    def whitening(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
         """The matrix (q, r) that makes the residuals of an equation white, of unit variance."""
         weights = self.noise_weights(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
@@ -155,7 +154,7 @@ class WeakForm:
         """The integrals (r,) of z''."""
         return np.concatenate([part.target for part in self.parts])
 
-    def matrix(self, terms: Sequence[Term]) -> np.ndarray:
+    def matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
         """The integrals (r, p) of terms."""
         return np.concatenate([part.matrix(terms) for part in self.parts])
 
@@ -163,7 +162,7 @@ class WeakForm:
         """The integrals (r,) of any expression in z, v and u."""
         return np.concatenate([part.integral(expression) for part in self.parts])
 
-    def whitening(self, terms: Sequence[Term], coefficients: np.ndarray) -> np.ndarray:
+    def whitening(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
         """The matrix (q, r) that makes the residuals of an equation white, of unit variance."""
         from scipy.linalg import block_diag
 
@@ -211,8 +210,6 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
 
 def evaluated(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     """Values (n,) of an expression along a motion."""
-    from reduced_models.discovery.terms import symbols
-
     function = function_of(symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):

@@ -120,7 +120,7 @@ class Falls:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the error of each law over the height that a piston fell from."""
-        from granular.shared.plotting import axes_or_new, line_look, plain_label
+        from granular.shared.plotting import axes_or_new, line_look, plain_label, plain_numbers
 
         axes = axes_or_new(ax)
         heights = np.array([1e3 * one.height[0] for one in self.unseen])
@@ -132,6 +132,7 @@ class Falls:
                 label=plain_label(row.name), **line_look(k),
             )  # fmt: skip
         axes.set_yscale("log")
+        plain_numbers(axes.yaxis)
         axes.set_xlabel("height of the drop's start [mm]")
         axes.set_ylabel("error [% of the drop]")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)

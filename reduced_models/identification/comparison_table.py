@@ -186,7 +186,7 @@ class Comparison:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the held-out errors of the laws, beside the noise and a piston at rest."""
-        from granular.shared.plotting import COLOURS, GREY, axes_or_new, plain_label
+        from granular.shared.plotting import COLOURS, GREY, axes_or_new, plain_label, plain_numbers
 
         sound = [row for row in self.rows if not row.failure][::-1]
         ax = axes_or_new(ax, height=self.drawing_height)
@@ -203,7 +203,7 @@ class Comparison:
             if level > 1e-3 * min(row.error for row in sound):
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")
-        ax.xaxis.set_major_formatter("{x:g}")  # powers would be too small on a phone
+        plain_numbers(ax.xaxis)
         ax.set_xlabel("held-out error [% of the rms swing]")
         ax.grid(visible=False, axis="y")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)

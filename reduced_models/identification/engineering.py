@@ -55,7 +55,7 @@ class Quantity(NamedTuple):
         """The interval, without the unit."""
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
             return "open"
-        return f"{fixed(self.low, self.digits)} to {fixed(self.high, self.digits)}"
+        return between(self.low, self.high, self.digits)
 
 
 def decimals(value: float, low: float, high: float) -> int:
@@ -76,6 +76,17 @@ def fixed(value: float, digits: int) -> str:
     if value and not 1e-4 <= size < 1e7:
         return f"{value:.{max(0, digits + math.floor(math.log10(size)))}e}"
     return f"{round(value, digits):.{max(0, digits)}f}"
+
+
+def between(low: float, high: float, digits: int) -> str:
+    """An interval with so many decimals, rounded outwards: what is in it is in the printed one."""
+    last = 10.0**-digits
+    slack = 1e-6 * last  # of numbers that are short in decimals
+    if round(low, digits) > low + slack:
+        low = round(low, digits) - last
+    if round(high, digits) < high - slack:
+        high = round(high, digits) + last
+    return f"{fixed(low, digits)} to {fixed(high, digits)}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ from granular.shared.plotting import READABLE, figure
 from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.data import IdentificationData
-from reduced_models.identification.engineering import decimals, fixed
+from reduced_models.identification.engineering import between, decimals, fixed
 from reduced_models.identification.page_engineering import add_engineering, engineering_words
 from reduced_models.identification.page_falls import add_falls
 from reduced_models.identification.page_record import add_fits, add_lift, add_portrait, add_record
@@ -190,7 +190,7 @@ def interval_text(low: float, high: float, value: float, places: int) -> str:
     """An interval for people; one that is much wider than the value is called open."""
     if high - low > 20.0 * abs(value):
         return "open"
-    return f"{fixed(low, places)} to {fixed(high, places)}"
+    return between(low, high, places)
 
 
 def _times(page: Page, found: IdentificationData) -> None:

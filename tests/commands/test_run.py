@@ -51,6 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (here / f"{name}.csv").write_text("\n".join(["t,dist", *rows(1.0 + 0.3 * number)]))
     (here / "shaken.csv").write_text("\n".join(shaken()))
     (here / "forced.csv").write_text("\n".join(forced()))
+    (here / "pendulum.csv").write_text("\n".join(pendulum()))
     for name in ("my-bed", "my-damper", "mine"):
         damper(count=92).save(here / f"{name}.toml")
     load_scene("bed").save(here / "bed.toml")
@@ -83,6 +84,19 @@ def forced() -> list[str]:
     """Beside the height the force on the piston."""
     pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in swing(1.0)]
     return ["time,height,force", *pairs]
+
+
+def pendulum() -> list[str]:
+    """Angle of a damped pendulum that is let go at two radians."""
+    from scipy.integrate import solve_ivp
+
+    times = np.linspace(0.0, 20.0, 1000)
+    solved = solve_ivp(
+        lambda _, y: [y[1], -0.3 * y[1] - 2.0 * np.sin(y[0])], (0.0, 20.0), [2.0, 0.0],
+        t_eval=times, rtol=1e-9, atol=1e-11,
+    )  # fmt: skip
+    rows = [f"{t:.6f},{z:.9f}" for t, z in zip(times, solved.y[0], strict=True)]
+    return ["time [s],angle [rad]", *rows]
 
 
 def prepare(line: str, folder: Path) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -18,12 +21,12 @@ from granular.shared.errors import SceneError
 LENGTH = 10.0
 
 
-def difference(function, *place: float, axis: int) -> float:  # type: ignore[no-untyped-def]
+def difference(function: Callable[..., Any], *place: float, axis: int) -> float:
     """Derivative by mpmath, to many digits."""
     with mpmath.workdps(90):
         point = [mpmath.mpf(one) for one in place]
 
-        def along(value):  # type: ignore[no-untyped-def]
+        def along(value: Any) -> Any:
             moved = [*point]
             moved[axis] = value
             return function(*moved)
@@ -31,7 +34,7 @@ def difference(function, *place: float, axis: int) -> float:  # type: ignore[no-
         return float(mpmath.diff(along, point[axis], h=mpmath.mpf(10) ** -30))
 
 
-def slab_energy(w, s):  # type: ignore[no-untyped-def]
+def slab_energy(w: Any, s: Any) -> Any:
     """The slab's energy as it is written, for any precision."""
     a, b = s, LENGTH - s
     return (a / mpmath.sqrt(w * w + a * a) + b / mpmath.sqrt(w * w + b * b)) / (4 * w * w)
@@ -77,7 +80,7 @@ def test_slab_tends_to_the_infinite_wall() -> None:
 
 @pytest.mark.parametrize("law", [wall_experimental, wall_infinite])
 @pytest.mark.parametrize("w", [0.1, 1.0, 7.0])
-def test_simple_laws(law, w: float) -> None:  # type: ignore[no-untyped-def]
+def test_simple_laws(law: ModuleType, w: float) -> None:
     h = 1e-4 * w
     slope = (law.energy(w - h) - law.energy(w + h)) / (2.0 * h)
     assert law.force(w) == pytest.approx(slope, rel=1e-6)

@@ -36,19 +36,19 @@ class HeightSpring:
     omega: float = quantity("1/s", default=50.0)
 
     @staticmethod
-    def energy(p, grain, time):  # type: ignore[no-untyped-def]
+    def energy(p: Any, grain: Any, time: float) -> Any:
         return 0.5 * p.k * (1.0 + 0.3 * math.sin(p.omega * time)) * (grain.y - p.height) ** 2
 
     @staticmethod
-    def force(p, grain, time):  # type: ignore[no-untyped-def]
+    def force(p: Any, grain: Any, time: float) -> Any:
         return 0.0, -p.k * (1.0 + 0.3 * math.sin(p.omega * time)) * (grain.y - p.height)
 
     @staticmethod
-    def power(p, grain, time):  # type: ignore[no-untyped-def]
+    def power(p: Any, grain: Any, time: float) -> Any:
         return 0.15 * p.k * p.omega * math.cos(p.omega * time) * (grain.y - p.height) ** 2
 
     @staticmethod
-    def stiffness(p, grain, time):  # type: ignore[no-untyped-def]
+    def stiffness(p: Any, grain: Any, time: float) -> Any:
         return 1.3 * p.k
 
 
@@ -60,15 +60,15 @@ class Bumpers:
     end: float = quantity("m", default=0.012)
 
     @staticmethod
-    def pair_energy(p, r, first, second):  # type: ignore[no-untyped-def]
+    def pair_energy(p: Any, r: float, first: Any, second: Any) -> Any:
         return first.moment * second.moment * p.k * max(p.end - r, 0.0) ** 4 / p.end**2
 
     @staticmethod
-    def pair_force(p, r, first, second):  # type: ignore[no-untyped-def]
+    def pair_force(p: Any, r: float, first: Any, second: Any) -> Any:
         return 4.0 * first.moment * second.moment * p.k * max(p.end - r, 0.0) ** 3 / p.end**2
 
     @staticmethod
-    def reach(p):  # type: ignore[no-untyped-def]
+    def reach(p: Any) -> Any:
         return p.end
 
 
@@ -79,11 +79,11 @@ class FarPairs:
     k: float = quantity("N/m", default=0.05)
 
     @staticmethod
-    def pair_energy(p, r, first, second):  # type: ignore[no-untyped-def]
+    def pair_energy(p: Any, r: float, first: Any, second: Any) -> Any:
         return 0.5 * p.k * r * r
 
     @staticmethod
-    def pair_force(p, r, first, second):  # type: ignore[no-untyped-def]
+    def pair_force(p: Any, r: float, first: Any, second: Any) -> Any:
         return -p.k * r
 
 
@@ -94,7 +94,7 @@ class Mud:
     gamma: float = quantity("kg/s", default=0.2)
 
     @staticmethod
-    def flow(p, grain, vx, vy, span):  # type: ignore[no-untyped-def]
+    def flow(p: Any, grain: Any, vx: float, vy: float, span: float) -> Any:
         left = math.exp(-p.gamma / grain.mass * span)
         return left * vx, left * vy
 
@@ -107,15 +107,15 @@ class Soft:
     end: float = quantity("m", default=0.018)
 
     @staticmethod
-    def energy(p, w):  # type: ignore[no-untyped-def]
+    def energy(p: Any, w: float) -> Any:
         return p.k * max(p.end - w, 0.0) ** 4 / p.end**2
 
     @staticmethod
-    def force(p, w):  # type: ignore[no-untyped-def]
+    def force(p: Any, w: float) -> Any:
         return 4.0 * p.k * max(p.end - w, 0.0) ** 3 / p.end**2
 
     @staticmethod
-    def stiffness(p, w):  # type: ignore[no-untyped-def]
+    def stiffness(p: Any, w: float) -> Any:
         return 12.0 * p.k * max(p.end - w, 0.0) ** 2 / p.end**2
 
 

@@ -16,9 +16,11 @@ from granular.studies.cases import measure_name
 
 Numbers = dict[str, float]
 
+_COARSE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0)
+
 TIMED_SIZES = (368, 460, 552, 644, 736)
-TIMED = 0.1
-"""Time that is simulated [s]."""
+SOURCE_RADIUS = 11.26
+"""Of the source's list [D]."""
 
 OSCILLATOR_SPAN = 30.0
 """Length of the record of the source's demonstration, which it does not print."""
@@ -51,10 +53,28 @@ def packing(_: bool) -> Numbers:
 
     scenes = [bidisperse(a, r) for a in (0.5, 0.6, 0.75) for r in (0.0, 0.5, 1.0)]
     values = [packing_fraction(s.grains.diameters(), s.cell.width, height(s)) for s in scenes]
-    made = {"packing_fraction": float(np.mean(values)), "deviation": float(np.ptp(values))}
-    for aspect, big in ((0.6, 0.005), (0.5, 0.005), (0.75, 0.005), (0.75, 0.008)):
-        name = f"height {aspect:g}" + (" (6:8)" if big != 0.005 else "")
-        made[name] = height(bidisperse(aspect, 0.5, big=big)) / big
+    return {"packing_fraction": float(np.mean(values)), "deviation": float(np.ptp(values))}
+
+
+HEIGHTS: Mapping[str, tuple[float, float, tuple[float, ...]]] = {
+    "three_fifths": (0.6, 0.005, (0.0, 0.01, *(0.05 * k for k in range(1, 20)), 0.99, 1.0)),
+    "half": (0.5, 0.005, _COARSE),
+    "six_eighths": (0.75, 0.008, _COARSE),
+    "three_quarters": (0.75, 0.005, _COARSE),
+}
+"""Rows of Table A.1: aspect ratio, big diameter [m], and every R."""
+
+
+def final_heights(_: bool) -> Numbers:
+    """Piston heights at full compression [D], of all rows of Table A.1."""
+    from granular.scene.beds import bidisperse
+
+    made = {}
+    for name, (aspect, big, ratios) in HEIGHTS.items():
+        for place, ratio in enumerate(ratios):
+            end = bidisperse(aspect, round(ratio, 2), big=big).protocol[1].final_height()
+            assert end is not None
+            made[f"{name}[{place}]"] = end / big
     return made
 
 
@@ -108,29 +128,22 @@ def oscillator(_: bool) -> Numbers:
     return {"decay": lam, "frequency": math.sqrt(omega**2 - lam**2)}
 
 
-def step_times(_: bool) -> Numbers:
-    """Processor time of a step [us] in beds at full compression, with every pair and with the list.
+def loop_times(_: bool) -> Numbers:
+    """Processor time of a sum over pairs [us], by the plain loop and by a plain list.
 
-    The least of three runs, which is the least disturbed one.
+    Positions of a bed at full compression; the list is the source's, 11.26 D. It is not made anew:
+    at the source's step grains need some hundred thousand steps for its skin.
     """
-    import time
+    from validation.published.plain_loops import loop_times as times
 
-    from granular.run.simulation import simulate
-
-    def of(count: int, method: str) -> float:
-        scene, least = _held_bed(count, method), math.inf
-        simulate(scene, t_end=1e-3, threads=1, progress=False)  # compiles
-        for _ in range(3):
-            begun = time.process_time()
-            run = simulate(scene, t_end=TIMED, threads=1, progress=False)
-            least = min(least, (time.process_time() - begun) / run.settings()["steps"])
-        return 1e6 * least
-
-    ways = (("direct", "direct"), ("list", "verlet-list"))
-    return {f"{way} {n}": of(n, method) for n in TIMED_SIZES for way, method in ways}
+    made = {}
+    for count in TIMED_SIZES:
+        positions = _held_bed(count).initial_motion()[0] / 0.006
+        made[f"direct {count}"], made[f"list {count}"] = times(positions, SOURCE_RADIUS)
+    return made
 
 
-def _held_bed(count: int, method: str) -> Scene:
+def _held_bed(count: int) -> Scene:
     size = math.sqrt(count / 368.0)
     return load_scene("bed").replace(
         **{
@@ -138,18 +151,34 @@ def _held_bed(count: int, method: str) -> Scene:
             "cell.width": f"{60.0 * size} D",
             "piston.height": f"{20.0 * size} D",
             "arrangement.height": f"{19.0 * size} D",
-            "effects.drag": None,
-            "effects.friction": True,
-            "pairs.method": method,
-            "protocol": [{"name": "hold", "kind": "hold", "duration": "10 s"}],
-            "output": {"scalars": 0.02, "frames": 0.1},
         }
     )
 
 
+def symbolic(_: bool) -> Numbers:
+    """What a symbolic regression finds of z(t) in the demonstration of [D, eq. 5.8].
+
+    pyoperon stands in for the source's PySR, which needs Julia; nothing where it is not installed.
+    """
+    try:
+        from validation.published.symbolic import demonstration
+    except ImportError:
+        return {}
+    return demonstration(OSCILLATOR_SPAN)
+
+
 CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
     one.__name__: one
-    for one in (default_grain, packing, single_particle, slab_exponent, oscillator, step_times)
+    for one in (
+        default_grain,
+        packing,
+        final_heights,
+        single_particle,
+        slab_exponent,
+        oscillator,
+        loop_times,
+        symbolic,
+    )
 }
 
 

@@ -1,14 +1,27 @@
-"""What moves the figures: the same bed with one thing changed."""
+"""What moves the figures: the same bed with one thing changed, or with several."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from validation.published.entry import AGREES, PLAIN, verdict
 from validation.published.finding import Finding
-from validation.published.plan import ASPECTS, RADII, mixture_name
-from validation.published.protocols import BEST_FIRST
+from validation.published.plan import (
+    ASPECTS,
+    HYSTERESIS_SIZES,
+    OWN_RATIOS,
+    RADII,
+    SIZES,
+    mixture_name,
+)
+from validation.published.protocols import BEST_FIRST, PUBLISHED, QUICK
 from validation.published.results import Results
+from validation.published.values import published_value
+
+CAUSE_SIZES = 2
+"""A cause must give the published figure within scatter at so many sizes."""
 
 
 class ChangedFigure(NamedTuple):
@@ -17,6 +30,8 @@ class ChangedFigure(NamedTuple):
     Attributes
     ----------
     change, bed, figure, unit : str
+    published : float or None
+        What the source prints for this bed.
     without, with_it : Finding
     """
 
@@ -24,6 +39,7 @@ class ChangedFigure(NamedTuple):
     bed: str
     figure: str
     unit: str
+    published: float | None
     without: Finding
     with_it: Finding
 
@@ -46,18 +62,32 @@ class ChangedFigure(NamedTuple):
         difference = abs(self.with_it.value - self.without.value)
         return bool(difference > stdtrit(free, 0.975) * error)
 
+    @property
+    def explains(self) -> bool | None:
+        """Whether the published figure is met with the change and not without it."""
+        if self.published is None:
+            return None
+        met = [
+            verdict(self.published, None, one, PLAIN, 2).words == AGREES
+            for one in (self.without, self.with_it)
+        ]
+        return met[1] and not met[0]
+
 
 _FIGURES = {
     "force": ("piston force", "N"),
     "half_full_D": ("half mean distance", "D"),
     "half_start_D": ("half mean distance at the start", "D"),
+    "half_end_D": ("half mean distance at the end", "D"),
+    "hysteresis_D": ("hysteresis of the half mean distance", "D"),
     "least_distance_D": ("least distance to the piston", "D"),
     "hexagons_full": ("share of hexagons", ""),
     "psi6_full": ("Psi6", ""),
     "regularity_full": ("hexagon regularity", ""),
     "regularity_start": ("hexagon regularity at the start", ""),
 }
-_BED_FIGURES = ("force", "half_full_D", "hexagons_full")
+_BED_FIGURES = ("force", "half_full_D", "hexagons_full", "hysteresis_D")
+_WIDE = ("force", "half_start_D", "half_full_D", "half_end_D", "hysteresis_D")
 _MIXTURE_FIGURES = (
     "force", "least_distance_D", "hexagons_full", "regularity_full", "regularity_start",
 )  # fmt: skip
@@ -80,84 +110,134 @@ class Change(NamedTuple):
     figures: tuple[str, ...]
 
 
-_MIXTURES = (mixture_name(0.6, 0.0), *(mixture_name(a, 0.5) for a in ASPECTS))
-_CREEPING = (*_MIXTURES, mixture_name(0.6, 1.0))
-_MIDDLE = mixture_name(0.6, 0.5)
 _STEP, _FRICTION = "a third of the step", "the source's friction law at its step, 1e-6 T"
-_WIDE = ("half_start_D", "half_full_D")
+HYSTERESIS_CHANGES = {
+    "source's friction": _FRICTION,
+    "wider cell": "a cell wider by 9 %",
+    "loose start": "a loose start",
+    "all together": "source's friction, wider cell and loose start together",
+    "half the friction": "half the coefficients of friction (none of the source's)",
+}
+"""Changes by which the hysteresis was looked into, by the ends of the series' names."""
+MIXTURES = (mixture_name(0.6, 0.0), *(mixture_name(a, 0.5) for a in ASPECTS))
 
 
 def changes() -> list[Change]:
     """All changes, in the order of the report."""
+    middle = mixture_name(0.6, 0.5)
     return [
+        *(Change(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
+          for end, words in HYSTERESIS_CHANGES.items() for n in HYSTERESIS_SIZES),
+        Change("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
+        *(Change(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
+          for start, words in (("source's friction", _FRICTION),
+                               ("wide cell", "cell of 0.36 m, as Table 4.3 prints it"),
+                               ("both", "that friction and that cell together"))
+          for bed in (*MIXTURES, mixture_name(0.6, 1.0))),
         Change(_STEP, "direct 368", f"direct 368, {_STEP}", _BED_FIGURES),
-        Change(_STEP, _MIDDLE, f"{_MIDDLE}, {_STEP}", _MIXTURE_FIGURES),
-        Change(_FRICTION, "direct 368", "direct 368, source's friction", _BED_FIGURES),
-        *(Change(_FRICTION, bed, f"source's friction, {bed}", _MIXTURE_FIGURES)
-          for bed in _CREEPING),
-        Change("drag instead of friction", "direct 368", "drag", _BED_FIGURES),
+        Change(_STEP, middle, f"{middle}, {_STEP}", _MIXTURE_FIGURES),
+        Change("drag instead of friction", "starts", "drag", _BED_FIGURES),
         *(Change("friction with the misprinted angle (42 times)", mixture_name(a, 0.5),
                  f"misprinted angle, a = {a:g}", _MIXTURE_FIGURES) for a in ASPECTS),
         *(Change("the source's every-k-th mixing", mixture_name(0.6, r),
-                 f"every k-th, a = 0.6, R = {r:g}", _MIXTURE_FIGURES) for r in (0.3, 0.4, 0.5)),
+                 f"every k-th, a = 0.6, R = {r:g}", _MIXTURE_FIGURES) for r in OWN_RATIOS),
         *(Change("plain cut-off at 11.26 D", f"direct {n}", f"cut-off {n}", ("force",))
           for n in (368, 736)),
         *(Change(f"list of radius {radius:g} D", "direct 368", f"list of radius {radius:g} D",
                  ("force",)) for radius in RADII),
-        Change("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
-        *(Change("cell of 0.36 m, as Table 4.3 prints it", mixture_name(a, 0.5),
-                 f"wide cell, a = {a:g}", _MIXTURE_FIGURES) for a in ASPECTS),
+        Change("the mesh instead of every pair", "direct 736", "mesh 736", _WIDE),
     ]  # fmt: skip
 
 
 def comparisons(results: Results) -> list[ChangedFigure]:
-    """Shorter protocols, and all changes, whose runs are there."""
+    """All changes and shorter protocols whose runs are there, by every protocol that both have."""
     found: list[ChangedFigure | None] = []
-    for name in ("direct 368", "direct 736"):
-        found += _lengths(results, name, _BED_FIGURES)
-    for name in _MIXTURES:
-        found += _lengths(results, name, _MIXTURE_FIGURES)
     for change in changes():
-        found += _changed(results, change)
+        for protocol in BEST_FIRST:
+            found += _changed(results, change, protocol, protocol)
+        if change.words == _FRICTION and change.bed.startswith("direct"):
+            words = "source's friction and source's protocol together"
+            both = change._replace(words=words)
+            found += _changed(results, both, QUICK.name, PUBLISHED.name)
+    for name in (*(f"direct {n}" for n in SIZES), *MIXTURES):
+        figures = _WIDE if name.startswith("direct") else _MIXTURE_FIGURES
+        words = "the source's protocol instead of the quick one"
+        found += _changed(results, Change(words, name, name, figures), QUICK.name, PUBLISHED.name)
     return [one for one in found if one is not None]
 
 
-def _lengths(results: Results, name: str, figures: tuple[str, ...]) -> list[ChangedFigure | None]:
-    """Every shorter protocol against the longest one that was run."""
-    there = [p for p in BEST_FIRST if results.sample(name, "force", p) is not None]
-    if len(there) < 2:
-        return []
+def _changed(
+    results: Results, change: Change, protocol: str, changed_protocol: str
+) -> list[ChangedFigure | None]:
     return [
-        _comparison(f"{protocol} protocol instead of the {there[0]} one", name, figure,
-                    _finding(results, name, figure, there[0]),
-                    _finding(results, name, figure, protocol))
-        for protocol in there[1:]
-        for figure in figures
-    ]  # fmt: skip
-
-
-def _changed(results: Results, change: Change) -> list[ChangedFigure | None]:
-    """A changed bed beside the usual one, under the same protocol."""
-    protocol = results.best(change.bed, change.changed)
-    if protocol is None:
-        return []
-    return [
-        _comparison(change.words, change.bed, figure,
-                    _finding(results, change.bed, figure, protocol),
-                    _finding(results, change.changed, figure, protocol))
+        _comparison(results, change, figure, protocol, changed_protocol)
         for figure in change.figures
-    ]  # fmt: skip
-
-
-def _finding(results: Results, name: str, figure: str, protocol: str) -> Finding | None:
-    sample = results.sample(name, figure, protocol)
-    return None if sample is None else sample.finding()
+    ]
 
 
 def _comparison(
-    change: str, name: str, figure: str, without: Finding | None, with_it: Finding | None
+    results: Results, change: Change, figure: str, protocol: str, changed_protocol: str
 ) -> ChangedFigure | None:
+    without = results.sample(change.bed, figure, protocol)
+    with_it = results.sample(change.changed, figure, changed_protocol)
     if without is None or with_it is None:
         return None
-    bed = name.replace("direct ", "N = ")
-    return ChangedFigure(change, bed, *_FIGURES[figure], without, with_it)
+    bed = change.bed.replace("direct ", "N = ")
+    return ChangedFigure(
+        change.words, bed, *_FIGURES[figure], published_figure(change.bed, figure),
+        without.finding(), with_it.finding(),
+    )  # fmt: skip
+
+
+def published_figure(bed: str, figure: str) -> float | None:
+    """What the source prints of a figure of a bed, if anything."""
+    way, _, size = bed.partition(" ")
+    if way == "direct" and int(size) in SIZES:
+        place = SIZES.index(int(size))
+        columns = {
+            "half_start_D": "half_mean_distance.start",
+            "half_full_D": "half_mean_distance.minimum",
+            "half_end_D": "half_mean_distance.end",
+            "hysteresis_D": "hysteresis_of_distance.hysteresis",
+        }
+        if figure in columns:
+            return float(published_value(f"{columns[figure]}[{place}]"))
+        if figure == "force" and place >= SIZES.index(368):
+            return float(published_value(f"piston_force_direct_sum.mean[{place - 3}]"))
+    names = {"regularity_start": "start", "regularity_full": "end"}
+    if bed == MIXTURES[0] and figure in names:
+        return float(published_value(f"bidisperse_r_zero.hexagon_regularity_{names[figure]}"))
+    if bed in MIXTURES[1:]:
+        section, place = "bidisperse_r_half", MIXTURES.index(bed) - 1
+        if figure == "least_distance_D":
+            return float(published_value(f"{section}.least_piston_distance[{place}]"))
+        if figure in names:
+            return float(published_value(f"{section}.hexagon_regularity_{names[figure]}[{place}]"))
+    return None
+
+
+def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
+    """What the comparisons say of the hysteresis of the mean distance, in a few sentences."""
+    rows = [one for one in found if one.unit == "D" and one.figure.startswith("hysteresis")]
+    rows = [one for one in rows if one.published is not None]
+    if not rows:
+        return "The hysteresis of the mean distance: its runs are not done."
+    base = {one.bed: one for one in rows}
+    gaps = ", ".join(
+        f"{one.without.value:.2f} D here and {one.published:.2f} D published at {one.bed}"
+        for one in base.values()
+    )
+    causes = [
+        words for words in dict.fromkeys(one.change for one in rows)
+        if sum(bool(one.explains) for one in rows if one.change == words) >= CAUSE_SIZES
+    ]  # fmt: skip
+    tried = "; ".join(
+        f"{words} ({sum(one.change == words for one in rows)} sizes)"
+        for words in dict.fromkeys(one.change for one in rows)
+    )
+    begun = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
+    if causes:
+        return f"{begun} Within scatter at {CAUSE_SIZES} sizes or more with: {'; '.join(causes)}."
+    met = [f"{one.change} at {one.bed}" for one in rows if one.explains]
+    alone = f" Met at one size alone: {'; '.join(met)}." if met else ""
+    return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{alone}"

@@ -10,40 +10,47 @@ from typing import NamedTuple
 from validation.published.finding import Finding
 from validation.published.results import Results
 
-WITHIN_SCATTER = "agrees within scatter"
+AGREES = "agrees"
 DIFFERS = "differs"
+BY_CONSTRUCTION = "by construction"
 NOT_COMPARABLE = "not comparable"
-NOT_RUN = "not run yet"
+NOT_RUN = "not run"
+VERDICTS = (AGREES, DIFFERS, BY_CONSTRUCTION, NOT_COMPARABLE, NOT_RUN)
 
-DEVIATIONS = 2.0
-"""Ours agrees within scatter up to so many standard deviations of single starts: for means of three
-starts each that is about Student's interval of 95 % of their difference."""
+CONFIDENCE = 0.95
+"""Of the interval of a difference: outside of it means differ."""
+
+PUBLISHED_STARTS = 3
+"""Runs behind a published deviation [D, Tables 3.2, 5.2, A.2]."""
+
+SHARP = 0.1
+"""A comparison can fail if its interval is narrower than this part of the published value."""
 
 
 class Rule(NamedTuple):
-    """When ours agrees.
+    """How a comparison is judged.
 
     Attributes
     ----------
-    relative : float
-        Difference over the published value up to which ours agrees when it is outside the scatter.
-    absolute : float
-        The same difference in the unit of the value; the greater of both counts.
     limit : str
         ``""``; ``"most"`` or ``"least"`` where the source prints a bound.
     comparable : bool
         False where the source's figure depends on something that it does not print, or on its
         machine.
+    constructed : bool
+        True where ours was made from the published number, so that it cannot differ.
+    scale : float
+        Size that the interval of a number near zero is measured by; 0 for the published value.
     """
 
-    relative: float = 0.0
-    absolute: float = 0.0
     limit: str = ""
     comparable: bool = True
+    constructed: bool = False
+    scale: float = 0.0
 
 
-EXACT = Rule()
-"""Agreement within scatter and rounding alone."""
+PLAIN = Rule()
+"""Means by Welch's interval; numbers without scatter by their printed digits."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +80,7 @@ class Entry:
     what: str
     measure: Callable[[Results], Finding | None]
     unit: str = ""
-    rule: Rule = EXACT
+    rule: Rule = PLAIN
     spread_key: str = ""
     digits: int = 2
     covers: tuple[str, ...] = ()
@@ -81,16 +88,37 @@ class Entry:
 
 
 class Verdict(NamedTuple):
-    """A verdict in a word, and whether it is one of agreement (None: no verdict can be given)."""
+    """A verdict.
+
+    Attributes
+    ----------
+    words : str
+        One of `VERDICTS`.
+    allowed : float or None
+        The difference up to which ours would agree; None where that is not asked.
+    can_fail : bool
+        Whether that is less than `SHARP` of the published value, or of the rule's scale.
+    """
 
     words: str
-    agrees: bool | None
+    allowed: float | None = None
+    can_fail: bool = False
+
+    @property
+    def agrees(self) -> bool | None:
+        """None where no verdict of agreement or difference was given."""
+        return {AGREES: True, DIFFERS: False}.get(self.words)
 
 
 def verdict(
     published: float, published_spread: float | None, found: Finding | None, rule: Rule, digits: int
 ) -> Verdict:
-    """Whether ours agrees with the published value.
+    """Whether ours differs from the published value.
+
+    The difference of two means is judged by Student's interval of 95 % with the standard errors of
+    both (Welch 1947). A published mean without a deviation has half of its last printed digit for
+    an error, and nothing else: what its own scatter was the source does not say. Where ours has no
+    scatter, the printed digits decide.
 
     Parameters
     ----------
@@ -102,34 +130,32 @@ def verdict(
         Decimals that are printed: half of the last one is rounding.
     """
     if found is None or not math.isfinite(found.value):
-        return Verdict(NOT_RUN, None)
+        return Verdict(NOT_RUN)
+    if rule.constructed:
+        return Verdict(BY_CONSTRUCTION)
     if not rule.comparable:
-        return Verdict(NOT_COMPARABLE, None)
+        return Verdict(NOT_COMPARABLE)
+    allowed = half_width(published_spread, found) + 0.5 * 10.0**-digits * 1.000001
+    difference = found.value - published
     if rule.limit:
-        return _bounded(published, found.value, rule)
-    difference = abs(found.value - published)
-    if difference <= _scatter(published_spread, found.spread) + 0.5 * 10.0**-digits * 1.000001:
-        return Verdict(WITHIN_SCATTER if found.starts else "agrees as printed", True)
-    for allowed, words in _tolerances(published, rule):
-        if difference <= allowed:
-            return Verdict(f"agrees within {words}", True)
-    return Verdict(DIFFERS, False)
+        beyond = difference if rule.limit == "most" else -difference
+        return Verdict(DIFFERS if beyond > allowed else AGREES, allowed, True)
+    size = rule.scale or abs(published)
+    words = AGREES if abs(difference) <= allowed else DIFFERS
+    return Verdict(words, float(allowed), bool(allowed < SHARP * size))
 
 
-def _scatter(published: float | None, ours: float | None) -> float:
-    known = [one for one in (published, ours) if one is not None and math.isfinite(one)]
-    return DEVIATIONS * math.hypot(*known) if known else 0.0
+def half_width(published_spread: float | None, found: Finding) -> float:
+    """Half the width of Welch's interval of the difference; 0 where neither has a scatter."""
+    from scipy.special import stdtrit
 
-
-def _bounded(published: float, ours: float, rule: Rule) -> Verdict:
-    holds = ours <= published if rule.limit == "most" else ours >= published
-    return Verdict("holds" if holds else DIFFERS, holds)
-
-
-def _tolerances(published: float, rule: Rule) -> list[tuple[float, str]]:
-    made = []
-    if rule.relative:
-        made.append((rule.relative * abs(published), f"{100.0 * rule.relative:g} %"))
-    if rule.absolute:
-        made.append((rule.absolute, f"{rule.absolute:g}"))
-    return sorted(made)
+    parts = []
+    if published_spread is not None and math.isfinite(published_spread):
+        parts.append((published_spread**2 / PUBLISHED_STARTS, PUBLISHED_STARTS - 1.0))
+    if found.error is not None and found.freedom > 0.0:
+        parts.append((found.error**2, found.freedom))
+    variance = sum(part for part, _ in parts)
+    if variance <= 0.0:
+        return 0.0
+    freedom = variance**2 / sum(part**2 / free for part, free in parts)
+    return float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE)) * math.sqrt(variance)

@@ -40,7 +40,7 @@ def calculation(name: str, figure: str) -> Measure:
 def together(
     names: Sequence[str], figure: str, results: Results, protocol: str | None = None
 ) -> list[Sample] | None:
-    """A figure of several series under one protocol, the best under which all were run."""
+    """A figure of several series under one protocol, the best that is planned for all."""
     chosen = results.best(*names) if protocol is None else protocol
     if chosen is None:
         return None
@@ -57,20 +57,26 @@ def percent_difference(count: int) -> Measure:
         if found is None:
             return None
         direct, listed = (one.finding() for one in found)
-        ratio = direct.value / listed.value
-        spread = _relative_spread(direct, listed)
-        return listed._replace(
-            value=100.0 * (1.0 - ratio),
-            spread=None if spread is None else 100.0 * ratio * spread,
-            starts=direct.starts + listed.starts,
-        )
+        return _of_ratio(direct, listed, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
 
     return measure
 
 
-def _relative_spread(*findings: Finding) -> float | None:
-    known = [one.spread / one.value for one in findings if one.spread is not None]
-    return math.hypot(*known) if known else None
+def _of_ratio(
+    one: Finding, other: Finding, value: Callable[[float], float], slope: float
+) -> Finding:
+    """A function of one over the other, whose slope over the ratio is given."""
+    ratio = one.value / other.value
+    spread, error = (
+        None if None in pair else slope * ratio * math.hypot(
+            pair[0] / one.value, pair[1] / other.value  # type: ignore[operator]
+        )
+        for pair in ((one.spread, other.spread), (one.error, other.error))
+    )  # fmt: skip
+    freedom = one.freedom + other.freedom if error is not None else 0.0
+    return Finding(
+        value(ratio), spread, one.starts + other.starts, one.protocol, one.step, error, freedom
+    )
 
 
 class Line:
@@ -93,7 +99,7 @@ class Line:
         means = np.array([one.values.mean() for one in found])
         left = means - self._matrix() @ (np.linalg.pinv(self._matrix()) @ means)
         value = 1.0 - float(left @ left) / float(np.square(means - means.mean()).sum())
-        return self._finding(value, None, found)
+        return without_error(value, found)
 
     def _samples(self, results: Results) -> list[Sample] | None:
         return together([f"{self.way} {n}" for n in self.sizes], "force", results)
@@ -107,13 +113,18 @@ class Line:
             return None
         row = np.linalg.pinv(self._matrix())[place]
         value = float(row @ [one.values.mean() for one in found])
-        spreads = [one.finding().spread or 0.0 for one in found]
-        return self._finding(value, float(np.linalg.norm(row * spreads)), found)
-
-    @staticmethod
-    def _finding(value: float, spread: float | None, found: list[Sample]) -> Finding:
+        errors = np.array([one.finding().error or 0.0 for one in found])
         starts = sum(len(one.values) for one in found)
-        return Finding(value, spread, starts, found[0].protocol, found[0].step)
+        return Finding(
+            value, None, starts, found[0].protocol, found[0].step,
+            float(np.linalg.norm(row * errors)), float(starts - len(found)),
+        )  # fmt: skip
+
+
+def without_error(value: float, found: Sequence[Sample]) -> Finding:
+    """A number from samples whose error is not known."""
+    starts = sum(len(one.values) for one in found)
+    return Finding(value, None, starts, found[0].protocol, found[0].step)
 
 
 def asymptote(direct: Line, listed: Line) -> Measure:
@@ -123,39 +134,55 @@ def asymptote(direct: Line, listed: Line) -> Measure:
         one, other = direct.slope(results), listed.slope(results)
         if one is None or other is None:
             return None
-        spread = _relative_spread(one, other)
-        ratio = one.value / other.value
-        return other._replace(
-            value=100.0 * (1.0 - ratio),
-            spread=None if spread is None else 100.0 * ratio * spread,
-            starts=one.starts + other.starts,
-        )
+        return _of_ratio(one, other, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
 
     return measure
 
 
-def time_exponent(sizes: Sequence[int]) -> Measure:
-    """The b of time per step = a n^b with the list."""
+def time_exponent(sizes: Sequence[int], way: str) -> Measure:
+    """The b of time per sum = a n^b, by the plain loops."""
 
     def measure(results: Results) -> Finding | None:
-        times = [results.number("step_times", f"list {n}") for n in sizes]
+        times = [results.number("loop_times", f"{way} {n}") for n in sizes]
         known = [one for one in times if one is not None]
         if len(known) < len(times):
             return None
-        return Finding(float(np.polyfit(np.log(sizes), np.log(known), 1)[0]), protocol="timed")
+        slope, errors = np.polyfit(np.log(sizes), np.log(known), 1, cov=True)
+        error = float(np.sqrt(errors[0, 0]))
+        return Finding(float(slope[0]), protocol="timed", error=error, freedom=len(sizes) - 2.0)
 
     return measure
 
 
 def time_saving(count: int) -> Measure:
-    """Share of the direct sum's time per step that the list saves."""
+    """Share of the plain loop's time that the plain list saves."""
 
     def measure(results: Results) -> Finding | None:
-        direct = results.number("step_times", f"direct {count}")
-        listed = results.number("step_times", f"list {count}")
+        direct = results.number("loop_times", f"direct {count}")
+        listed = results.number("loop_times", f"list {count}")
         if direct is None or listed is None:
             return None
         return Finding(1.0 - listed / direct, protocol="timed")
+
+    return measure
+
+
+def first_inside(radii: Sequence[float], reference: str) -> Measure:
+    """The least radius of the list whose mean force lies within a deviation of the direct sum's.
+
+    That is the source's own choice of its radius [D, Fig. 5.2].
+    """
+
+    def measure(results: Results) -> Finding | None:
+        names = [f"list of radius {radius:g} D" for radius in radii]
+        found = together([reference, *names], "force", results)
+        if found is None:
+            return None
+        band = found[0].finding()
+        for radius, one in zip(radii, found[1:], strict=True):
+            if abs(one.values.mean() - band.value) <= (band.spread or 0.0):
+                return without_error(radius, found)
+        return None
 
     return measure
 
@@ -167,7 +194,7 @@ def deviation_at_full(name: str) -> Measure:
         sample = results.sample(name, "force")
         if sample is None or len(sample.values) < 2:
             return None
-        return sample.finding()._replace(value=float(sample.values.std(ddof=1)), spread=None)
+        return _deviation(float(sample.values.std(ddof=1)), sample)
 
     return measure
 
@@ -182,9 +209,16 @@ def greatest_deviation(name: str) -> Measure:
             return None
         course = np.concatenate(courses, axis=1)
         value = float(course.std(axis=0, ddof=1).max() / course.max(axis=1).mean())
-        return sample.finding()._replace(value=value, spread=None)
+        return _deviation(value, sample)
 
     return measure
+
+
+def _deviation(value: float, sample: Sample) -> Finding:
+    """A deviation, whose own standard error is that of normally distributed samples."""
+    free = len(sample.values) - 1
+    error = value / math.sqrt(2.0 * free)
+    return sample.finding()._replace(value=value, spread=None, error=error, freedom=float(free))
 
 
 def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float) -> Measure:
@@ -201,7 +235,7 @@ def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float)
             if abs(one.values.mean() / base - 1.0) > allowed:
                 break
             reached = speed
-        return Line._finding(reached, None, found)
+        return without_error(reached, found)
 
     return measure
 
@@ -221,7 +255,10 @@ def order_correlation(names: Sequence[str]) -> Measure:
             value = pearson_correlation(pairs[0], pairs[1]).coefficient
         except InputError:
             return None
-        return Line._finding(value, None, orders)
+        # Fisher's standard error of a correlation.
+        free = len(pairs[0]) - 3.0
+        error = (1.0 - value**2) / math.sqrt(free)
+        return without_error(value, orders)._replace(error=error, freedom=free)
 
     return measure
 
@@ -244,9 +281,7 @@ def force_ratio(name: str, last: str) -> Measure:
         if found is None:
             return None
         one, other = (each.finding() for each in found)
-        spread = _relative_spread(one, other)
-        ratio = one.value / other.value
-        return one._replace(value=ratio, spread=None if spread is None else ratio * spread)
+        return _of_ratio(one, other, lambda ratio: ratio, 1.0)
 
     return measure
 
@@ -254,7 +289,7 @@ def force_ratio(name: str, last: str) -> Measure:
 def biexponential(ratios: Sequence[float], names: Sequence[str], place: int) -> Measure:
     """A parameter (A, lambda1, B, lambda2) of the fit to F_max(R)/F_max(1) over all starts.
 
-    Its deviation is half the half-width of its interval of 95 %.
+    Its standard error is half the half-width of its interval of 95 %.
     """
 
     def measure(results: Results) -> Finding | None:
@@ -268,7 +303,8 @@ def biexponential(ratios: Sequence[float], names: Sequence[str], place: int) -> 
             for force in one.values
         ]
         value, low, high = _biexponential(tuple(pairs))[place]
-        return Line._finding(value, (high - low) / 4.0, found)
+        error = (high - low) / 4.0 if np.isfinite(high - low) else None
+        return without_error(value, found)._replace(error=error, freedom=len(pairs) - 4.0)
 
     return measure
 
@@ -298,6 +334,6 @@ def greatest_pair_difference(names: Sequence[str]) -> Measure:
         if found is None:
             return None
         value = max(float(np.ptp(one.values[:2])) for one in found)
-        return Line._finding(value, None, found)
+        return without_error(value, found)
 
     return measure

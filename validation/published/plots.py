@@ -7,16 +7,23 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from granular.shared.html import Page
-from granular.shared.plotting import COLOURS, STYLES, figure
+from granular.shared.plotting import COLOURS, GREY, STYLES, figure
+from validation.published.entry import half_width
+from validation.published.finding import Finding
+from validation.published.judging import Judged
 from validation.published.measures import together
 from validation.published.plan import (
     ASPECTS,
+    GAMMAS,
     LARGE,
     LISTED,
+    MASSES,
     RATIOS,
     SIZES,
+    SPEEDS,
     VARIANT_RATIOS,
     VARIANTS,
+    damper_name,
     mixture_name,
 )
 from validation.published.results import Results
@@ -32,16 +39,41 @@ def add(page: Page, section: str, results: Results) -> None:
         draw(page, results)
 
 
+def beside(page: Page, rows: Sequence[Judged]) -> None:
+    """Draw figures over their published values, both with intervals of 95 % of the mean."""
+    there = [row for row in rows if row.found is not None]
+    if not there:
+        return
+    with figure(width=WIDTH, height=0.42 * len(there) + 1.0) as (drawing, axes):
+        for place, row in enumerate(reversed(there)):
+            found, size = row.found, abs(row.published)
+            assert found is not None
+            theirs = half_width(row.published_spread, Finding(0.0)) + 0.5 * 10.0**-row.entry.digits
+            axes.errorbar(1.0, place + 0.13, xerr=theirs / size, color=COLOURS[1], marker="x",
+                          label="published" if place == 0 else None, capsize=2.0)  # fmt: skip
+            ours, half = found.value / row.published, (found.half_width() or 0.0) / size
+            axes.errorbar(ours, place - 0.13, xerr=half, color=COLOURS[0], marker="o",
+                          markersize=4, label="ours" if place == 0 else None,
+                          capsize=2.0)  # fmt: skip
+        axes.axvline(1.0, color=GREY, linewidth=0.8)
+        axes.set_ylim(-0.6, len(there) - 0.4)
+        axes.set_yticks(range(len(there)), [row.entry.what for row in reversed(there)], fontsize=8)
+        axes.set(xlabel="over the published value")
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Ours and the published values, over the latter; bars are intervals "
+                    "of 95 % of the means, or half of the last printed digit.")  # fmt: skip
+
+
 def _points(
     results: Results, names: Sequence[str], places: Sequence[float], name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places, means and deviations of the series that were run, each under its best protocol."""
+    """Places, means and half intervals of the series that were run, under their best protocol."""
     found = [
         (place, sample.finding())
         for place, series in zip(places, names, strict=True)
         if (sample := results.sample(series, name)) is not None
     ]
-    columns = np.array([(place, one.value, one.spread or 0.0) for place, one in found])
+    columns = np.array([(place, one.value, one.half_width() or 0.0) for place, one in found])
     x, y, errors = columns.reshape(-1, 3).T
     return x, y, errors
 
@@ -72,7 +104,7 @@ def _losses(page: Page, results: Results) -> None:
         return
     with figure(width=WIDTH) as (drawing, axes):
         axes.errorbar([n for n, _ in found], [one.value for _, one in found],
-                      [one.spread or 0.0 for _, one in found], color=COLOURS[0], marker="o",
+                      [one.half_width() or 0.0 for _, one in found], color=COLOURS[0], marker="o",
                       markersize=4, label="ours")  # fmt: skip
         axes.plot(sizes, published_value("piston_force_verlet.percent_difference"),
                   color=COLOURS[1], label="published", **_PUBLISHED)  # fmt: skip
@@ -147,7 +179,7 @@ def _force_over_ratio(page: Page, results: Results) -> None:
             if found is not None:
                 last = found[-1].values.mean()
                 means = [one.values.mean() / last for one in found]
-                errors = [(one.finding().spread or 0.0) / last for one in found]
+                errors = [(one.finding().half_width() or 0.0) / last for one in found]
                 axes.errorbar(RATIOS, means, errors, color=COLOURS[k], linestyle="none",
                               marker="o", markersize=4, label=f"a = {label}, ours")  # fmt: skip
             a, slow, b, fast = (
@@ -183,21 +215,126 @@ def _order_over_ratio(page: Page, results: Results) -> None:
                     "draws these, and prints no numbers.")  # fmt: skip
 
 
+def _hysteresis(page: Page, results: Results) -> None:
+    names = [f"direct {n}" for n in SIZES]
+    x, y, errors = _points(results, names, SIZES, "hysteresis_D")
+    if not len(x):
+        return
+    with figure(width=WIDTH) as (drawing, axes):
+        axes.errorbar(x, y, errors, color=COLOURS[0], marker="o", markersize=4, label="ours")
+        published = published_value("hysteresis_of_distance.hysteresis")
+        axes.plot(SIZES, published, color=COLOURS[1], label="published", **_PUBLISHED)
+        together_names = [f"direct {n}, source's friction" for n in SIZES]
+        x, y, errors = _points(results, together_names, SIZES, "hysteresis_D")
+        if len(x):
+            axes.errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="s",
+                          markersize=4, label="source's friction, ours")  # fmt: skip
+        axes.set(xlabel="number of grains", ylabel="hysteresis of the half mean distance [D]")
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Half mean distance at the start less that at the end of the cycle.")
+
+
+def _speed_courses(page: Page, results: Results) -> None:
+    names = {"8.33": "direct 368"} | {f"{v:g}": f"speed {v:g}" for v in SPEEDS[2:]}
+    courses = {
+        speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()
+    }
+    if any(one.ndim != 2 for one in courses.values()):
+        return
+    with figure(width=WIDTH) as (drawing, axes):
+        for k, (speed, course) in enumerate(courses.items()):
+            mean = course.mean(axis=0)
+            axes.plot(np.linspace(0.0, 3.0, len(mean)), mean, color=COLOURS[k],
+                      linestyle=STYLES[k % len(STYLES)], label=f"{speed} mm/s")  # fmt: skip
+        axes.set(xlabel="time [T]", ylabel="half mean distance [D]")
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Half mean distance over the cycle for several speeds (368 grains).")
+
+
 def _grain_forces(page: Page, results: Results) -> None:
     names = [mixture_name(0.6, r) for r in RATIOS]
     with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
         for k, kind in enumerate(("big", "small")):
-            x, y, errors = _points(results, names, RATIOS, f"{kind}_force")
-            both[0].errorbar(x, 1e3 * y, 1e3 * errors, color=COLOURS[k], linestyle="none",
+            x, y, errors = _points(results, names, RATIOS, f"{kind}_compression")
+            both[0].errorbar(x, y, errors, color=COLOURS[k], linestyle="none",
                              marker="os"[k], markersize=4, label=f"{kind} grains")  # fmt: skip
         x, y, errors = _points(results, names, RATIOS, "fluctuation")
         both[1].errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="o",
                          markersize=4)  # fmt: skip
-        both[0].set(xlabel="R", ylabel="magnetic force on a grain [mN]")
+        both[0].set(xlabel="R", ylabel="compressive force on a grain [N]", ylim=(0.0, None))
         both[1].set(xlabel="R", ylabel="relative fluctuation", ylim=(0.0, None))
         both[0].legend(fontsize=8)
-        page.figure(drawing, "Mean magnetic force on the grains of each species at full "
-                    "compression (a = 0.6), and its mean fluctuation [D, eq. 4.35].")  # fmt: skip
+        page.figure(drawing, "Mean compressive force (sum of magnitudes) on the grains of each "
+                    "species at full compression (a = 0.6), and the mean fluctuation of the "
+                    "resulting force [D, eq. 4.35].")  # fmt: skip
+
+
+def _force_modes(page: Page, results: Results) -> None:
+    """Distributions pooled over the starts, over the greatest force, as the source draws them."""
+    beds = {f"R = {r:g}": mixture_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
+    found = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
+    known = {label: one.sum(axis=0) for label, one in found.items() if one.ndim == 2}
+    if not known:
+        return
+    with figure(1, len(known), width=WIDTH, height=2.2, sharey=True) as (drawing, row):
+        for k, (label, counts) in enumerate(known.items()):
+            axes = np.atleast_1d(row)[k]
+            edges = np.linspace(0.0, 1.0, len(counts) + 1)
+            density = counts / counts.sum() / np.diff(edges)
+            axes.stairs(density, edges, fill=True, color=COLOURS[k])
+            sample = results.sample(beds[label], "dip_p")
+            p = "" if sample is None else f", p {sample.values.max():.2g}"
+            axes.set_title(label + p, fontsize=8)
+            axes.set_xlabel("F/F_max", fontsize=8)
+        np.atleast_1d(row)[0].set_ylabel("density")
+        page.figure(drawing, "Compressive force of the grains at full compression over its "
+                    "greatest, both species together (a = 0.6), and the greatest p of the dip test "
+                    "for one mode.")  # fmt: skip
+
+
+def _dampers(page: Page, results: Results) -> None:
+    names = [damper_name(MASSES[1], g) for g in GAMMAS]
+    x, ratio, errors = _points(results, names, GAMMAS, "alpha_over_omega")
+    if not len(x):
+        return
+    with figure(1, 2, width=WIDTH) as (drawing, both):
+        both[0].errorbar(x, ratio, errors, color=COLOURS[0], marker="o", markersize=4,
+                         label="ours")  # fmt: skip
+        printed = float(published_value("damper_implied.alpha_over_omega"))
+        both[0].axhline(printed, color=COLOURS[1], linestyle="--", label="published")
+        for k, (figure_name, label) in enumerate(
+            (("free_misfit", "Van der Pol-like"), ("free_linear_misfit", "linear"))
+        ):
+            x, y, errors = _points(results, names, GAMMAS, figure_name)
+            both[1].errorbar(x, 100.0 * y, 100.0 * errors, color=COLOURS[k], marker="os"[k],
+                             markersize=4, label=label)  # fmt: skip
+        both[0].set(xlabel="drag of a grain [kg/s]", ylabel="alpha/omega", ylim=(0.0, None))
+        both[1].set(xlabel="drag of a grain [kg/s]", ylabel="left over of the swing [%]",
+                    ylim=(0.0, None))  # fmt: skip
+        both[0].legend(fontsize=8)
+        both[1].legend(fontsize=8)
+        page.figure(drawing, "The source's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
+                    "its alpha/omega in the source's scaling, and what it and the linear law leave "
+                    "over with shift and scale free.")  # fmt: skip
+
+
+def _pressed(page: Page, results: Results) -> None:
+    ratios = (0.0, 0.1, 0.5, 0.9, 1.0)
+    with figure(width=WIDTH) as (drawing, axes):
+        drawn = 0
+        for k, scatter in enumerate(("", ", moments ± 0.1")):
+            names = [f"pressed, R = {r:g}{scatter}" for r in ratios]
+            x, y, errors = _points(results, names, ratios, "hexagons_pressed")
+            drawn += len(x)
+            axes.errorbar(x, y, errors, color=COLOURS[k], marker="os"[k], markersize=4,
+                          linestyle=STYLES[k],
+                          label="scatter of 10 %" if scatter else "equal moments")  # fmt: skip
+        if not drawn:
+            return
+        axes.set(xlabel="R", ylabel="share of hexagons at 110 N", ylim=(0.0, 1.0))
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
+                    "numbers the source does not print.")  # fmt: skip
 
 
 def _variants(page: Page, results: Results) -> None:
@@ -222,7 +359,9 @@ def _variants(page: Page, results: Results) -> None:
 _PICTURES: dict[str, Sequence[Callable[[Page, Results], None]]] = {
     "Independence of start and speed": (_course,),
     "Force on the piston": (_force_over_size, _losses),
-    "Mean distance": (_distance_over_size,),
+    "Mean distance": (_distance_over_size, _hysteresis, _speed_courses),
     "Polygons": (_shares_over_size,),
-    "Mixtures": (_force_over_ratio, _order_over_ratio, _grain_forces, _variants),
+    "Mixtures": (_force_over_ratio, _order_over_ratio, _force_modes, _grain_forces, _variants),
+    "Damper": (_dampers,),
+    "Experiment": (_pressed,),
 }

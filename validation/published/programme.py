@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from granular.shared.files import finite, make_directory, write_json, write_text
 from validation.published.calculations import calculated
 from validation.published.causes import comparisons
-from validation.published.judging import counts, judged
-from validation.published.plan import full_plan, quick_plan
-from validation.published.results import EMPTY, Results, collected, committed
-from validation.published.running import run_groups
-from validation.published.statements import statements
+from validation.published.collecting import checked, collected, missing
+from validation.published.judging import counts, judged, strength
+from validation.published.plan import Group, full_plan, quick_plan
+from validation.published.results import Results, committed, counted, read
+from validation.published.running import forget, run_groups
+from validation.published.statements import counted_statements, statements
 
-Length = Literal["quick", "full"]
+Length = Literal["quick", "full", "check"]
 
 COMMAND = "python -m validation published"
+RESULTS = "results.json"
 
 
 def published(
@@ -36,9 +40,11 @@ def published(
         Keeps every case as soon as it is done, so that an interrupted run goes on where it was;
         ``results.json``, ``report.html`` and ``report.json`` are written there. Nothing is kept
         or written without one.
-    length : "quick", "full" or None
-        Minutes or hours; None runs nothing and shows what ``directory`` keeps of a full run, and
-        the results that come with the package for the rest.
+    length : "quick", "full", "check" or None
+        Minutes or hours; "full" goes on from the results that come with the package, and runs what
+        they lack or what the code has changed since. "check" runs the short references of all
+        series alone, and shows which results are stale. None runs nothing and shows what
+        ``directory`` keeps of a full run, and the results that come with the package for the rest.
     workers : int, optional
         How many processes; as many as there are processors if not given.
     progress : bool
@@ -47,8 +53,8 @@ def published(
     Returns
     -------
     dict
-        What ``report.json`` holds: ``entries``, ``summary``, ``statements``, ``comparisons`` and
-        ``made``; of a quick run its own ones under ``quick`` too.
+        What ``report.json`` holds: ``entries``, ``summary``, ``series``, ``statements``,
+        ``comparisons`` and ``made``; of a quick run its own ones under ``quick`` too.
 
     Raises
     ------
@@ -66,27 +72,65 @@ def published(
 def _published(
     where: Path, length: Length | None, workers: int | None, progress: bool
 ) -> dict[str, Any]:
+    quick: Results | None = None
     if length == "quick":
         calculated(where, full=False)
         run_groups(quick_plan(), where, workers=workers, progress=progress)
-        quick: Results | None = collected(quick_plan(), where, f"{COMMAND} --quick")
-        shown = committed()
+        quick, shown = collected(quick_plan(), where, f"{COMMAND} --quick"), committed()
+    elif length == "full":
+        shown = _full(where, workers, progress)
     else:
-        if length == "full":
-            calculated(where, full=True)
-            run_groups(
-                full_plan(), where, workers=workers, progress=progress,
-                after=lambda: _write_results(_full(where), where),
-            )  # fmt: skip
-        quick, shown = None, _full(where).with_others(committed())
+        shown = _kept(where)
+        if length == "check":
+            shown = checked(shown, full_plan(), _say)
+    if length != "quick":
         _write_results(shown, where)
     return _write_report(shown, quick, where)
 
 
-def _full(where: Path) -> Results:
-    """What a directory keeps of a full run."""
-    found = collected(full_plan(), where, f"{COMMAND} --full")
-    return found if found.series else EMPTY
+def _kept(where: Path) -> Results:
+    """What a directory keeps of a full run, and the package's results for the rest."""
+    if not (where / "cases").exists():
+        return committed()
+    return collected(full_plan(), where, f"{COMMAND} --full", _former(where))
+
+
+def _former(where: Path) -> list[Results]:
+    return [one for one in (read(where / RESULTS), committed()) if one.series]
+
+
+def _full(where: Path, workers: int | None, progress: bool) -> Results:
+    """Run what is missing, and what today's code computes otherwise."""
+    plan, command = full_plan(), f"{COMMAND} --full"
+    known = checked(collected(plan, where, command, _former(where)), plan, _say)
+    stale = {key for key, one in known.series.items() if one.get("stale")}
+    for series in (one for group in plan for one in group.series if one.key in stale):
+        forget(series, where)
+    former = [known]
+    calculated(where, full=True)
+
+    def write() -> None:
+        _write_results(collected(plan, where, command, former), where)
+
+    run_groups(_waiting(plan, where, former), where, workers=workers, progress=progress,
+               after=write)  # fmt: skip
+    return collected(plan, where, command, former)
+
+
+def _waiting(plan: Sequence[Group], where: Path, former: Sequence[Results]) -> list[Group]:
+    """The plan with those starts alone that were not run yet."""
+    return [
+        Group(group.title, [
+            series._replace(seeds=seeds)
+            for series in group.series
+            if (seeds := missing(series, where, former))
+        ])
+        for group in plan
+    ]  # fmt: skip
+
+
+def _say(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)
 
 
 def _write_results(results: Results, where: Path) -> None:
@@ -94,7 +138,7 @@ def _write_results(results: Results, where: Path) -> None:
     text = json.dumps(finite(results.to_plain() | {"entries": rows}), separators=(",", ":"))
     # One line a series and an entry, so that changes of the file can be read.
     text = text.replace('},"', '},\n"').replace('},{"', '},\n{"')
-    write_text(where / "results.json", text + "\n")
+    write_text(where / RESULTS, text + "\n")
 
 
 def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[str, Any]:
@@ -111,21 +155,24 @@ def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[st
 def summary(results: Results) -> dict[str, Any]:
     """Entries with verdicts, statements and comparisons, as plain data."""
     rows = judged(results)
+    checks = [(one, one.test(results)) for one in statements()]
     return {
         "made": dict(results.made),
         "summary": counts(rows),
+        "strength": strength(rows),
+        "series": counted(results),
         "entries": [row.to_plain() for row in rows],
         "statements": [
             {"source": one.source, "words": one.words,
              "holds": None if check is None else check.holds,
              "figures": None if check is None else check.figures}
-            for one in statements()
-            for check in [one.test(results)]
+            for one, check in checks
         ],
+        "statement_counts": counted_statements(results),
         "comparisons": [
             {"change": one.change, "bed": one.bed, "figure": one.figure, "unit": one.unit,
-             "without": one.without._asdict(), "with": one.with_it._asdict(),
-             "matters": one.matters}
+             "published": one.published, "without": one.without._asdict(),
+             "with": one.with_it._asdict(), "matters": one.matters}
             for one in comparisons(results)
         ],
     }  # fmt: skip
@@ -142,8 +189,11 @@ def text(found: dict[str, Any]) -> str:
         for one in shown["entries"]
         if one["ours"] is not None or shown is found
     ]  # fmt: skip
-    numbers = ", ".join(f"{count} {name}" for name, count in shown["summary"].items())
-    return f"{table(('what', 'published', 'ours', 'protocol', 'verdict'), rows).text()}\n{numbers}"
+    both = shown["summary"] | shown["strength"]
+    numbers = ", ".join(f"{count} {name}" for name, count in both.items())
+    series = ", ".join(f"{count} {name}" for name, count in shown["series"].items())
+    shape = ("what", "published", "ours", "protocol", "verdict")
+    return f"{table(shape, rows).text()}\n{numbers}\nseries: {series}"
 
 
 def _number(value: float | None, unit: str) -> str:

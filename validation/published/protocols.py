@@ -46,10 +46,9 @@ class Protocol(NamedTuple):
 
 
 PUBLISHED = Protocol("published", 8.33e-3, None, 1e-3)
-SHORT = Protocol("short", 8.33e-3, None, 4e-3)
 QUICK = Protocol("quick", 33e-3, 5.0, 16e-3)
 
-BEST_FIRST = (PUBLISHED.name, SHORT.name, QUICK.name)
+BEST_FIRST = (PUBLISHED.name, QUICK.name)
 
 
 def duration(count: int, speed: float) -> float:

@@ -7,92 +7,138 @@ from typing import Any
 
 import numpy as np
 
-from granular.observables import (
-    force_magnitudes,
-    interaction_forces,
-    pair_distance_series,
-)
+from granular.observables import least_piston_distance, pair_distance_series
 from granular.run.trajectory import StageResult, Trajectory
+from granular.studies.cases import known_as
 
-STROKE_SAMPLES = 51
+STROKE_SAMPLES = 201
 """Samples of the piston force on the way down, and as many on the way up."""
 
-DAMPER_EVERY = 10
-"""Every tenth sample of the damper's motion is written down."""
+SWING_SPAN, SWING_SAMPLES = 4.0, 801
+"""Greatest length of a motion of the damper that is written down [s], and its samples."""
+
+PRESSED = 110.0
+"""Force on the piston up to which the source's experiment compresses [N] [D, 4.2.2]."""
 
 
+@known_as("validation.published.records:bed_record, 2")
 def bed_record(run: Trajectory) -> Mapping[str, Any]:
-    """The state before and at full compression, and the course of force and mean distance.
+    """The states before and after compression and at the end, and the courses between.
 
     Returns
     -------
     mapping
-        ``start``, ``full``: positions (n, 2) [m]; ``start_height``, ``full_height`` [m];
-        ``magnitudes``: of the magnetic force on each grain at full compression (n,) [N];
-        ``down``, ``up``: piston force on even steps of the stroke [N]; ``half_distances`` [m] of
-        the frames from the start of the compression on, and their ``times`` in T; ``seconds``,
-        ``steps``, ``ledger``.
+        ``start``, ``full``, ``end``: positions (n, 2) [m] with ``start_height``, ``full_height``,
+        ``end_height`` [m] (before and at full compression, and at the end of the run);
+        ``forces``: the magnetic force on each grain at full compression and weight (n, 2) [N];
+        ``down``, ``up``: piston force on even steps of the stroke [N]; ``walls``: the force on
+        every wall before and at full compression [N]; of the frames from the start of the
+        compression on, ``times`` in T, ``half_distances`` and least ``piston_distances`` [m];
+        ``cost``: ``seconds``, ``steps``, ``ledger``, and who made it.
     """
     relax, compress = run.stage("relax"), run.stage("compress")
     period = compress.end - compress.start
     first, full = _frame_at(run, relax.end), _frame_at(run, compress.end)
     positions = run.dataset["position"].values
-    settings = run.settings()
+    heights = run.dataset["frame_height"].values
     times = run.dataset["frame_time"].values
     return {
-        "start": np.round(positions[first], 9).tolist(),
-        "full": np.round(positions[full], 9).tolist(),
+        "start": _places(positions[first]),
+        "full": _places(positions[full]),
+        "end": _places(positions[-1]),
         "start_height": relax.height,
         "full_height": compress.height,
-        "magnitudes": force_magnitudes(interaction_forces(run).values[full]).tolist(),
+        "end_height": float(heights[-1]),
+        "forces": np.round(run.dataset["force"].values[full], 9).tolist(),
         "down": _force_in(run, compress),
         "up": _force_in(run, run.stages[2]) if len(run.stages) > 2 else [],
+        "walls": {
+            name: [_at(run, name, relax.end), _at(run, name, compress.end)]
+            for name in ("left_force", "right_force", "bottom_force", "piston_force")
+            if name in run.dataset
+        },
         "times": ((times[first:] - relax.end) / period).tolist(),
         "half_distances": (0.5 * pair_distance_series(run).values[first:]).tolist(),
-        "seconds": settings["seconds"],
-        "steps": settings["steps"],
-        "ledger": settings["ledger_residual"],
+        "piston_distances": [
+            least_piston_distance(positions[k], float(heights[k])) for k in range(first, len(times))
+        ],
+        **_cost(run),
     }
 
 
-def damper_record(run: Trajectory) -> Mapping[str, Any]:
-    """Rest height, and what two laws fitted to the motion after the lift say.
+@known_as("validation.published.records:pressed_record, 1")
+def pressed_record(run: Trajectory) -> Mapping[str, Any]:
+    """The state in which the force on the piston first reached `PRESSED`, if it did.
 
     Returns
     -------
     mapping
-        ``rest_height``, ``nudge`` [m]; of the linear law ``period`` [s] and ``damping_ratio``; of
-        the source's Van der Pol-like law ``alpha``, ``omega``, ``g0``, its rms error ``misfit``
-        over the rms swing and that of the linear one, and the greatest factor ``open`` by which
-        its interval of alpha spans; ``times`` [s] and ``heights`` [m]; ``seconds``, ``steps``,
-        ``ledger``.
+        ``pressed``: positions (n, 2) [m] of the nearest frame; ``pressed_height`` [m],
+        ``pressed_force`` [N] there; ``greatest`` force of the run [N]; and the cost.
     """
-    from reduced_models import fit
+    force = run.dataset["piston_force"].values
+    reached = np.flatnonzero(force >= PRESSED)
+    time = float(run.dataset["time"].values[reached[0] if len(reached) else force.argmax()])
+    frame = _frame_at(run, time)
+    at = float(run.dataset["frame_time"].values[frame])
+    return {
+        "pressed": _places(run.dataset["position"].values[frame]),
+        "pressed_height": float(run.dataset["frame_height"].values[frame]),
+        "pressed_force": _at(run, "piston_force", at),
+        "greatest": float(force.max()),
+        **_cost(run),
+    }
 
-    motion = run.piston("release").from_zero()
+
+@known_as("validation.published.records:damper_record, 2")
+def damper_record(run: Trajectory) -> Mapping[str, Any]:
+    """The fall, the rest, and the swing after the lift.
+
+    Returns
+    -------
+    mapping
+        ``rest_height``, ``nudge`` [m]; ``fall`` and ``swing``: ``times`` [s] and ``heights`` [m]
+        of the drop and of the motion after the lift; and the cost.
+    """
     rest = run.stage("drop").height
-    linear, source = fit(motion, law="linear"), fit(motion, law="van-der-pol-like")
-    settings = run.settings()
-    low, high = source.intervals["alpha"]
+    fall, swing = (run.piston(name).from_zero() for name in ("drop", "release"))
     return {
         "rest_height": rest,
-        "nudge": float(motion.height[0]) - rest,
-        "period": float("nan") if linear.at_rest is None else linear.at_rest.period,
-        "damping_ratio": float("nan") if linear.at_rest is None else linear.at_rest.damping_ratio,
-        "linear_misfit": linear.quality.relative,
-        "misfit": source.quality.relative,
-        **{name: source.parameters[name] for name in ("alpha", "omega", "g0")},
-        "open": high / low if low > 0.0 else float("inf"),
-        "times": motion.time[::DAMPER_EVERY].tolist(),
-        "heights": motion.height[::DAMPER_EVERY].tolist(),
+        "nudge": float(swing.height[0]) - rest,
+        "fall": _motion(fall.time, fall.height),
+        "swing": _motion(swing.time, swing.height),
+        **_cost(run),
+    }
+
+
+def _motion(time: np.ndarray, height: np.ndarray) -> dict[str, list[float]]:
+    even = np.linspace(0.0, min(SWING_SPAN, float(time[-1])), SWING_SAMPLES)
+    return {"times": even.tolist(), "heights": np.interp(even, time, height).tolist()}
+
+
+def _cost(run: Trajectory) -> dict[str, Any]:
+    from granular.shared.version import versions
+
+    settings = run.settings()
+    return {
         "seconds": settings["seconds"],
         "steps": settings["steps"],
         "ledger": settings["ledger_residual"],
+        "versions": versions(),
     }
+
+
+def _places(positions: np.ndarray) -> list[list[float]]:
+    found: list[list[float]] = np.round(positions, 9).tolist()
+    return found
 
 
 def _frame_at(run: Trajectory, time: float) -> int:
     return int(np.abs(run.dataset["frame_time"].values - time).argmin())
+
+
+def _at(run: Trajectory, name: str, time: float) -> float:
+    return float(np.interp(time, run.dataset["time"].values, run.dataset[name].values))
 
 
 def _force_in(run: Trajectory, stage: StageResult) -> list[float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,18 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from validation.published.calculations import kept
-from validation.published.figures import figures_of
 from validation.published.finding import Finding
-from validation.published.plan import Group
 from validation.published.protocols import BEST_FIRST
-from validation.published.running import outcomes_of
-from validation.published.series import Series
 
 COMMITTED = Path(__file__).parent / "results.json"
 """The results of the full run that come with the package."""
 
 Plain = dict[str, Any]
+
+RESIDUAL = 1e-3
+"""Residual of the energy over that turned over, above which a series is told of."""
 
 
 class Sample(NamedTuple):
@@ -42,21 +39,27 @@ class Sample(NamedTuple):
     step: str
 
     def finding(self) -> Finding:
-        """Mean and deviation over the starts."""
+        """Mean and deviation over the starts, and the standard error of the mean."""
         count = len(self.values)
-        spread = float(self.values.std(ddof=1)) if count > 1 else None
-        return Finding(float(self.values.mean()), spread, count, self.protocol, self.step)
+        mean = float(self.values.mean())
+        if count < 2:
+            return Finding(mean, None, count, self.protocol, self.step)
+        spread = float(self.values.std(ddof=1))
+        error = spread / count**0.5
+        return Finding(mean, spread, count, self.protocol, self.step, error, count - 1)
 
 
 @dataclasses.dataclass(frozen=True)
 class Results:
-    """Everything that was run.
+    """Everything that was run, or is to be.
 
     Attributes
     ----------
     series : mapping
-        By ``"name | protocol"``: ``name``, ``protocol``, ``words``, ``step``, ``planned``,
-        ``figures`` (lists over the starts by name) and ``errors``.
+        By ``"name | protocol"``: ``name``, ``protocol``, ``words``, ``step``, ``coarse`` (one of
+        the source's own schemes), ``seeds`` that are planned; of those that are done ``done``,
+        ``figures`` (lists over the starts by name), ``errors``, ``keys`` and ``versions``; the
+        ``reference`` run, and whether the series is ``stale``.
     calculations : mapping
         Numbers by calculation.
     made : mapping
@@ -65,43 +68,42 @@ class Results:
 
     series: Mapping[str, Plain]
     calculations: Mapping[str, Mapping[str, float]]
-    made: Mapping[str, str]
+    made: Mapping[str, Any]
 
     def best(self, *names: str) -> str | None:
-        """The best protocol under which all of these series were run, whole if possible."""
-        for whole in (True, False):
-            for protocol in BEST_FIRST:
-                if all(self._ran(f"{name} | {protocol}", whole) for name in names):
-                    return protocol
+        """The best protocol that is planned for all of these series; what it gives may lack."""
+        for protocol in BEST_FIRST:
+            if all(f"{name} | {protocol}" in self.series for name in names):
+                return protocol
         return None
 
     def sample(self, name: str, figure: str, protocol: str | None = None) -> Sample | None:
-        """A figure of a series, under the best protocol if none is named."""
-        chosen = self.best(name) if protocol is None else protocol
-        one = self.series.get(f"{name} | {chosen}")
-        if one is None:
-            return None
-        numbers = [x for x in one["figures"].get(figure, []) if x is not None]
-        if not numbers:
+        """A figure of a series under a protocol, or under the best that is planned.
+
+        None unless all of its starts were run by today's code: nothing stands in for them.
+        """
+        one = self._whole(name, protocol)
+        numbers = (
+            [] if one is None else [x for x in one["figures"].get(figure, []) if x is not None]
+        )
+        if one is None or not numbers:
             return None
         return Sample(np.array(numbers, dtype=float), one["protocol"], str(one["step"]))
 
     def lists(self, name: str, figure: str, protocol: str | None = None) -> list[np.ndarray]:
         """A figure that is a list of numbers, start by start."""
-        chosen = self.best(name) if protocol is None else protocol
-        one = self.series.get(f"{name} | {chosen}", {"figures": {}})
-        return [np.array(x, dtype=float) for x in one["figures"].get(figure, []) if x]
+        one = self._whole(name, protocol)
+        found = [] if one is None else one["figures"].get(figure, [])
+        return [np.array(x, dtype=float) for x in found if x]
 
     def number(self, calculation: str, name: str) -> float | None:
         """A number of a calculation."""
         return self.calculations.get(calculation, {}).get(name)
 
-    def _ran(self, key: str, whole: bool) -> bool:
-        one = self.series.get(key)
-        if one is None:
-            return False
-        count = len(one["figures"].get("steps", []))
-        return count >= (one["planned"] if whole else 1)
+    def _whole(self, name: str, protocol: str | None) -> Plain | None:
+        chosen = self.best(name) if protocol is None else protocol
+        one = self.series.get(f"{name} | {chosen}")
+        return one if one is not None and is_whole(one) else None
 
     def to_plain(self) -> Plain:
         """For JSON."""
@@ -116,36 +118,37 @@ class Results:
         """From what `to_plain` made, also by way of JSON."""
         return cls(plain["series"], plain["calculations"], plain["made"])
 
-    def with_others(self, others: Results) -> Results:
-        """These results, and series and calculations of others where these have none."""
-        return Results(
-            {**others.series, **self.series},
-            {**others.calculations, **self.calculations},
-            self.made or others.made,
-        )
-
 
 EMPTY = Results({}, {}, {})
 
 
-def collected(groups: Sequence[Group], directory: Path, command: str) -> Results:
-    """The results of all series of which something was run.
+def is_whole(one: Plain) -> bool:
+    """Whether all starts of a series are done, by today's code."""
+    return bool(one["done"]) and one["done"] == list(one["seeds"]) and not one.get("stale")
 
-    Parameters
-    ----------
-    groups : sequence of Group
-    directory : Path
-        That the runs were kept in.
-    command : str
-        That made them.
-    """
-    found: dict[str, Plain] = {}
-    for group in groups:
-        for series in group.series:
-            plain = _series_results(series, directory)
-            if plain is not None:
-                found[series.key] = plain
-    return Results(found, kept(directory), _made(command))
+
+def counted(results: Results) -> dict[str, int]:
+    """How many series are whole, begun, stale, not run; and how many miss the energy residual."""
+    whole = [one for one in results.series.values() if is_whole(one)]
+    stale = [one for one in results.series.values() if one.get("stale")]
+    begun = [
+        one for one in results.series.values()
+        if one["done"] and not is_whole(one) and not one.get("stale")
+    ]  # fmt: skip
+    off = [one for one in whole if not one["coarse"] and worst_residual(one) > RESIDUAL]
+    return {
+        "planned": len(results.series),
+        "whole": len(whole),
+        "begun": len(begun),
+        "stale": len(stale),
+        "not run": len(results.series) - len(whole) - len(begun) - len(stale),
+        "residual above 1e-3": len(off),
+    }
+
+
+def worst_residual(one: Plain) -> float:
+    """Greatest residual of the energy of the starts of a series, over that turned over."""
+    return max((x for x in one["figures"].get("ledger", []) if x is not None), default=0.0)
 
 
 def read(path: Path) -> Results:
@@ -169,33 +172,10 @@ def committed() -> Results:
     return read(COMMITTED)
 
 
-def _series_results(series: Series, directory: Path) -> Plain | None:
-    outcomes = outcomes_of(series, directory)
-    if not outcomes:
-        return None
-    scene = series.scene(series.seeds[0])
-    starts = [figures_of(one["figures"], scene) for one in outcomes if one["error"] is None]
-    names = [name for name in dict.fromkeys(itertools.chain(*starts)) if _wanted(name, series)]
-    return {
-        "name": series.name,
-        "protocol": series.protocol,
-        "words": series.words,
-        "step": series.step if isinstance(series.step, str) else f"{series.step:g} s",
-        "planned": len(series.seeds),
-        "figures": {name: [start[name] for start in starts] for name in names},
-        "errors": [one["error"] for one in outcomes if one["error"] is not None],
-    }
-
-
-def _wanted(figure: str, series: Series) -> bool:
-    """The courses of force and height are kept where they are shown: the file is to stay small."""
-    if figure in ("down", "up"):
-        return series.name in ("starts", "direct 368", "second order", "second order, 0.8", "drag")
-    return figure not in ("times", "heights_D")
-
-
-def _made(command: str) -> dict[str, str]:
+def made_by(command: str, former: Sequence[Results] = ()) -> dict[str, Any]:
+    """Command, date and versions; how often the command was begun for these results."""
     from granular.shared.version import versions
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
-    return {"command": command, "date": now} | versions()
+    times = max((int(one.made.get("sittings", 0)) for one in former), default=0)
+    return {"command": command, "date": now, "sittings": times + 1} | versions()

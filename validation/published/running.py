@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -46,6 +47,8 @@ def run_groups(
     """
     clock = _Clock(groups, directory, workers or 1)
     for place, group in enumerate(groups):
+        if not group.series:
+            continue
         if progress:
             print(clock.words(place), file=sys.stderr, flush=True)
         for measure in dict.fromkeys(one.measure for one in group.series):
@@ -55,18 +58,40 @@ def run_groups(
                 measure=measure,
                 method=METHOD,
                 out=directory,
+                keep_runs=True,
                 executor=executor,
                 workers=workers,
                 progress=progress,
             )
+        _drop_runs(directory)
         after()
+
+
+def _drop_runs(directory: Path) -> None:
+    """Delete the runs whose outcome is kept: they were there to go on from, had it been cut off."""
+    shelf = outcomes_in(directory)
+    for run in (directory / "runs").glob("*"):
+        if shelf.path(run.name).exists():
+            shutil.rmtree(run, ignore_errors=True)
 
 
 def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
     """What is kept of the starts of a series; those not yet run are left out."""
-    shelf = outcomes_in(directory)
-    found = (shelf.read(key) for key in _keys(series))
+    found = outcomes_in_order(case_keys(series), directory)
     return [one for one in found if one is not None]
+
+
+def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[Outcome | None]:
+    """What is kept under each key, None where nothing is."""
+    shelf = outcomes_in(directory)
+    return [shelf.read(key) for key in keys]
+
+
+def forget(series: Series, directory: Path) -> None:
+    """Delete what is kept of a series, whose code has changed."""
+    shelf = outcomes_in(directory)
+    for key in case_keys(series):
+        shelf.path(key).unlink(missing_ok=True)
 
 
 def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
@@ -79,7 +104,8 @@ def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
     return list(cases.values())
 
 
-def _keys(series: Series) -> list[str]:
+def case_keys(series: Series) -> list[str]:
+    """Digests of what determines each start: scene, step and what is written down."""
     settings = {"dt": series.step, "t_end": None, "method": METHOD}
     cases = make_cases(load_scene("bed"), {}, _distinct([series]), settings, series.measure)
     return [case.key for case in cases]

@@ -11,7 +11,6 @@ from scipy.stats import pearsonr
 from granular.observables import (
     biexponential_fit,
     fluctuation_series,
-    force_distribution_of_run,
     force_magnitudes,
     interaction_forces,
     kinetic_temperature,
@@ -85,7 +84,7 @@ def test_fluctuation_is_about_the_mean_of_the_species() -> None:
 
 
 def test_forces_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
-    """The weight of each species is taken off; distribution and fluctuation use what is left."""
+    """The weight of each species is taken off; the fluctuation uses what is left."""
     changes = {"grains.species": TWO_SPECIES}
     magnetic = random.normal(size=(2, 40, 2))
     magnetic[1, 5] = np.nan
@@ -96,16 +95,6 @@ def test_forces_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None
     np.testing.assert_allclose(interaction_forces(run), magnetic, rtol=0.0, atol=1e-12)
 
     owner = run.dataset["species"].values
-    found = force_distribution_of_run(run, frame=1)
-    for k, name in enumerate(("big", "small")):
-        sizes = np.linalg.norm(magnetic[1, owner == k], axis=1)
-        sizes = sizes[np.isfinite(sizes)]
-        assert found[name].counts.sum() == len(sizes)
-        assert found[name].edges[0] == pytest.approx(sizes.min(), rel=1e-12)
-        assert found[name].edges[-1] == pytest.approx(sizes.max(), rel=1e-12)
-    with pytest.raises(InputError, match="frame = 2"):
-        force_distribution_of_run(run, frame=2)
-
     fluctuation = fluctuation_series(run).values
     inside = voronoi_cells(run.dataset["position"].values[0]).interior
     np.testing.assert_array_equal(np.isfinite(fluctuation[0]), inside)

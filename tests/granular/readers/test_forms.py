@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from granular import PistonRecord
 from granular.shared.errors import RecordError
 
 from .forms import FORCE, FORMS, HEIGHT, REFUSED, TIME, in_memory
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize("name", FORMS)
@@ -33,12 +36,28 @@ def test_the_motion_comes_out(name: str, tmp_path: Path) -> None:
         assert np.abs(record.force - np.interp(time, TIME, FORCE)).max() < 1e-4
 
 
+def test_most_forms_are_after_a_public_source() -> None:
+    """What is read is counted, and two thirds have an address, the same as in the guide."""
+    every = {**FORMS, **REFUSED}
+    cited = {name: form.source for name, form in every.items() if form.source}
+    print(f"{len(FORMS)} read, {len(REFUSED)} refused; {len(cited)} after a public source")
+    assert len(FORMS) >= 45
+    assert 3 * len(cited) >= 2 * len(every)
+    pages = ROOT / "docs" / "guide"
+    guide = (pages / "laboratory-forms.md").read_text(encoding="utf-8")
+    assert f"lists {len(FORMS)} forms" in (pages / "laboratory-record.md").read_text("utf-8")
+    for name, source in cited.items():
+        assert re.fullmatch(r"https?://[\w.-]+\.[a-z]+/\S*", source), name
+        assert source in guide, name
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_the_others_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
-    file, content, words = REFUSED[name]
-    (tmp_path / file).write_bytes(content)
-    with pytest.raises(RecordError, match=words) as caught:
-        PistonRecord.from_file(tmp_path / file)
+    refused = REFUSED[name]
+    path = tmp_path / refused.name
+    path.write_bytes(refused.content)
+    with pytest.raises(RecordError, match=refused.words) as caught:
+        PistonRecord.from_file(path)
     assert "\n" not in str(caught.value)
 
 

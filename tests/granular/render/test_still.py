@@ -12,7 +12,12 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from granular.observables import hexagon_regularity, voronoi_cells
+from granular.observables import (
+    compressive_force_series,
+    grain_pressures,
+    hexagon_regularity,
+    voronoi_cells,
+)
 from granular.render import COLOURINGS, save, still
 from granular.render.colourings import SIDES, SPECIES
 from granular.run.trajectory import Trajectory
@@ -126,7 +131,9 @@ def test_sides_are_those_of_the_cells(lattice: Trajectory) -> None:
     assert {5, 6, 7} <= set(found.sides[inner].tolist())
 
 
-@pytest.mark.parametrize("colour", ["speed", "force", "regularity", "fluctuation"])
+@pytest.mark.parametrize(
+    "colour", ["speed", "force", "compression", "pressure", "regularity", "fluctuation"]
+)
 def test_colour_bars(lattice: Trajectory, colour: str) -> None:
     """A greater value lies higher on the bar, and the bar says what it is."""
     from matplotlib import colormaps
@@ -140,6 +147,12 @@ def test_colour_bars(lattice: Trajectory, colour: str) -> None:
         values = hexagon_regularity(voronoi_cells(data["position"].values[0]))
         values, drawn = values[np.isfinite(values)], cells(figure).get_facecolor()
         drawn = drawn[(drawn != 1.0).any(axis=1)]
+    elif colour == "pressure":
+        place, height = (data[name].values[0] for name in ("position", "frame_height"))
+        values = grain_pressures(lattice.scene, place, float(height))
+        values, drawn = values[np.isfinite(values)], cells(figure).get_facecolor()
+    elif colour == "compression":
+        values, drawn = compressive_force_series(lattice).values[0], grains(figure).get_facecolor()
     elif colour == "speed":
         values = 1e3 * np.linalg.norm(data["velocity"].values[0], axis=1)
         drawn = grains(figure).get_facecolor()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from granular.shared.html import Page
-from granular.shared.plotting import READABLE, figure
+from granular.shared.plotting import READABLE, figure, plain_numbers
 
 
 @pytest.mark.parametrize(("size", "fits"), [(READABLE, True), (7.0, False)])
@@ -20,6 +20,19 @@ def test_the_smallest_letters_are_nine_pixels(size: float, fits: bool) -> None:
     (least,) = map(float, re.findall(r'style="--least:(\d+)px"', page.render()))
     assert size * least / (72.0 * 7.2) == pytest.approx(9.0, abs=0.02)
     assert (least <= 358.0) == fits  # a phone's 390 pixels without the page's rims
+
+
+@pytest.mark.parametrize("values", [(0.1, 3.0, 20.0), (1.2, 1.6, 2.4), (1e-5, 3.0)])
+def test_a_logarithmic_axis_has_no_small_exponents(values: tuple[float, ...]) -> None:
+    with figure() as (drawing, axes):
+        axes.plot(values)
+        axes.set_yscale("log")
+        plain_numbers(axes.yaxis)
+        drawing.draw_without_rendering()
+        ticks = [*axes.yaxis.get_major_ticks(), *axes.yaxis.get_minor_ticks()]
+        labels = [tick.label1.get_text() for tick in ticks]
+    assert any(labels)
+    assert all(re.fullmatch(r"[\d.e+\u2212-]*", one) for one in labels), labels
 
 
 def test_a_page_leads_to_the_files_beside_it(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -27,15 +28,21 @@ def here() -> Iterator[Executor]:
 
 
 def test_a_sweep_carries_the_table(tmp_path: Path, here: Executor) -> None:
-    words = {"dt": 1e-4, "t_end": 0.02, "progress": False, "executor": here, "out": tmp_path}
+    words: dict[str, Any] = {
+        "dt": 1e-4,
+        "t_end": 0.02,
+        "progress": False,
+        "executor": here,
+        "out": tmp_path,
+    }
     grid = {"method": [TWIN, "position-verlet", "stormer-verlet"]}
-    table = sweep(SCENE, grid, **words).table  # type: ignore[arg-type]
+    table = sweep(SCENE, grid, **words).table
     assert list(table["method"]) == ["twin", "position-verlet", "stormer-verlet"]
     assert not table["error"].notna().any()
     kinetic = table["kinetic_energy"]
     assert kinetic[0] == kinetic[1] != kinetic[2]
-    assert sweep(SCENE, {"method": [TWIN]}, **words).reused == 1  # type: ignore[arg-type]
-    assert sweep(SCENE, {"method": [OTHER]}, **words).reused == 0  # type: ignore[arg-type]
+    assert sweep(SCENE, {"method": [TWIN]}, **words).reused == 1
+    assert sweep(SCENE, {"method": [OTHER]}, **words).reused == 0
 
 
 def test_a_study_file_may_hold_the_table(tmp_path: Path, here: Executor) -> None:

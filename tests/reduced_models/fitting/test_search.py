@@ -198,7 +198,7 @@ def test_a_walk_is_taken_out_and_put_back() -> None:
 
 
 def test_a_fall_is_fitted_alike_by_every_seed() -> None:
-    """Where the swing form of the Van der Pol-like law lies in a valley that is not the law's own."""
+    """Where the swing form of the Van der Pol-like law lies in a valley not the law's own."""
     time = np.linspace(0.0, 2.88, 2000)
     fall = predict(load_scene("damper")).simulate(time)
     with warnings.catch_warnings():

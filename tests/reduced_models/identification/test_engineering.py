@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,13 @@ import pytest
 from granular import PistonRecord
 from reduced_models import load_model
 from reduced_models.fitting.diagnostics import diagnostics
-from reduced_models.identification.engineering import Quantity, decimals, engineering, fixed
+from reduced_models.identification.engineering import (
+    Quantity,
+    between,
+    decimals,
+    engineering,
+    fixed,
+)
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.models.fitted_law import AtRest
 
@@ -60,7 +67,24 @@ def test_digits_follow_the_interval(value: float, low: float, high: float, text:
     assert fixed(value, decimals(value, low, high)) == text
     shown = Quantity("x", "x", "", value, low, high)
     assert low <= float(shown.text) <= high
-    assert shown.interval == "open" or math.isfinite(float(shown.interval.split(" to ")[0]))
+    if shown.interval != "open":
+        least, most = map(float, shown.interval.split(" to "))
+        assert least <= low * (1.0 + 1e-12)
+        assert high * (1.0 - 1e-12) <= most
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "digits", "text"),
+    [
+        (3.34467811, 3.34467816, 7, "3.3446781 to 3.3446782"), (9.0, 11.000000000000002, 1,
+        "9.0 to 11.0"), (0.06, 0.94, 1, "0.0 to 1.0"), (-0.06, 0.06, 1, "-0.1 to 0.1"),
+        (12004.0, 12696.0, -1, "12000 to 12700"),
+    ],
+)  # fmt: skip
+def test_a_printed_interval_holds_the_whole(
+    low: float, high: float, digits: int, text: str
+) -> None:
+    assert between(low, high, digits) == text
 
 
 @pytest.mark.parametrize(
@@ -73,7 +97,9 @@ def test_digits_follow_the_interval(value: float, low: float, high: float, text:
         (lambda t: 1e-5 * np.cos(2.0 * t), "not white"),
     ],
 )
-def test_structure_is_called_wrong_though_it_is_small(error, words: str) -> None:  # type: ignore[no-untyped-def]
+def test_structure_is_called_wrong_though_it_is_small(
+    error: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
     """One per cent of the swing at the right places."""
     from reduced_models import fit
 

@@ -1,42 +1,67 @@
-"""Cases that are kept, found again, and do not lose each other."""
+"""Cases that are kept, found again, do not lose each other, and go stale with the laws alone."""
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from validation.published import guide, reference, rerun
+from validation.published.catalogue import entries
+from validation.published.collecting import checked, collected, missing
 from validation.published.page import page
 from validation.published.plan import Group
 from validation.published.protocols import QUICK
-from validation.published.results import Results, collected
-from validation.published.running import outcomes_of, run_groups
-from validation.published.series import Series, mixture, mono
+from validation.published.results import Results, is_whole
+from validation.published.running import forget, outcomes_of, run_groups
+from validation.published.series import Series, fall, mixture, mono
 
 SMALL = QUICK._replace(speed=0.3, settling=0.5)
 
 
-def small(name: str, step: float | str) -> Series:
-    return mono(name, 12, SMALL, seeds=(1, 2), step=step)
+def small(name: str, step: float | str = "auto", **changes: Any) -> Series:
+    return mono(name, 12, SMALL, seeds=(1, 2), step=step, **changes)
+
+
+def here(groups: Sequence[Group], directory: Path, **settings: Any) -> None:
+    """Run groups in this process."""
+    after = settings.get("after", lambda: None)
+    with ThreadPoolExecutor(1) as executor:
+        run_groups(groups, directory, executor=executor, progress=False, after=after)
 
 
 @pytest.fixture(scope="module")
 def groups() -> list[Group]:
-    return [Group("small", [small("direct 368", "auto"), small("direct 736", 0.02)])]
+    return [Group("small", [small("direct 368"), small("direct 736", 0.02)])]
 
 
 @pytest.fixture(scope="module")
 def kept(groups: list[Group], tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("cases")
-    run_groups(groups, directory, workers=1, progress=False)
+    here(groups, directory)
     return directory
 
 
-def test_a_case_that_fails_loses_no_other(groups: list[Group], kept: Path) -> None:
+@pytest.fixture(scope="module")
+def found(groups: list[Group], kept: Path) -> Results:
+    return collected(groups, kept, "test")
+
+
+def test_a_case_that_fails_loses_no_other(groups: list[Group], kept: Path, found: Results) -> None:
     good, bad = groups[0].series
     assert [one["error"] for one in outcomes_of(good, kept)] == [None, None]
     assert all(one["error"] for one in outcomes_of(bad, kept))
-    found = collected(groups, kept, "test")
+    assert is_whole(found.series[good.key])
+    assert not is_whole(found.series[bad.key])
     assert len(found.series[bad.key]["errors"]) == 2
     assert found.series[bad.key]["errors"][0] in page(found).render().replace("&#x27;", "'")
 
@@ -48,14 +73,29 @@ def test_what_was_run_is_found_again(groups: list[Group], kept: Path) -> None:
     before = times()
     assert len(before) == 4
     calls: list[int] = []
-    run_groups(groups, kept, workers=1, progress=False, after=lambda: calls.append(1))
+    here(groups, kept, after=lambda: calls.append(1))
     assert times() == before
     assert calls == [1]
-    assert len(outcomes_of(small("direct 368", "auto")._replace(seeds=(1, 2, 3)), kept)) == 2
+    assert not list((kept / "runs").iterdir())
 
 
-def test_figures_of_a_bed_fit_its_geometry(groups: list[Group], kept: Path) -> None:
-    figures = collected(groups, kept, "test").series[groups[0].series[0].key]["figures"]
+def test_the_file_alone_is_gone_on_from(
+    groups: list[Group], found: Results, tmp_path: Path
+) -> None:
+    """A start that the file holds is not run again; one that it lacks is."""
+    good = groups[0].series[0]
+    through_file = Results.from_plain(json.loads(json.dumps(found.to_plain())))
+    again = collected(groups, tmp_path, "test", [through_file])
+    assert again.series[good.key] == found.series[good.key]
+    assert again.made["sittings"] == found.made["sittings"] + 1
+    assert missing(good, tmp_path, [through_file]) == []
+    assert missing(good._replace(seeds=(1, 2, 3)), tmp_path, [through_file]) == [3]
+    other = small("direct 368", cell__width="13 D")
+    assert missing(other, tmp_path, [through_file]) == [1, 2]
+
+
+def test_figures_of_a_bed_fit_its_geometry(groups: list[Group], found: Results) -> None:
+    figures = found.series[groups[0].series[0].key]["figures"]
     size = (12 / 368) ** 0.5
     for start in range(2):
         assert figures["down"][start][-1] == pytest.approx(figures["force"][start])
@@ -65,6 +105,8 @@ def test_figures_of_a_bed_fit_its_geometry(groups: list[Group], kept: Path) -> N
         assert figures["half_full_D"][start] < figures["half_end_D"][start]
         # 12 grains of 6 mm in a cell of 60 by 20 diameters times the size.
         assert figures["packing"][start] == pytest.approx(368 * 3.14159 / 4 / 1200, rel=1e-4)
+        hysteresis = figures["half_start_D"][start] - figures["half_end_D"][start]
+        assert figures["hysteresis_D"][start] == pytest.approx(hysteresis, abs=2e-5)
 
 
 def test_series_of_a_mixture_name_their_protocol() -> None:
@@ -75,3 +117,157 @@ def test_series_of_a_mixture_name_their_protocol() -> None:
     assert [stage.name for stage in scene.protocol] == ["relax", "compress"]
     assert scene.grains.shares() == (0.5, 0.5)
     assert Results({}, {}, {}).sample("mixture", "force") is None
+
+
+LAWS = [
+    {"effects__friction": {"dynamic": 0.4515}},
+    {"effects__gravity": {"acceleration": 9.81}},
+    {"grains__remanence": 1.302},
+    {"effects__walls__right": "infinite"},
+    {"effects__drag": {"coefficient": 1e-4}},
+]
+
+
+@pytest.mark.parametrize("changes", LAWS)
+def test_a_changed_law_makes_results_stale(changes: dict[str, Any]) -> None:
+    """Coefficients that are off by less than half a percent are seen."""
+    before = reference.reference(small("direct 368"))
+    after = reference.reference(small("direct 368", **changes))
+    shared = {name: after[name] for name in before}
+    assert not reference.agrees(before, shared)
+
+
+def test_another_step_does_not() -> None:
+    before = reference.reference(small("direct 368"))
+    assert reference.agrees(before, reference.reference(small("direct 368")))
+    assert reference.agrees(before, reference.reference(small("direct 368", "auto/1.3")))
+    assert not reference.agrees(before, {})
+
+
+@pytest.mark.long
+def test_another_kernel_does_not() -> None:
+    before = reference.reference(small("direct 368"))
+    other = reference.reference(small("direct 368", pairs__method="cut-off", pairs__cut_off="1 m"))
+    # With a radius, however large, the energy of a pair ends there at 0.
+    both = [{k: v for k, v in one.items() if k != "pair_energy"} for one in (before, other)]
+    assert reference.agrees(*both)
+
+
+def test_a_damper_has_a_reference() -> None:
+    found = reference.reference(fall("damper", 7.5))
+    assert {"piston_energy", "drag_loss", "pair_energy"} <= set(found)
+    assert all(error < 1e-3 * abs(value) for value, error in found.values() if value)
+
+
+def test_stale_series_are_marked_and_run_anew(
+    groups: list[Group], found: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = groups[0].series[0]
+    said: list[str] = []
+    assert is_whole(checked(found, groups, said.append).series[good.key])
+    assert not said
+    now = found.series[good.key]["reference"]
+    other = {name: [1.01 * value, error] for name, (value, error) in now.items()}
+    monkeypatch.setattr("validation.published.collecting.reference", lambda _: other)
+    marked = checked(found, groups, said.append)
+    assert marked.series[good.key]["stale"]
+    assert good.key in said[0]
+    assert missing(good, tmp_path, [marked]) == [1, 2]
+    here([Group("small", [good])], tmp_path)
+    assert missing(good, tmp_path, [marked]) == []
+    assert not collected(groups, tmp_path, "test", [marked]).series[good.key].get("stale")
+    forget(good, tmp_path)
+    assert outcomes_of(good, tmp_path) == []
+
+
+def test_an_entry_run_anew_is_compared_to_the_last_digit(
+    groups: list[Group], found: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key = "piston_force_direct_sum.mean[0]"
+    monkeypatch.setattr(rerun, "full_plan", lambda: groups)
+    monkeypatch.setattr(rerun, "run_groups", here)
+    monkeypatch.setattr(rerun, "committed", lambda: found)
+    same = rerun.rerun(key, workers=1, progress=False)
+    assert same["same"], same["differences"]
+    assert "same to the last digit" in rerun.text(same)
+    name = groups[0].series[0].key
+    figures = found.series[name]["figures"]
+    wrong = {**figures, "force": [1.000001 * x for x in figures["force"]]}
+    series = {**found.series, name: {**found.series[name], "figures": wrong}}
+    monkeypatch.setattr(rerun, "committed", lambda: Results(series, {}, found.made))
+    differs = rerun.rerun(key, workers=1, progress=False)
+    assert not differs["same"]
+    assert len(differs["differences"]) == 2
+    assert "force" in rerun.text(differs)
+    with pytest.raises(Exception, match="did you mean"):
+        rerun.rerun("piston_force_direct_sum.maen[0]")
+
+
+SCRIPT = """
+    import sys
+    from pathlib import Path
+    from tests.validation.published.test_running import small
+    from validation.published.plan import Group
+    from validation.published.protocols import QUICK
+    from validation.published.running import run_groups
+    from validation.published.series import mono
+
+    if __name__ == "__main__":
+        long = mono("long", 60, QUICK, seeds=(1, 2))
+        groups = [Group("all", [small("direct 368"), long])]
+        run_groups(groups, Path(sys.argv[1]), workers=1, progress=False)
+        print("done")
+"""
+
+
+@pytest.mark.long
+def test_ctrl_c_loses_nothing(tmp_path: Path) -> None:
+    """Stopped again and again, the same command comes to the same figures."""
+    script = tmp_path / "script.py"
+    script.write_text(textwrap.dedent(SCRIPT), encoding="utf-8")
+
+    def run(out: str, patience: float | None) -> bool:
+        command = [sys.executable, str(script), str(tmp_path / out)]
+        process = subprocess.Popen(
+            command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        try:
+            output, _ = process.communicate(timeout=patience)
+            return b"done" in output
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=120)
+            return False
+
+    assert run("whole", None)
+    stops, patience = 0, 4.0
+    while not run("stopped", patience):
+        stops, patience = stops + 1, 1.5 * patience
+        assert stops < 20
+        time.sleep(0.2)
+    assert stops > 0
+    outcomes = [
+        {path.name: _figures(path) for path in (tmp_path / name / "cases").glob("*.json")}
+        for name in ("whole", "stopped")
+    ]
+    assert len(outcomes[0]) == 4
+    assert outcomes[0] == outcomes[1]
+
+
+def environment() -> dict[str, str]:
+    import os
+
+    return os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+
+
+def _figures(path: Path) -> dict[str, Any]:
+    figures: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["figures"]
+    return {name: value for name, value in figures.items() if name != "seconds"}
+
+
+def test_blocks_of_the_guide_stand_between_marks() -> None:
+    begin, end = guide.marks("counts")
+    page_before = f"before\n{begin}\nold\n{end}\nafter"
+    written = guide.with_blocks(page_before, {"counts": "new"})
+    assert written == f"before\n{begin}\nnew\n{end}\nafter"
+    assert len({one.key for one in entries()}) == len(entries())

@@ -33,7 +33,10 @@ class Form(NamedTuple):
     scale : float
         What the height comes back as, over [m].
     after : str
-        The format's description, or what wrote such a file.
+        What wrote such a file.
+    source : str
+        Address of the format's description, or of a file of that form; empty where the form is
+        what many make by hand.
     """
 
     name: str
@@ -42,6 +45,7 @@ class Form(NamedTuple):
     places: float = 5e-9
     scale: float = 1.0
     after: str = ""
+    source: str = ""
 
 
 FORMS: dict[str, Form] = {}

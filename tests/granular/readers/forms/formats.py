@@ -7,14 +7,22 @@ from pathlib import Path
 from .form import HEIGHT, TIME, form, rows
 
 
-@form("measurement.lvm", after="LabVIEW measurement, specification of NI: with times")
+@form(
+    "measurement.lvm",
+    after="LabVIEW measurement, with times",
+    source="https://www.ni.com/en/support/documentation/supplemental/06/specification-for-the-labview-measurement-file---lvm-.html",
+)
 def labview(path: Path) -> None:
     head = LABVIEW.format(x_columns="One", mark=".")
     path.write_bytes(("\r\n".join([*head.split("\n"), "X_Value\tHeight\tComment",
                                    *map("\t".join, rows(9, scale=1.0)), ""])).encode())  # fmt: skip
 
 
-@form("no_times.lvm", after="the same without times and with decimal commas")
+@form(
+    "no_times.lvm",
+    after="LabVIEW measurement without times and with decimal commas",
+    source="https://www.ni.com/en/support/documentation/supplemental/06/specification-for-the-labview-measurement-file---lvm-.html",
+)
 def labview_without_times(path: Path) -> None:
     head = LABVIEW.format(x_columns="No", mark=",").replace("0.01", "0,01").replace("0.0", "0,0")
     body = ["\t" + z for _, z in rows(9, mark=",", scale=1.0)]
@@ -47,28 +55,44 @@ Delta_X\t0.01\t
 ***End_of_Header***\t\t"""
 
 
-@form("matlab.mat", after="MATLAB 5 file of vectors")
+@form(
+    "matlab.mat",
+    after="MATLAB 5 file of vectors",
+    source="https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf",
+)
 def matlab(path: Path) -> None:
     import scipy.io
 
     scipy.io.savemat(path, {"t": TIME[:, None], "z": HEIGHT[:, None], "note": "run 7"})
 
 
-@form("structure.mat", after="MATLAB 5 file of a structure")
+@form(
+    "structure.mat",
+    after="MATLAB 5 file of a structure",
+    source="https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf",
+)
 def matlab_structure(path: Path) -> None:
     import scipy.io
 
     scipy.io.savemat(path, {"run7": {"time": TIME, "height_mm": 1e3 * HEIGHT}})
 
 
-@form("frame.parquet", after="pandas, to_parquet")
+@form(
+    "frame.parquet",
+    after="pandas, to_parquet",
+    source="https://parquet.apache.org/docs/file-format/",
+)
 def parquet(path: Path) -> None:
     import pandas
 
     pandas.DataFrame({"time [ms]": 1e3 * TIME, "height [mm]": 1e3 * HEIGHT}).to_parquet(path)
 
 
-@form("book.xlsx", after="Excel, by openpyxl; a sheet of notes before the table")
+@form(
+    "book.xlsx",
+    after="Excel, by openpyxl; a sheet of notes before the table",
+    source="https://ecma-international.org/publications-and-standards/standards/ecma-376/",
+)
 def excel(path: Path) -> None:
     import openpyxl
 
@@ -82,7 +106,11 @@ def excel(path: Path) -> None:
     book.save(path)
 
 
-@form("book.ods", after="LibreOffice, by odfpy")
+@form(
+    "book.ods",
+    after="LibreOffice, by odfpy",
+    source="https://docs.oasis-open.org/office/OpenDocument/v1.3/os/part3-schema/OpenDocument-v1.3-os-part3-schema.html",
+)
 def libre_office(path: Path) -> None:
     import pandas
 
@@ -90,7 +118,11 @@ def libre_office(path: Path) -> None:
     frame.to_excel(path, index=False, engine="odf")
 
 
-@form("measurement.tdms", after="National Instruments TDMS, by npTDMS")
+@form(
+    "measurement.tdms",
+    after="National Instruments TDMS, by npTDMS",
+    source="https://www.ni.com/en/support/documentation/supplemental/07/tdms-file-format-internal-structure.html",
+)
 def tdms(path: Path) -> None:
     from nptdms import ChannelObject, TdmsWriter
 

@@ -1,0 +1,187 @@
+"""What pulls and pushes at each grain, taken apart: its pairs, and the walls.
+
+Dipoles, contacts (without their dashpots) and walls are known here. All pairs count, whatever way
+of summing them a run has taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.observables.frames import checked_positions, present
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
+BLOCK = 512
+"""Grains whose pairs are in memory at once."""
+
+KNOWN = ("dipole", "contact", "walls")
+SILENT = (
+    "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction",
+)  # fmt: skip
+"""Effects that press no grain against another one or a wall."""
+
+
+class Interactions(NamedTuple):
+    """Branches and forces of some grains with others.
+
+    Attributes
+    ----------
+    grains : int (k,)
+        The grains that the forces act on.
+    branches : float (k, m, 2)
+        From each of the m others to each of these grains [m].
+    forces : float (k, m, 2)
+        On these grains [N].
+    """
+
+    grains: np.ndarray
+    branches: np.ndarray
+    forces: np.ndarray
+
+
+def foreign_effects(scene: Scene) -> tuple[str, ...]:
+    """Effects of a scene whose share in the forces between grains is not known here."""
+    return tuple(one.key for one in scene.effects.all if one.key not in (*KNOWN, *SILENT))
+
+
+def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interactions]:
+    """The forces of all other grains on each grain, for some grains at a time.
+
+    Parameters
+    ----------
+    scene : Scene
+    positions : float (n, 2)
+        [m]; NaN for absent grains, which take no part.
+
+    Raises
+    ------
+    InputError
+        If the shape is not that of the scene's grains, or an effect is none of those known here.
+    """
+    positions, here, system = _begun(scene, positions)
+    scales = system.scales
+    places = positions[here] / scales.length
+    moments = _moments(scene)[here]
+    contact = _law(system, "contact")
+    for start in range(0, len(here), BLOCK):
+        some = np.arange(start, min(start + BLOCK, len(here)))
+        branch = places[some, None] - places[None]
+        r = np.linalg.norm(branch, axis=2)
+        r[np.arange(len(some)), some] = np.inf
+        push = np.zeros_like(r)
+        if scene.effects.dipole is not None:
+            push += _dipoles(r, moments[some], moments)
+        if contact is not None:
+            push += _contacts(contact, r, here[some], here)
+        with np.errstate(invalid="ignore"):
+            forces = (push / r)[:, :, None] * branch
+        yield Interactions(here[some], branch * scales.length, forces * scales.force)
+
+
+def wall_interactions(
+    scene: Scene, positions: np.ndarray, piston_height: float | None = None
+) -> Interactions:
+    """The forces of the walls on each grain: left, right, bottom and piston, as far as they act.
+
+    The branch is the way from the wall, at a right angle to it. Parameters and errors as of
+    `pair_interactions`; ``piston_height`` [m] is the scene's where not given.
+    """
+    from granular.effects.wall_side import SIDES
+
+    positions, here, system = _begun(scene, positions)
+    scales, laws = system.scales, _law(system, "walls")
+    if piston_height is None:
+        piston_height = np.nan if scene.piston is None else scene.piston.height
+    x, y = (positions[here] / scales.length).T
+    width, height = system.constants.width, piston_height / scales.length
+    seen = {
+        "left": (x, y, (1.0, 0.0)), "right": (width - x, y, (-1.0, 0.0)),
+        "bottom": (y, x, (0.0, 1.0)), "top": (height - y, x, (0.0, -1.0)),
+    }  # fmt: skip
+    acting = [] if laws is None else [s for s in SIDES if getattr(laws, s) is not None]
+    moments = _moments(scene)[here]
+    branches, forces = np.zeros((2, len(here), len(acting), 2))
+    for k, side in enumerate(acting):
+        w, along, (nx, ny) = seen[side]
+        normal, tangential = _of_wall(getattr(laws, side), w, along)
+        branches[:, k] = w[:, None] * [nx, ny]
+        # Positive along the wall is the direction of x, or of y at the sides.
+        forces[:, k] = normal[:, None] * [nx, ny] + tangential[:, None] * [abs(ny), abs(nx)]
+    forces *= moments[:, None, None]
+    return Interactions(here, branches * scales.length, forces * scales.force)
+
+
+def _begun(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
+    """Positions, which grains are there, and the scene in natural units."""
+    from granular.engine.system import natural_system
+
+    positions = checked_positions(positions)
+    if len(positions) != scene.grains.count:
+        raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
+    if foreign := foreign_effects(scene):
+        raise InputError(
+            f"effects.{foreign[0]}: what it does between grains is not taken apart; ask for the "
+            "resulting force instead"
+        )
+    return positions, np.flatnonzero(present(positions)), natural_system(scene)
+
+
+def _law(system: Any, key: str) -> Any:
+    """The law of an effect in natural units; None where it does not act."""
+    for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
+        if effect.key == key:
+            return law
+    return None
+
+
+def _moments(scene: Scene) -> np.ndarray:
+    """Magnetic moment of each grain over that of the first species (n,)."""
+    grains = scene.grains
+    return np.asarray(grains.moment_ratios()[grains.assignment()] * grains.spread_factors())
+
+
+def _dipoles(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    from granular.effects.dipole import STRENGTH
+
+    return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
+
+
+def _contacts(law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    from granular.effects import contact
+
+    push = np.zeros_like(r)
+    overlap = law.radius[first][:, None] + law.radius[second][None] - r
+    for i, j in np.argwhere(overlap > 0.0):
+        spring = _callable(contact.spring)(law, law.radius[first[i]], law.radius[second[j]])
+        push[i, j] = _callable(contact.force)(spring, overlap[i, j])
+    return push
+
+
+def _of_wall(law: Any, w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Force on grains of moment 1 away from the wall, and along it."""
+    from granular.effects import wall_slab
+
+    if not isinstance(law, wall_slab.SlabWall):
+        force = _callable(type(law).force)
+        return np.array([force(law, one) for one in w], dtype=float), np.zeros(len(w))
+    normal, tangential = np.zeros((2, len(w)))
+    for start, end in zip(law.starts, law.ends, strict=True):
+        for k, (one, place) in enumerate(zip(w, along, strict=True)):
+            normal[k] += wall_slab.normal_force(one, place - start, end - place)
+            tangential[k] += wall_slab.tangential_force(one, place - start, end - place)
+    return normal, tangential
+
+
+@cache
+def _callable(kernel: Any) -> Any:
+    """A form of a kernel that Python can call."""
+    from granular.compiled import entry
+
+    return entry(kernel)

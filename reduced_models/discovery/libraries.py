@@ -1,0 +1,115 @@
+"""Libraries of terms by name, and the functions that symbolic regressions may be given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import MappingProxyType
+
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+from reduced_models.discovery.own_terms import read_terms
+from reduced_models.discovery.terms import AnyTerm, in_order, library, terms_of
+
+PHYSICAL = "physical"
+"""The library without another name: see `reduced_models.discovery.terms.library`."""
+
+_PLAIN = ("1", "z", "z'", "abs(z')*z'", "sign(z')")
+
+LIBRARIES = MappingProxyType(
+    {
+        PHYSICAL: ((), "powers of z times 1, z', |z'| z' and sign(z')"),
+        "polynomial": (
+            ("1", "z", "z**2", "z**3", "z**4", "z**5", "z'", "z*z'", "z**2*z'", "z'**2", "z'**3"),
+            "springs and dampings that are polynomials of z and z'",
+        ),
+        "trigonometric": (
+            (*_PLAIN, "sin(z)", "cos(z)", "sin(2*z)", "cos(2*z)", "sin(z)*z'", "cos(z)*z'"),
+            "pendulums: z is an angle in radians",
+        ),
+        "rational": (
+            (*_PLAIN, "1/z", "z**-2", "z**-2.5", "z**-3", "z**-4", "z'/z", "z'/z**2"),
+            "springs that stiffen as the height goes to zero: z is a height",
+        ),
+        "dry friction": (
+            (*_PLAIN, "z**3", "z'**3", "z*sign(z')", "abs(z)*sign(z')"),
+            "friction, of constant force or of one that grows with the swing",
+        ),
+        "contact": (
+            ("1", "z", "z'", "z**3", "max(0, z)", "max(0, -z)", "max(0, z)**1.5",
+             "max(0, -z)**1.5", "max(0, z)*z'", "max(0, -z)*z'"),
+            "springs and stops that act on one side of z = 0",
+        ),
+        "driven": (
+            ("1", "z", "z**3", "z'", "abs(z')*z'", "u", "z*u", "z'*u", "u**2"),
+            "a force or a motion of the support, also where it changes the spring",
+        ),
+    }
+)  # fmt: skip
+"""Terms of each library, and what it is for."""
+
+_OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
+_PYSR = {"max": "max", "min": "min"}
+FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
+"""What symbolic regressions know beside sums, differences and products."""
+
+
+def terms_named(
+    names: str | Sequence[str], texts: Sequence[str], degree: int, column: str | None
+) -> tuple[AnyTerm, ...]:
+    """The terms of libraries and of texts, each once, in order.
+
+    Raises
+    ------
+    InputError
+        If there is no such library, or a text is no term.
+    """
+    found: dict[AnyTerm, None] = {}
+    for name in (names,) if isinstance(names, str) else names:
+        if name not in LIBRARIES:
+            raise InputError(
+                f"library = {quoted(name)}; give one or more of {', '.join(LIBRARIES)}, and own "
+                "terms by terms="
+            )
+        if name == PHYSICAL:
+            found |= dict.fromkeys(library(degree, column is not None))
+        elif name == "driven" and column is None:
+            raise InputError("library = 'driven' needs an input; name its column with input=")
+        else:
+            found |= dict.fromkeys(_terms_of_texts(LIBRARIES[name][0], column))
+    found |= dict.fromkeys(_terms_of_texts(texts, column))
+    if not found:
+        raise InputError("there are no terms to choose from; give library= or terms=")
+    return tuple(in_order(found))
+
+
+def _terms_of_texts(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
+    found: list[AnyTerm] = []
+    for text, expression in zip(texts, read_terms(texts, column), strict=True):
+        terms = terms_of(expression)
+        if terms is None:
+            raise InputError(
+                f"the term {quoted(text)} is no function of z and z' with exact numbers"
+            )
+        found += terms
+    return found
+
+
+def functions_named(names: Sequence[str], method: str) -> tuple[str, ...]:
+    """Functions by the names that a method's program knows them by.
+
+    Raises
+    ------
+    InputError
+        If there is no such function, or the method takes none.
+    """
+    if names and method == "sindy":
+        raise InputError(
+            "functions belong to symbolic regression; give the method 'sindy' whole terms by terms="
+        )
+    for name in names:
+        if name not in FUNCTIONS:
+            raise InputError(
+                f"the function {quoted(name)} is unknown; give some of {', '.join(FUNCTIONS)}"
+            )
+    known = _PYSR if method == "pysr" else _OPERON
+    return tuple(known.get(name, name) for name in names)

@@ -1,0 +1,176 @@
+"""Forces taken apart: they add up to those of the engine, and to the virial theorem."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, evaluate, load_scene
+from granular.observables import (
+    compressive_force_series,
+    compressive_forces,
+    force_distribution_of_run,
+    force_modes_of_run,
+    grain_pressures,
+    grain_stresses,
+    grain_virials,
+    observable_named,
+    pair_interactions,
+    voronoi_cells,
+    wall_interactions,
+    with_observables,
+)
+from granular.shared.errors import InputError
+from tests.granular.observables.conftest import MakeRun, hexagonal
+
+WIDTH, HEIGHT, COUNT = 0.08, 0.06, 30
+SLAB = {"law": "slab", "length": "0.6 m"}
+FORMULA = {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}
+TWO = [
+    {"name": "big", "diameter": 0.005, "share": 0.5},
+    {"name": "small", "diameter": 0.003, "share": 0.5},
+]
+
+
+def bed(**changes: Any) -> Scene:
+    given = {
+        "grains.count": COUNT, "grains.species": TWO, "cell.width": WIDTH,
+        "piston.height": HEIGHT, "arrangement.height": 0.058, "arrangement.speed": 0,
+    }  # fmt: skip
+    return load_scene("bed").replace(**given, **changes)
+
+
+def places(random: np.random.Generator) -> np.ndarray:
+    x, y = np.meshgrid(np.linspace(0.004, 0.076, 6), np.linspace(0.004, 0.056, 5))
+    grid = np.stack([x.ravel(), y.ravel()], axis=1)
+    return np.asarray(grid + random.uniform(-2e-3, 2e-3, grid.shape))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"effects.walls": dict.fromkeys(("left", "right", "bottom", "top"), "infinite")},
+        {"effects.walls": {"left": SLAB, "right": "none", "bottom": "slab", "top": "slab"}},
+        {"effects.walls": {"left": FORMULA}, "grains.spread": 0.1},
+        {"effects.contact": {"modulus": "1 MPa"}},
+    ],
+)
+def test_the_parts_add_up_to_the_force_of_the_engine(
+    changes: dict[str, Any], random: np.random.Generator
+) -> None:
+    scene, positions = bed(**changes), places(random)
+    if "effects.contact" in changes:
+        positions[1] = positions[0] + [0.0025, 0.0]
+    whole = evaluate(scene, positions).force.copy()
+    whole[:, 1] += 9.8 * scene.grains.masses()
+    parts = [wall_interactions(scene, positions), *pair_interactions(scene, positions)]
+    total = np.zeros((COUNT, 2))
+    for one in parts:
+        total[one.grains] += one.forces.sum(axis=1)
+    np.testing.assert_allclose(total, whole, rtol=0.0, atol=1e-13 * np.abs(whole).max())
+
+
+def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -> None:
+    """By the formulas of the source, pair by pair."""
+    scene, positions = bed(), places(random)
+    moments = 1.3 / (4e-7 * np.pi) * np.pi * 0.003 / 4.0 * scene.grains.diameters() ** 2
+    unit = 4e-7 * np.pi * (1.3 / (4e-7 * np.pi) * np.pi * 0.003 * 0.005**2 / 4.0) ** 2
+    for i in (0, 7, 29):
+        r = np.linalg.norm(positions - positions[i], axis=1)
+        r[i] = np.inf
+        pairs = 3.0 * 4e-7 * np.pi * moments[i] * moments / (4.0 * np.pi * r**4)
+        x, y = positions[i]
+        share = moments[i] / moments[scene.grains.diameters() == 0.005][0]
+        walls = [
+            0.5 * share * unit / (np.pi * 0.005**4) * (0.005 / w) ** 3.5
+            for w in (x, WIDTH - x, y, HEIGHT - y)
+        ]
+        found = compressive_forces(scene, positions)[i]
+        assert found == pytest.approx(pairs.sum() + sum(walls), rel=1e-12)
+
+
+def test_virials_add_up_to_force_times_height(random: np.random.Generator) -> None:
+    """The virial theorem: what the piston's force does not hold, the grains' own forces do."""
+    scene, positions = bed(), places(random)
+    found = evaluate(scene, positions)
+    own = found.force.copy()
+    own[:, 1] += 9.8 * scene.grains.masses()
+    total = grain_virials(scene, positions).sum(axis=0)
+    upright = HEIGHT * found.piston_force + float(positions[:, 1] @ own[:, 1])
+    across = WIDTH * found.wall_forces["right"] + float(positions[:, 0] @ own[:, 0])
+    assert total[1, 1] == pytest.approx(upright, rel=1e-12)
+    assert total[0, 0] == pytest.approx(across, rel=1e-12)
+
+
+def test_stress_of_a_crystal_is_that_of_the_lattice() -> None:
+    """1.6675 (F*/D) rho^2.5 of an endless triangular lattice, here of a patch's inner grains."""
+    spacing, side = 0.012, 60
+    positions = hexagonal(side, side, spacing) + 0.1
+    scene = load_scene("bed").replace(
+        **{
+            "grains.count": side * side, "cell.width": "1.2 m", "piston": None,
+            "effects.walls": None, "arrangement.height": "1 m",
+        }
+    )  # fmt: skip
+    cells = voronoi_cells(positions)
+    stresses = grain_stresses(scene, positions, cells=cells)
+    middle = (side // 2) * side + side // 2
+    density = 2.0 / np.sqrt(3.0) * (0.006 / spacing) ** 2
+    unit = 4e-7 * np.pi * 0.08775**2 / (np.pi * 0.006**4)
+    lattice = 1.6675 * unit / 0.006 * density**2.5
+    pressures = grain_pressures(scene, positions, cells=cells)
+    # The patch lacks the far neighbours, whose share falls with its radius, 30 spacings.
+    assert pressures[middle] == pytest.approx(lattice, rel=0.04)
+    assert stresses[middle, 0, 0] == pytest.approx(stresses[middle, 1, 1], rel=0.01)
+    assert abs(stresses[middle, 0, 1]) < 0.01 * pressures[middle]
+    assert np.isnan(pressures[0])
+
+
+def test_absent_grains_press_nobody(random: np.random.Generator) -> None:
+    scene, positions = bed(), places(random)
+    positions[3] = np.nan
+    found = compressive_forces(scene, positions)
+    assert np.isnan(found[3])
+    assert np.isfinite(np.delete(found, 3)).all()
+    far = positions.copy()
+    far[3] = [WIDTH / 2, 1e6]
+    without = [
+        next(pair_interactions(scene, one)).forces[0].sum(axis=0) for one in (positions, far)
+    ]
+    np.testing.assert_allclose(without[0], without[1], rtol=1e-12)
+
+
+def test_unknown_laws_and_shapes_are_input_errors() -> None:
+    law = [{"energy": "a*exp(-r/l)", "a": "1 mJ", "l": "2 mm"}]
+    with pytest.raises(InputError, match=r"effects\.pair_law: what it does between grains"):
+        compressive_forces(bed(**{"effects.pair_law": law}), np.zeros((COUNT, 2)))
+    with pytest.raises(InputError, match="7 positions for 30 grains"):
+        compressive_forces(bed(), np.zeros((7, 2)))
+
+
+def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
+    """Series, named observable and distributions are of the same forces."""
+    changes = {"grains.species": TWO, "cell.width": "0.08 m", "piston.height": "0.06 m"}
+    frames = np.stack([places(random), places(random)])
+    run = make_run(frames, changes, heights=np.full(2, HEIGHT))
+    forces = compressive_force_series(run).values
+    np.testing.assert_allclose(forces[1], compressive_forces(run.scene, frames[1], HEIGHT))
+    named = with_observables(run, observable_named("compressive_force"))
+    np.testing.assert_array_equal(named["compressive_force"].values, forces)
+    pressure = observable_named("grain_pressure")(run).values
+    inside = voronoi_cells(frames[1]).interior
+    np.testing.assert_array_equal(np.isfinite(pressure[1]), inside)
+
+    owner = run.dataset["species"].values
+    for k, one in enumerate(force_distribution_of_run(run).values()):
+        assert one.counts.sum() == (inside & (owner == k)).sum()
+        assert one.edges[-1] == pytest.approx(forces[1, inside & (owner == k)].max())
+    (pooled,) = force_distribution_of_run(run, pooled=True).values()
+    assert pooled.counts.sum() == inside.sum()
+    assert pooled.edges[-1] == 1.0
+    assert 0.0 < force_modes_of_run(run).p <= 1.0
+    with pytest.raises(InputError, match="frame = 2"):
+        force_distribution_of_run(run, frame=2)

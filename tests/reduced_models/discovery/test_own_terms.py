@@ -1,0 +1,209 @@
+"""Own terms, libraries by name and functions: what is outside powers of z and z'."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granular import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models import HeightMap, discover, fit
+from reduced_models.discovery.choice import polished_front
+from reduced_models.discovery.libraries import LIBRARIES, terms_named
+from reduced_models.discovery.own_terms import OwnTerm, read_terms
+from reduced_models.discovery.result import CandidateEquation
+from reduced_models.discovery.selection import scored
+from reduced_models.discovery.symbols import symbols
+from reduced_models.discovery.terms import library, sum_of, terms_of
+from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
+
+TIME = np.linspace(0.0, 40.0, 2000)
+FORCE = np.sin(0.9 * TIME) + 0.5 * np.sin(2.3 * TIME + 1.0)
+
+
+def push(t: float) -> float:
+    return float(np.interp(t, TIME, FORCE))
+
+
+# Each: z''(t, z, v), z(0), options, and its terms.
+SYSTEMS = {
+    "pendulum": (
+        lambda t, z, v: -0.3 * v - 2.0 * np.sin(z), 2.5,
+        {"library": "trigonometric"}, {"sin(z)", "z'"},
+    ),
+    "quintic spring": (
+        lambda t, z, v: -0.1 * v - z - 0.5 * z**5, 1.3,
+        {"library": "polynomial"}, {"z", "z**5", "z'"},
+    ),
+    "cubic drag": (
+        lambda t, z, v: -z - 0.1 * v**3, 1.5, {"terms": ["z'**3"]}, {"z", "z'**3"},
+    ),
+    "driven spring": (
+        lambda t, z, v: -0.2 * v - z - 0.5 * z**3 + 0.7 * push(t) * z, 1.0,
+        {"library": "driven", "input": "push"}, {"z", "z**3", "z'", "u*z"},
+    ),
+}  # fmt: skip
+
+
+def motion(law: Callable[..., float], start: float) -> np.ndarray:
+    from scipy.integrate import solve_ivp
+
+    solved = solve_ivp(
+        lambda t, y: [y[1], law(t, *y)], (0.0, TIME[-1]), [start, 0.0],
+        "DOP853", TIME, rtol=1e-9, atol=1e-11, max_step=0.05,
+    )  # fmt: skip
+    return np.asarray(solved.y[0])
+
+
+def found_in(name: str, seed: int) -> set[str]:
+    law, start, options, _ = SYSTEMS[name]
+    z = motion(law, start)
+    noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
+    record = PistonRecord(TIME, z + noise, extra={"push": FORCE})
+    found = discover(record, "sindy", polish=0, **options)  # type: ignore[arg-type]  # by name
+    return {term.text for term in found.best.terms or ()}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_structure_is_found_with_the_right_library(name: str) -> None:
+    assert found_in(name, 0) == SYSTEMS[name][3]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_structure_is_found_from_five_seeds(name: str) -> None:
+    assert sum(found_in(name, seed) == SYSTEMS[name][3] for seed in range(5)) >= 4
+
+
+def test_a_pendulum_of_a_polished_discovery() -> None:
+    """Its model solves the own term, and says so as text."""
+    law, start, options, _ = SYSTEMS["pendulum"]
+    found = discover(PistonRecord(TIME, motion(law, start)), "sindy", polish=1, **options)  # type: ignore[arg-type]  # by name
+    assert "sin(z)" in found.model.law.equation
+    assert found.best.terms is not None
+    values = {term.text: value for term, value in found.best.terms.items()}
+    assert values == pytest.approx({"sin(z)": -2.0, "z'": -0.3}, rel=1e-4)
+
+
+@pytest.mark.long  # quick: the terms and the judge that both methods share
+def test_symbolic_regression_takes_own_terms_and_functions() -> None:
+    law, start, _, _ = SYSTEMS["pendulum"]
+    record = PistonRecord(TIME, motion(law, start))
+    for options in ({"terms": ["sin(z)"]}, {"functions": ["sin"]}):
+        found = discover(record, "operon", polish=2, **options)  # type: ignore[arg-type]  # by name
+        assert found.best.expression.has(sympy.sin)
+        assert found.best.error < 2.0
+
+
+@pytest.mark.long
+def test_both_methods_stand_side_by_side() -> None:
+    """Cubic drag is outside the physical library: only symbolic regression proposes it."""
+    law, start, _, terms = SYSTEMS["cubic drag"]
+    z = motion(law, start)
+    noise = np.random.default_rng(0).normal(0.0, 0.001 * z.std(), len(z))
+    found = discover(PistonRecord(TIME, z + noise), polish=0)
+    assert found.method == "sindy and operon"
+    assert {term.text for term in found.best.terms or ()} == terms
+
+
+@pytest.mark.parametrize("name", sorted(set(LIBRARIES) - {"physical"}))
+def test_libraries_can_be_written_and_read(name: str) -> None:
+    terms = terms_named(name, (), 3, "force")
+    assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0])
+    values = np.linspace(1.0, 2.0, len(terms))
+    assert terms_of(sum_of(terms, list(values))) == pytest.approx(
+        dict(zip(terms, values, strict=True))
+    )
+
+
+OWN = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", "u*sin(z)", "tanh(z')")
+
+
+@given(st.sampled_from(OWN), st.floats(0.3, 2.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
+def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: float) -> None:
+    (term,) = terms_of(read_terms([text], "u")[0]) or ()
+    assert isinstance(term, OwnTerm)
+    h = 1e-6
+
+    def at(dz: float, dv: float) -> float:
+        return float(term.values(np.array([z + dz]), np.array([v + dv]), np.array([u]))[0])
+
+    here = np.array([z]), np.array([v]), np.array([u])
+    by_height, by_speed = term.by_height(*here), term.by_speed(*here)
+    assert float(by_height[0]) == pytest.approx((at(h, 0) - at(-h, 0)) / (2 * h), abs=1e-6)
+    assert float(by_speed[0]) == pytest.approx((at(0, h) - at(0, -h)) / (2 * h), abs=1e-6)
+    if term.total:
+        slope = (term.primitive(here[0] + h) - term.primitive(here[0] - h)) / (2 * h)
+        assert float(slope[0] * v) == pytest.approx(at(0, 0), abs=1e-6)
+
+
+def test_noise_of_an_own_term_is_as_predicted() -> None:
+    """The white residuals of the true equation have unit variance, as with powers."""
+    law, start, _, _ = SYSTEMS["pendulum"]
+    z = motion(law, start)
+    v = np.gradient(z, TIME)
+    level = 0.01 * float(z.std())
+    terms = tuple(terms_of(read_terms(["sin(z) + z'"])[0]) or ())
+    misfits = []
+    for seed in range(5):
+        noisy = z + np.random.default_rng(seed).normal(0.0, level, len(z))
+        weak = weak_form(
+            SmoothedMotion(TIME, noisy, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0)
+        )
+        misfits.append(scored(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
+    assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"terms": ["sin(w)"]}, r"names w; terms are of z, z' and"),
+        ({"terms": ["sin(z"]}, r"cannot be read"),
+        ({"terms": ["z - z"]}, r"is zero; leave it out"),
+        ({"terms": ["__import__('os')"]}, r"cannot be read"),
+        ({"terms": ["log(z)"]}, r"the term 'log\(z\)' is not finite for all z from"),
+        ({"terms": [3]}, r"the term 3 is no text"),
+        ({"library": "cubic"}, r"library = 'cubic'; give one or more of physical"),
+        ({"library": "driven"}, r"needs an input"),
+        ({"library": ()}, r"no terms to choose from"),
+        ({"functions": ["sin"]}, r"functions belong to symbolic regression"),
+        ({"method": "operon", "functions": ["gamma"]}, r"the function 'gamma' is unknown"),
+        ({"effort": 0.0}, r"effort = 0\.0; give a number above 0"),
+    ],
+)
+def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
+    record = PistonRecord(TIME, np.round(np.cos(TIME), 2))
+    with pytest.raises(InputError, match=words):
+        discover(record, **{"method": "sindy", **options})  # type: ignore[arg-type]  # by name
+
+
+def test_own_terms_are_of_the_height_itself() -> None:
+    """Powers of the swing about rest would mean something else by z."""
+    record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
+    assert discover(record, "sindy", polish=0).map != HeightMap()
+    assert discover(record, "sindy", library="rational", polish=0).map == HeightMap()
+
+
+def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
+    """The best few cannot be polished; one that comes later can."""
+    z, v, _ = symbols()
+    wave, slope = np.cos(TIME), -np.sin(TIME)
+    motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
+    _, judge = scored(weak_form(motion), library(1), library(1), [np.array([[0]])])
+    model = fit(PistonRecord(TIME, wave), "linear", starts=2, holdout=0.0)
+    wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
+    candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]
+
+    def polish(one: CandidateEquation) -> CandidateEquation:
+        return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
+
+    front, chosen = polished_front(candidates, polish, 2, judge)
+    assert front[chosen].model is model
+    front, chosen = polished_front(candidates, polish, 0, judge)
+    assert front[chosen] is candidates[0]

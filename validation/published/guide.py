@@ -1,0 +1,162 @@
+"""What the guide says of the published values: made from the results file, between two marks.
+
+``python -m validation published --guide`` writes it anew; a test compares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from validation.published.causes import comparisons, verdict_on_hysteresis
+from validation.published.judging import Judged, judged, said
+from validation.published.page import FIRST, words_of
+from validation.published.plan import (
+    ASPECTS,
+    GAMMAS,
+    MASSES,
+    SOURCE_DRAG,
+    damper_name,
+    mixture_name,
+)
+from validation.published.results import Results, counted
+from validation.published.statements import counted_statements
+
+WIDTH = 110
+ROOT = Path(__file__).parents[2]
+PAGES: Mapping[str, str] = {
+    "counts": "docs/guide/verification.md",
+    "figures": "docs/guide/verification.md",
+    "damper law": "docs/guide/damper-to-equation.md",
+}
+"""Files by the blocks that they hold."""
+
+
+def blocks(results: Results) -> dict[str, str]:
+    """The text of every block."""
+    makers: Mapping[str, Callable[[Results], str]] = {
+        "counts": _counts, "figures": _figures, "damper law": _damper_law,
+    }  # fmt: skip
+    return {name: make(results) for name, make in makers.items()}
+
+
+def with_blocks(page: str, made: Mapping[str, str]) -> str:
+    """A page with the text between the marks of each block replaced."""
+    for name, text in made.items():
+        begin, end = marks(name)
+        if begin in page and end in page:
+            before, _, rest = page.partition(begin)
+            page = f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
+    return page
+
+
+def marks(name: str) -> tuple[str, str]:
+    """How a block begins and ends."""
+    return f"<!-- made from validation/published/results.json: {name} -->", f"<!-- end: {name} -->"
+
+
+def write_guide(results: Results, root: Path = ROOT) -> list[Path]:
+    """Write the blocks into the pages below ``root``; the pages."""
+    made, written = blocks(results), []
+    for name in dict.fromkeys(PAGES.values()):
+        path = root / name
+        text = path.read_text(encoding="utf-8")
+        path.write_text(with_blocks(text, made), encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def _counts(results: Results) -> str:
+    rows = judged(results)
+    series = counted(results)
+    made = results.made
+    sentences = [
+        f"Of {len(rows)} published numbers: {said(rows)}.",
+        f"Of {sum(counted_statements(results).values())} statements: "
+        f"{words_of(counted_statements(results))}.",
+        f"{series['whole']} of {series['planned']} series are run whole, {series['begun']} begun, "
+        f"{series['stale']} stale; {series['residual above 1e-3']} of them miss the energy by more "
+        "than 1e-3 of that turned over.",
+        f"Made by `{made.get('command', '')}` on {made.get('date', '')}, begun "
+        f"{made.get('sittings', 0)} times.",
+    ]
+    return _wrapped(" ".join(sentences))
+
+
+def _figures(results: Results) -> str:
+    rows = {row.entry.key: row for row in judged(results)}
+    lines = ["| figure | published | here | verdict |", "|---|---|---|---|"]
+    lines += [_row(rows[key]) for key in FIRST]
+    modes = _modes(results)
+    lines += ["", _wrapped(verdict_on_hysteresis(comparisons(results)))]
+    if modes:
+        lines += ["", _wrapped(modes)]
+    return "\n".join(lines)
+
+
+def _row(row: Judged) -> str:
+    from validation.published.page import ours_of, published_of
+
+    return (
+        f"| {row.entry.what} | {published_of(row)} | {ours_of(row.found, row.entry.unit)} | "
+        f"{row.verdict.words} |"
+    )
+
+
+def _modes(results: Results) -> str:
+    """The dip test of compressive forces, of the longest protocol that is there."""
+    words = []
+    beds = [("R = 0", mixture_name(0.6, 0.0))]
+    beds += [(f"R = 0.5, a = {a:g}", mixture_name(a, 0.5)) for a in ASPECTS]
+    beds += [(f"R = 1, a = {a:g}", mixture_name(a, 1.0)) for a in ASPECTS]
+    for label, name in beds:
+        found = [
+            one for protocol in ("published", "quick")
+            if (one := results.sample(name, "dip_p", protocol)) is not None
+        ]  # fmt: skip
+        if found:
+            low, high = float(found[0].values.min()), float(found[0].values.max())
+            p = f"{low:.2g}" if len(found[0].values) == 1 else f"{low:.2g} to {high:.2g}"
+            words.append(f"{label} ({found[0].protocol}): {p}")
+    if not words:
+        return ""
+    return (
+        "Compressive forces on the grains, both species together: p of Hartigan's dip test for one "
+        f"mode over the starts, {'; '.join(words)}."
+    )
+
+
+def _damper_law(results: Results) -> str:
+    """How the source's law follows the swing, over the drag."""
+    lines = [
+        "| drag of a grain | damping ratio | left over by the source's law | by the linear one | "
+        "alpha/omega in the source's scaling |",
+        "|---|---|---|---|---|",
+    ]
+    for drag in GAMMAS:
+        name = damper_name(MASSES[1], drag)
+        found = [
+            results.sample(name, one)
+            for one in ("damping_ratio", "free_misfit", "free_linear_misfit", "alpha_over_omega")
+        ]
+        known = [float(one.values.mean()) for one in found if one is not None]
+        if len(known) == len(found):
+            lines.append(
+                f"| {drag:g} kg/s | {known[0]:.3f} | {100.0 * known[1]:.1f} % | "
+                f"{100.0 * known[2]:.1f} % | {known[3]:.3f} |"
+            )
+    unit = results.sample(damper_name(MASSES[1], SOURCE_DRAG), "unit")
+    if unit is None:
+        return _wrapped("The source's damper: its runs are not done.")
+    tail = (
+        "The source's curve has alpha/omega = 0.162 and the damping ratio 0.427. It prints no drag "
+        f"for its damper, and no unit of time: one of {unit.values.mean():.3f} s would make omega "
+        "its 1.05."
+    )
+    return "\n".join([*lines, "", _wrapped(tail)])
+
+
+def _wrapped(text: str) -> str:
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False))

@@ -1,0 +1,77 @@
+"""The source's two ways of summing pairs, as plainly as it writes them, to time them side by side.
+
+One loop over all pairs, one over a list of neighbours; no vectors, one thread.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numba
+import numpy as np
+
+from granular.effects.dipole import STRENGTH
+
+REPEATS = 7
+
+
+@numba.njit(cache=True)
+def _direct(x: np.ndarray, y: np.ndarray, force: np.ndarray) -> None:
+    force[:] = 0.0
+    for i in range(x.size):
+        for j in range(i + 1, x.size):
+            _pair(x, y, force, i, j)
+
+
+@numba.njit(cache=True)
+def _listed(
+    x: np.ndarray, y: np.ndarray, force: np.ndarray, first: np.ndarray, others: np.ndarray
+) -> None:
+    force[:] = 0.0
+    for i in range(x.size):
+        for k in range(first[i], first[i + 1]):
+            _pair(x, y, force, i, others[k])
+
+
+@numba.njit(cache=True, inline="always")
+def _pair(x: np.ndarray, y: np.ndarray, force: np.ndarray, i: int, j: int) -> None:
+    dx, dy = x[i] - x[j], y[i] - y[j]
+    r2 = dx * dx + dy * dy
+    ratio = STRENGTH / (r2 * r2 * np.sqrt(r2))
+    force[0, i] += ratio * dx
+    force[1, i] += ratio * dy
+    force[0, j] -= ratio * dx
+    force[1, j] -= ratio * dy
+
+
+def neighbours(positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where each grain's list begins (n + 1,), and the later grains within the radius."""
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(positions).query_pairs(radius, output_type="ndarray")
+    pairs = np.sort(pairs, axis=1)
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    first = np.searchsorted(pairs[:, 0], np.arange(len(positions) + 1))
+    return first, np.ascontiguousarray(pairs[:, 1])
+
+
+def loop_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
+    """Processor time of one sum by either loop [us], the least of some; positions (n, 2) [D]."""
+    x, y = np.ascontiguousarray(positions[:, 0]), np.ascontiguousarray(positions[:, 1])
+    force = np.zeros((2, len(x)))
+    first, others = neighbours(positions, radius)
+    _direct(x, y, force)
+    whole = force.copy()
+    _listed(x, y, force, *neighbours(positions, np.inf))
+    assert np.allclose(force, whole)
+    return _least(_direct, x, y, force), _least(_listed, x, y, force, first, others)
+
+
+def _least(loop: object, *arguments: np.ndarray) -> float:
+    least, sums = np.inf, max(1, 40_000_000 // arguments[0].size ** 2)
+    for _ in range(REPEATS):
+        begun = time.process_time()
+        for _ in range(sums):
+            loop(*arguments)  # type: ignore[operator]
+        least = min(least, (time.process_time() - begun) / sums)
+    return 1e6 * least

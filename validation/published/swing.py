@@ -1,0 +1,87 @@
+"""The laws that are fitted to a damper's swing: the source's, and the linear one."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.scene.scene import Scene
+from validation.published.values import published_value
+
+LAW = "z'' + 2*alpha*(z**2 - 2*z)*z' + omega**2*z = g0"
+"""[D, eq. 5.12], in the height as it is given."""
+LINEAR = "z'' + 2*lam*z' + omega**2*z = g0"
+LENGTH = 1.0
+"""How long the swing is fitted [s]: at the source's damping it is at rest well before."""
+
+
+def source_height(heights: np.ndarray, rest: float) -> np.ndarray:
+    """Heights in the scaling of [D, Fig. 5.12], whatever their unit.
+
+    There the motion begins at z = 1 and rests at z = g0/omega^2 = -0.907, which fixes shift and
+    scale.
+    """
+    law = published_value("damper.van_der_pol_like")
+    low = law["g0"] / law["omega"] ** 2
+    return low + (law["z0"] - low) * (heights - rest) / (heights[0] - rest)
+
+
+def swing_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
+    """Rest, period and damping of the small swing, and how the laws fit it.
+
+    Returns
+    -------
+    dict
+        ``alpha``, ``omega`` [1/s] and ``g0`` of the source's law in its own scaling, from rest at
+        z = 1; ``alpha_over_omega`` and ``g0_over_omega2``, which need no unit of time; ``unit``,
+        the unit of time [s] in which omega is the printed one; ``misfit`` and ``linear_misfit``,
+        what the laws leave over of the swing's rms there; ``free_misfit`` and
+        ``free_linear_misfit``, with shift, scale and start fitted too; ``swing_z``, some of the
+        heights in the source's scaling.
+    """
+    diameter = scene.grains.species[0].diameter
+    times, heights = (np.array(record["swing"][name]) for name in ("times", "heights"))
+    chosen = times <= LENGTH
+    times, heights = times[chosen], heights[chosen]
+    rest = record["rest_height"]
+    scaled = PistonRecord(time=times, height=source_height(heights, rest))
+    plain = PistonRecord(time=times, height=heights)
+    start = {"height": 1.0, "velocity": 0.0}
+    source, linear = (_fit(scaled, law, initial=start) for law in (LAW, LINEAR))
+    free, free_linear = (_fit(plain, law) for law in ("van-der-pol-like", "linear"))
+    alpha, omega, g0 = (source.parameters[name] for name in ("alpha", "omega", "g0"))
+    small = free_linear.at_rest
+    return {
+        "rest_height_D": rest / diameter,
+        "nudge_D": record["nudge"] / diameter,
+        "period": float("nan") if small is None else small.period,
+        "damping_ratio": float("nan") if small is None else small.damping_ratio,
+        "alpha": alpha,
+        "omega": abs(omega),
+        "g0": g0,
+        "alpha_over_omega": alpha / abs(omega),
+        "g0_over_omega2": g0 / omega**2,
+        "unit": published_value("damper.van_der_pol_like.omega") / abs(omega),
+        "ratio_of_source_law": _at_rest(source),
+        "misfit": source.quality.relative,
+        "linear_misfit": linear.quality.relative,
+        "free_misfit": free.quality.relative,
+        "free_linear_misfit": free_linear.quality.relative,
+        "swing_z": source_height(heights, rest)[:: max(1, len(heights) // 100)],
+    }
+
+
+def _at_rest(model: Any) -> float:
+    return float("nan") if model.at_rest is None else float(model.at_rest.damping_ratio)
+
+
+def _fit(record: PistonRecord, law: str, **settings: Any) -> Any:
+    from reduced_models import fit
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fit(record, law=law, holdout=0.0, **settings)

@@ -1,0 +1,39 @@
+"""Symbolic regression of a motion z(t), as the source tries it with PySR [D, 5.2.1]."""
+
+from __future__ import annotations
+
+import numpy as np
+from pyoperon.sklearn import SymbolicRegressor
+
+SAMPLES = 600
+GENERATIONS = 200
+SYMBOLS = "add,sub,mul,div,sin,cos,exp,constant,variable"
+"""Those of the source's demonstration, whose result it prints with cos, exp, - and /."""
+
+
+def demonstration(span: float) -> dict[str, float]:
+    """Fit z(t) = cos(t - 0.0996) exp(0.0503 (0.0996 - t)) by an expression that is searched for.
+
+    Parameters
+    ----------
+    span : float
+        Length of the record, in the source's unit of time.
+
+    Returns
+    -------
+    dict
+        ``misfit``: what the expression leaves over of the motion's rms; ``length``: how many
+        symbols it has.
+    """
+    t = np.linspace(0.0, span, SAMPLES)
+    z = np.cos(t - 0.0996) * np.exp(0.0503 * (0.0996 - t))
+    search = SymbolicRegressor(
+        allowed_symbols=SYMBOLS, generations=GENERATIONS, population_size=1000, max_length=30,
+        optimizer_iterations=10, random_state=1, n_threads=1, max_evaluations=500_000,
+    )  # fmt: skip
+    search.fit(t[:, None], z)
+    left = z - search.predict(t[:, None])
+    return {
+        "misfit": float(np.sqrt(np.mean(left**2) / np.mean(z**2))),
+        "length": float(len(search.model_.Nodes)),
+    }
