@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from granular.shared.errors import GranularError, InputError
 from reduced_models.falls.data import FallRow, Falls
 from reduced_models.fitting.fitting import fit, law_of
 from reduced_models.fitting.options import STARTS
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 FALL_LAWS = ("elastoplastic-bed", "power-law-spring", "van-der-pol-like", "linear")
-REST = -0.907
-"""Level of rest in the scaling of [D, 5.3], where the fall begins at 1."""
 SAME = 1e-3
 """Heights of two starts, over the drop, that are the same."""
 
@@ -38,8 +35,6 @@ def judged_falls(
     starts: int = STARTS,
 ) -> Falls:
     """Fit laws to one fall from rest, and predict others from their first heights alone.
-
-    Laws of a pure number, as the Van der Pol-like one, are fitted in the scaling of [D, 5.3].
 
     Parameters
     ----------
@@ -94,20 +89,10 @@ def _row(
             model = fit(
                 record, law, holdout=0.0, starts=starts, start=_start(law, scene),
                 initial={"height": float(record.height[0]), "velocity": 0.0},
-                map=_map(law, record, level),
             )  # fmt: skip
     except GranularError as cause:
         return FallRow(law.name, None, failure=str(cause))
     return FallRow(law.name, model, tuple(fall_error(model, one, level) for one in unseen))
-
-
-def _map(law: Law, record: PistonRecord, level: float) -> HeightMap | Literal["auto"]:
-    """The scaling of [D, 5.3] for laws of a pure number: 1 where the fall begins, REST at rest."""
-    if not law.mapped:
-        return "auto"
-    first = float(record.height[0])
-    scale = (first - level) / (1.0 - REST)
-    return HeightMap(first - scale, scale)
 
 
 def _start(law: Law, scene: Scene | None) -> dict[str, float] | None:
