@@ -11,6 +11,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.algebra import function_of
 from granular.shared.errors import InputError
+from reduced_models.discovery.elliptic_calls import freed
 from reduced_models.discovery.julia import ELLIPTIC
 from reduced_models.discovery.polishing import parametrised
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 _FUNCTIONS = ("sin", "cos", "exp")
 _MOST_POINTS = 500
 _FLOOR = 1e-6
+_EQUAL = 1e-6  # difference of criteria that rounding makes
 _MOST_NUMBERS = 16
 
 
@@ -48,7 +50,8 @@ def height_equations(
         from reduced_models.discovery.julia import pysr_expressions
 
         found = pysr_expressions(inputs, z[rows], noise, _FUNCTIONS, True, effort, seed)
-    fitted = [_fitted(sympy.expand_mul(one), time, z, noise) for one in found]
+    forms = [form for one in found for form in freed(sympy.expand_mul(one))]
+    fitted = [_fitted(one, time, z, noise) for one in forms]
     if not found:
         raise InputError(f"{method!r} found no expression that is finite; try another method")
     excess = max(1.0, min(error for _, error in fitted)) ** 2
@@ -62,7 +65,9 @@ def height_equations(
         for one, error in fitted
     ]
     front = pareto_front(candidates)
-    chosen = int(np.argmin([one.criterion for one in front]))
+    least = min(one.criterion for one in front)
+    # The front begins with the simplest: of equal ones it is the first.
+    chosen = next(k for k, one in enumerate(front) if one.criterion <= least + _EQUAL)
     return Discovery(f"{method}, z(t)", tuple(front), chosen, height_map)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from granular.shared.errors import GranularError, InputError
 from reduced_models.falls.data import FallRow, Falls
 from reduced_models.fitting.fitting import fit, law_of
 from reduced_models.fitting.options import STARTS
-from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 FALL_LAWS = ("elastoplastic-bed", "power-law-spring", "van-der-pol-like", "linear")
-REST = -0.907
-"""Level of rest in the scaling of [D, 5.3], where the fall begins at 1."""
 SAME = 1e-3
 """Heights of two starts, over the drop, that are the same."""
 
@@ -38,8 +35,6 @@ def judged_falls(
     starts: int = STARTS,
 ) -> Falls:
     """Fit laws to one fall from rest, and predict others from their first heights alone.
-
-    Laws of a pure number, as the Van der Pol-like one, are fitted in the scaling of [D, 5.3].
 
     Parameters
     ----------
@@ -71,7 +66,10 @@ def judged_falls(
                 f"{label} begins at {one.height[0]:g} m, not above the level of rest, {level:g} m; "
                 "give a fall"
             )
-    rows = [_row(law, record, tuple(unseen.values()), level, scene, starts) for law in laws]
+    rows = [
+        _row(law_of(law, record), record, tuple(unseen.values()), level, scene, starts)
+        for law in laws
+    ]
     if all(row.model is None for row in rows):
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     rows.sort(key=lambda row: (row.model is None, row.median))
@@ -82,35 +80,24 @@ def judged_falls(
 
 
 def _row(
-    law: str | Law, record: PistonRecord, unseen: Sequence[PistonRecord], level: float,
+    law: Law, record: PistonRecord, unseen: Sequence[PistonRecord], level: float,
     scene: Scene | None, starts: int,
 ) -> FallRow:  # fmt: skip
-    name = law if isinstance(law, str) else law.name
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes
             model = fit(
-                record, law, holdout=0.0, starts=starts, start=_start(law, record, scene),
+                record, law, holdout=0.0, starts=starts, start=_start(law, scene),
                 initial={"height": float(record.height[0]), "velocity": 0.0},
-                map=_map(law, record, level),
             )  # fmt: skip
     except GranularError as cause:
-        return FallRow(name, None, failure=str(cause))
-    return FallRow(name, model, tuple(fall_error(model, one, level) for one in unseen))
+        return FallRow(law.name, None, failure=str(cause))
+    return FallRow(law.name, model, tuple(fall_error(model, one, level) for one in unseen))
 
 
-def _map(law: str | Law, record: PistonRecord, level: float) -> HeightMap | Literal["auto"]:
-    """The scaling of [D, 5.3] for laws of a pure number: 1 where the fall begins, REST at rest."""
-    if not law_of(law, record).mapped:
-        return "auto"
-    first = float(record.height[0])
-    scale = (first - level) / (1.0 - REST)
-    return HeightMap(first - scale, scale)
-
-
-def _start(law: str | Law, record: PistonRecord, scene: Scene | None) -> dict[str, float] | None:
+def _start(law: Law, scene: Scene | None) -> dict[str, float] | None:
     """What a scene says of the law of its fall."""
-    if scene is None or law_of(law, record).name != "elastoplastic-bed":
+    if scene is None or law.name != "elastoplastic-bed":
         return None
     from reduced_models.falls.theory import parameters_of
 

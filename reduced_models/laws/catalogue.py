@@ -5,6 +5,7 @@ from __future__ import annotations
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
 from granular.shared.listing import Listing
+from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.laws.bouc_wen import BOUC_WEN
 from reduced_models.laws.coulomb import COULOMB
 from reduced_models.laws.duffing import DUFFING
@@ -28,6 +29,7 @@ _ALL = (
     COULOMB,
     BOUC_WEN,
     ELASTOPLASTIC_BED,
+    ANNEALING_BED,
 )
 
 LAWS = Listing(((law.name, law) for law in _ALL), lambda law: law.equation)

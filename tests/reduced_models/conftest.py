@@ -26,6 +26,10 @@ TRUE = {
         {"lam": 0.05, "weight": 1.0, "rest": 3.0, "power": 2.5, "modulus": 1.0, "strength": 0.1},
         5.0,
     ),
+    "annealing-bed": (
+        {"lam": 0.05, "weight": 1.0, "rest": 3.0, "power": 2.5, "modulus": 1.0, "strength": 0.1},
+        5.0,
+    ),
 }
 
 

@@ -1,0 +1,153 @@
+"""One set of numbers for a bed that falls, is lifted at rest, or is shaken."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord, Scene, damper, simulate
+from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.solution import solution
+
+D = 0.006
+LAW = LAWS["annealing-bed"]
+LIFTS = (0.2, 0.7, 1.5, 2.5, 4.0)
+FALLS = (14.0, 16.0, 18.0, 20.0, 24.0, 28.0)
+AMPLITUDES, FREQUENCIES = (0.5, 1.5, 3.0), (1.0, 3.5, 8.0)
+SETTLE = {"kind": "free", "name": "fall", "until": "rest"}
+
+
+def run(scene: Scene, height: float, *stages: dict[str, Any]) -> list[PistonRecord]:
+    """The record of each stage that takes time, from a height [D, for 368 grains]."""
+    changes = {
+        "piston.height": height * scale(scene), "arrangement.height": (height - 1.0) * scale(scene),
+        "output.record": None, "protocol": list(stages),
+    }  # fmt: skip
+    found = simulate(scene.replace(**changes), dt="auto*2", progress=False)
+    return [found.piston(str(one["name"])) for one in stages if one["kind"] != "lift"]
+
+
+def numbers(scene: Scene, rest: float) -> list[float]:
+    """Theory's weight, power and drag; modulus and strength are the same for all beds."""
+    assert scene.piston is not None
+    assert scene.effects.drag is not None
+    lam = scene.grains.count * scene.effects.drag.coefficient / (6.0 * scene.piston.mass)
+    known = {
+        "lam": lam, "weight": 9.8, "rest": rest, "power": 2.5, "modulus": 0.307,
+        "strength": 0.0429,
+    }  # fmt: skip
+    return [known[name] for name in LAW.parameters]
+
+
+def strained(
+    values: list[float], hidden: list[float], times: np.ndarray, heights: np.ndarray
+) -> np.ndarray:
+    """Hidden states (2, n) along straight lines from height to height, by the midpoint rule."""
+    rates = compiled_field(LAW.equation, (), "numpy")
+    states = np.empty((2, len(times)))
+    states[:, 0] = hidden
+    steps = np.diff(times)
+    speeds, middles = np.diff(heights) / steps, 0.5 * (heights[1:] + heights[:-1])
+    for k, (step, speed, middle) in enumerate(zip(steps, speeds, middles, strict=True)):
+        half = states[:, k] + 0.5 * step * np.array(
+            rates(middle, speed, *states[:, k], *values)[1:]
+        )
+        states[:, k + 1] = states[:, k] + step * np.array(rates(middle, speed, *half, *values)[1:])
+    return states
+
+
+def rms(record: PistonRecord, values: list[float], hidden: list[float], rest: float) -> float:
+    """Of the law's motion from the first height on, over how far that is from rest."""
+    first = float(record.height[0])
+    time = record.time - record.time[0]
+    found = solution(LAW, time, first, 0.0, values, first - rest, hidden=hidden).z
+    return float(np.sqrt(np.mean((found - record.height) ** 2)) / (first - rest))
+
+
+def lifted(values: list[float], hidden: list[float], rest: float, height: float) -> list[float]:
+    """Hidden states of a bed that has followed a lift, so fast that no order could grow."""
+    instant = np.linspace(0.0, 1e-6, 200)
+    return list(strained(values, hidden, instant, np.linspace(rest, height, 200))[:, -1])
+
+
+def work(record: PistonRecord, force: np.ndarray, frequency: float) -> float:
+    """Taken by the bed in a cycle behind the first [J]."""
+    time = record.time - record.time[0]
+    kept = time >= 1.0 / frequency - 1e-9
+    cycles = round(float(time[-1]) * frequency) - 1
+    return -float(np.trapezoid(force[kept], record.height[kept])) / cycles
+
+
+FREE = {"kind": "free", "name": "free", "duration": 3.0}
+
+
+def scale(scene: Scene) -> float:
+    return math.sqrt(scene.grains.count / 368) * D
+
+
+def lift(scene: Scene, by: float) -> list[PistonRecord]:
+    """A fall from 20 D to rest, and what follows a lift."""
+    stage = {"kind": "lift", "name": "lift", "by": by * scale(scene)}
+    return run(scene, 20.0, SETTLE, stage, FREE)
+
+
+def settled(scene: Scene, record: PistonRecord) -> tuple[float, list[float], list[float]]:
+    """Level of rest, numbers of the law and hidden states after a fall."""
+    rest = float(record.height[-1])
+    values = numbers(scene, rest)
+    states = strained(values, [0.0, 0.0], record.time - record.time[0], record.height)
+    return rest, values, list(states[:, -1])
+
+
+def lift_error(scene: Scene, by: float) -> float:
+    before, record = lift(scene, by)
+    rest, values, hidden = settled(scene, before)
+    return rms(record, values, lifted(values, hidden, rest, float(record.height[0])), rest)
+
+
+def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
+    """Work that the law takes in a cycle of a prescribed sine, over that of the bed."""
+    assert scene.piston is not None
+    sine = {
+        "kind": "oscillate", "name": "sine", "amplitude": amplitude * scale(scene),
+        "frequency": frequency, "duration": max(4, math.ceil(frequency)) / frequency,
+    }  # fmt: skip
+    before, record = run(scene, 20.0, SETTLE, sine)
+    _, values, hidden = settled(scene, before)
+    time = record.time - record.time[0]
+    states = strained(values, hidden, time, record.height)
+    speed = np.gradient(record.height, time)
+    field = compiled_field(LAW.equation, (), "numpy")
+    force = scene.piston.mass * (9.8 + np.asarray(field(record.height, speed, *states, *values)[0]))
+    assert record.force is not None
+    return work(record, force, frequency) / work(record, record.force, frequency)
+
+
+def test_a_fall_and_a_lift() -> None:
+    scene = damper()
+    before, record = lift(scene, 1.5)
+    rest, values, hidden = settled(scene, before)
+    fall = before.between(float(before.time[0]), float(before.time[0]) + 3.0)
+    assert rms(fall, values, [0.0, 0.0], rest) <= 0.02
+    assert rms(record, values, lifted(values, hidden, rest, float(record.height[0])), rest) <= 0.03
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", [368, 736])
+def test_one_set_of_numbers_for_falls_lifts_and_sines(count: int) -> None:
+    scene = damper(count=count)
+    (before,) = run(scene, 20.0, SETTLE)
+    rest, values, _ = settled(scene, before)
+    falls = [rms(run(scene, height, FREE)[0], values, [0.0, 0.0], rest) for height in FALLS]
+    lifts = [lift_error(scene, by) for by in LIFTS]
+    losses = [loss_ratio(scene, one, other) for one in AMPLITUDES for other in FREQUENCIES]
+    print(f"\n{count}: falls", *(f"{100 * one:.2f}" for one in falls))
+    print("lifts", *(f"{100 * one:.2f}" for one in lifts))
+    print("loss", *(f"{one:.2f}" for one in losses))
+    assert max(falls) <= 0.02
+    assert max(lifts) <= 0.03
+    assert all(abs(one - 1.0) <= 0.15 for one in losses)
