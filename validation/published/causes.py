@@ -143,7 +143,8 @@ def changes() -> list[Change]:
     middle = mixture_name(0.6, 0.5)
     return [
         *(Change(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
-          for end, words in HYSTERESIS_CHANGES.items() for n in HYSTERESIS_SIZES),
+          for end, words in HYSTERESIS_CHANGES.items()
+          for n in (SIZES if end == "loose start" else HYSTERESIS_SIZES)),
         Change("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
         *(Change(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
           for start, words in (("source's friction", _FRICTION),
