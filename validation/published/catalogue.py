@@ -64,9 +64,7 @@ ILL_CONDITIONED = (
     "The four parameters are nearly open at this aspect ratio: curves that agree within the "
     "scatter have quite other ones. The curve itself is compared under Statements."
 )
-HYSTERESIS = (
-    "Not explained where it lies outside of the scatter; what was tried stands under Causes."
-)
+HYSTERESIS = "What was tried to find the cause stands at the head of the report and under Causes."
 FROM_DEVIATION = (
     "The printed 0.001 contradicts the 0.24 N of the source's own Table 3.2; ours is like the "
     "latter."
