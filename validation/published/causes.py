@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from validation.published.entry import AGREES, PLAIN, verdict
 from validation.published.finding import Finding
 from validation.published.plan import (
     ASPECTS,
@@ -20,6 +19,8 @@ from validation.published.protocols import BEST_FIRST, PUBLISHED, QUICK
 from validation.published.results import Results
 from validation.published.values import published_value
 
+ROUNDING = 0.005
+"""Half of the last digit of what is printed here."""
 CAUSE_SIZES = 2
 """A cause must give the published figure within scatter at so many sizes."""
 
@@ -52,26 +53,41 @@ class ChangedFigure(NamedTuple):
         """
         from scipy.special import stdtrit
 
-        both = (self.without, self.with_it)
-        known = [(one.starts - 1, one.spread) for one in both if one.spread is not None]
-        if not known:
+        if (deviation := self._pooled()) is None:
             return None
-        free = sum(number for number, _ in known)
-        pooled = math.sqrt(sum(number * spread**2 for number, spread in known) / free)
+        pooled, free = deviation
+        both = (self.without, self.with_it)
         error = pooled * math.sqrt(sum(1.0 / one.starts for one in both))
         difference = abs(self.with_it.value - self.without.value)
         return bool(difference > stdtrit(free, 0.975) * error)
 
     @property
     def explains(self) -> bool | None:
-        """Whether the published figure is met with the change and not without it."""
-        if self.published is None:
+        """Whether the published figure is met with the change and not without it.
+
+        It is met within Student's interval of the mean, of 95 %, by the scatter of both beds.
+        """
+        if self.published is None or (deviation := self._pooled()) is None:
             return None
-        met = [
-            verdict(self.published, None, one, PLAIN, 2).words == AGREES
-            for one in (self.without, self.with_it)
-        ]
+        pooled, free = deviation
+        met = [self._is_met(one, pooled, free) for one in (self.without, self.with_it)]
         return met[1] and not met[0]
+
+    def _is_met(self, one: Finding, pooled: float, free: int) -> bool:
+        from scipy.special import stdtrit
+
+        assert self.published is not None
+        half = stdtrit(free, 0.975) * pooled / math.sqrt(one.starts) + ROUNDING
+        return bool(abs(one.value - self.published) <= half)
+
+    def _pooled(self) -> tuple[float, int] | None:
+        """Deviation of single starts by both beds together, and its degrees of freedom."""
+        both = (self.without, self.with_it)
+        known = [(one.starts - 1, one.spread) for one in both if one.spread is not None]
+        if not known:
+            return None
+        free = sum(number for number, _ in known)
+        return math.sqrt(sum(number * spread**2 for number, spread in known) / free), free
 
 
 _FIGURES = {
@@ -127,7 +143,8 @@ def changes() -> list[Change]:
     middle = mixture_name(0.6, 0.5)
     return [
         *(Change(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
-          for end, words in HYSTERESIS_CHANGES.items() for n in HYSTERESIS_SIZES),
+          for end, words in HYSTERESIS_CHANGES.items()
+          for n in (SIZES if end == "loose start" else HYSTERESIS_SIZES)),
         Change("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
         *(Change(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
           for start, words in (("source's friction", _FRICTION),
@@ -217,27 +234,62 @@ def published_figure(bed: str, figure: str) -> float | None:
 
 
 def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
-    """What the comparisons say of the hysteresis of the mean distance, in a few sentences."""
-    rows = [one for one in found if one.unit == "D" and one.figure.startswith("hysteresis")]
-    rows = [one for one in rows if one.published is not None]
+    """What the comparisons say of the hysteresis of the mean distance, in a few sentences.
+
+    Of a change that was run by several protocols at one size the longest counts. A hysteresis that
+    is met is no more than the difference of two distances, which are told of too.
+    """
+    named = _FIGURES["hysteresis_D"][0]
+    rows = [one for one in found if one.figure == named and one.published is not None]
     if not rows:
         return "The hysteresis of the mean distance: its runs are not done."
-    base = {one.bed: one for one in rows}
+    best: dict[tuple[str, str], ChangedFigure] = {}
+    for one in rows:  # the longest protocol comes first
+        best.setdefault((one.change, one.bed), one)
+    usual = {one.bed: one.without for one in reversed(rows)}
     gaps = ", ".join(
-        f"{one.without.value:.2f} D here and {one.published:.2f} D published at {one.bed}"
-        for one in base.values()
+        f"{usual[bed].value:.2f} D here and {printed:.2f} D published at {bed}"
+        for bed, printed in sorted(
+            {one.bed: one.published for one in rows}.items(), key=lambda pair: int(pair[0][4:])
+        )
     )
-    causes = [
-        words for words in dict.fromkeys(one.change for one in rows)
-        if sum(bool(one.explains) for one in rows if one.change == words) >= CAUSE_SIZES
-    ]  # fmt: skip
     tried = "; ".join(
-        f"{words} ({sum(one.change == words for one in rows)} sizes)"
-        for words in dict.fromkeys(one.change for one in rows)
+        f"{words} ({', '.join(bed for change, bed in best if change == words)})"
+        for words in dict.fromkeys(change for change, _ in best)
     )
     begun = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
-    if causes:
-        return f"{begun} Within scatter at {CAUSE_SIZES} sizes or more with: {'; '.join(causes)}."
-    met = [f"{one.change} at {one.bed}" for one in rows if one.explains]
-    alone = f" Met at one size alone: {'; '.join(met)}." if met else ""
-    return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{alone}"
+    met = [one for one in best.values() if one.explains]
+    causes = [
+        words for words in dict.fromkeys(one.change for one in met)
+        if sum(one.change == words for one in met) >= CAUSE_SIZES
+    ]  # fmt: skip
+    if not causes:
+        alone = "; ".join(f"{one.change} at {one.bed}" for one in met)
+        tail = f" Met at one size alone: {alone}." if met else ""
+        return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
+    figures = [
+        f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}, as the difference of "
+        f"{_ends(found, one)}"
+        for one in met if one.change in causes
+    ]  # fmt: skip
+    return (
+        f"{begun} Met within scatter at {CAUSE_SIZES} sizes or more by {'; '.join(causes)} "
+        f"(published in brackets): {'; '.join(figures)}. Where those two are off alike, the "
+        "difference is met and the bed is not."
+    )
+
+
+def _ends(found: Sequence[ChangedFigure], one: ChangedFigure) -> str:
+    """The mean distances at start and end of the bed that a comparison is of."""
+    beside = [
+        other for other in found
+        if (other.change, other.bed) == (one.change, one.bed)
+        and other.with_it.protocol == one.with_it.protocol
+    ]  # fmt: skip
+    words = [
+        f"{other.with_it.value:.2f} D ({other.published:.2f})"
+        for name in ("half_start_D", "half_end_D")
+        for other in beside
+        if other.figure == _FIGURES[name][0] and other.published is not None
+    ]
+    return " and ".join(words)

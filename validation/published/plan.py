@@ -33,7 +33,7 @@ WIDER = WIDE_CELL / 0.33
 """The same change of width for beds of equal grains."""
 LOOSE = 1.35
 """Height of a loose arrangement over that of the compression's start: its grains stand farther
-apart, and fall."""
+apart, and fall from higher. The source does not print the height of its grid."""
 MASSES = (7.5, 6.24)
 """Pistons [kg]: that of the packaged damper, and the one that rests where the source's does."""
 GAMMAS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2)
@@ -104,9 +104,11 @@ def full_plan() -> list[Group]:
         Group("mixtures, quick protocol", [*_halves(QUICK), *_ends(QUICK)]),
         Group("causes of the hysteresis, 92 and 184 grains", _hysteresis_causes((92, 184))),
         Group("368 grains", _direct(PUBLISHED, (368,))),
+        Group("loose starts", [*_loose_starts(QUICK), *_loose_starts(PUBLISHED, SIZES[:4])]),
         Group("source's friction and protocol, 92 and 184 grains", _source_cycle((92, 184))),
         Group("causes of the hysteresis, 368 and 736 grains", _hysteresis_causes((368, 736))),
         Group("large sizes", _direct(PUBLISHED, SIZES[4:])),
+        Group("large sizes, loose starts", _loose_starts(PUBLISHED, SIZES[4:])),
         Group("mixtures at R = 0 and 0.5", _halves(PUBLISHED)),
         Group("starts, speeds and friction", _cycle()),
         Group("mixtures, the source's friction and the wide cell", _mixture_causes()),
@@ -249,17 +251,19 @@ def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
         name, two = f"direct {n}", (1, 2)
         own = _source_friction(n)
         wide: dict[str, Any] = {"cell__width": f"{60.0 * WIDER * (n / 368) ** 0.5!r} D"}
-        loose = _loose(n)
         made += [
             mono(f"{name}, wider cell", n, QUICK, seeds=two, **wide),
-            mono(f"{name}, loose start", n, QUICK, seeds=two, **loose),
             mono(f"{name}, half the friction", n, QUICK, seeds=two,
                  effects__friction={"static": 0.3, "dynamic": 0.225}),
             mono(f"{name}, source's friction", n, QUICK, seeds=two if n < 736 else (1,), **own),
             mono(f"{name}, all together", n, QUICK, seeds=two if n < 736 else (1,),
-                 **own, **wide, **loose),
+                 **own, **wide, **_loose(n)),
         ]  # fmt: skip
     return [*made, _rounded_184()] if 184 in sizes else made
+
+
+def _loose_starts(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
+    return [mono(f"direct {n}, loose start", n, protocol, **_loose(n)) for n in sizes]
 
 
 def _loose(count: int) -> dict[str, Any]:

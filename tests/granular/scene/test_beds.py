@@ -120,6 +120,8 @@ def test_mono_bed_scales_with_its_number_of_grains() -> None:
 
 def test_damper_is_the_packaged_one() -> None:
     assert damper() == load_scene("damper")
+    source = load_scene("damper-source")
+    assert damper(6.24, drag=1.0).replace(name="damper-source") == source
 
 
 @pytest.mark.parametrize(

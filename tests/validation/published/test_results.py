@@ -196,7 +196,7 @@ def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
         return results(*some)
 
     found = verdict_on_hysteresis(comparisons(beds(True, True, False)))
-    assert "Within scatter at 2 sizes or more with: a cell wider by 9 %" in found
+    assert "Met within scatter at 2 sizes or more by a cell wider by 9 %" in found
     for hits in ((True, False, False), (False, False, False)):
         assert "Not explained" in verdict_on_hysteresis(comparisons(beds(*hits)))
     assert "0.67 D here and 0.48 D published at N = 92" in found
