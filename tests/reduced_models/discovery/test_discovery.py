@@ -167,6 +167,7 @@ def test_several_records_share_the_polished_numbers() -> None:
             discover(*bad, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.long  # quick: several records in Python, and the commands as they are shown
 def test_the_command_takes_several_records(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
