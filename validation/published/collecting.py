@@ -15,7 +15,7 @@ from validation.published.calculations import kept
 from validation.published.figures import Figures, figures_of
 from validation.published.plan import Group
 from validation.published.reference import Reference, agrees, reference
-from validation.published.results import Plain, Results, made_by
+from validation.published.results import Plain, Results, made_by, sittings_of
 from validation.published.running import case_keys, outcomes_in_order
 from validation.published.series import Series
 
@@ -27,7 +27,11 @@ WITH_COURSES = (
 
 
 def collected(
-    groups: Sequence[Group], directory: Path, command: str, former: Sequence[Results] = ()
+    groups: Sequence[Group],
+    directory: Path,
+    command: str,
+    former: Sequence[Results] = (),
+    sittings: int | None = None,
 ) -> Results:
     """The results of all series of a plan, of those too of which nothing was run.
 
@@ -40,13 +44,16 @@ def collected(
         That made them.
     former : sequence of Results
         Whose starts of the same scenes count where the directory has none, the first that has them.
+    sittings : int, optional
+        How often the command was begun; as often as for the former results if not given.
     """
     series = [one for group in groups for one in group.series]
     found = {one.key: _series_results(one, directory, former) for one in series}
     calculations: dict[str, Any] = {}
     for one in reversed(former):
         calculations |= one.calculations
-    return Results(found, calculations | kept(directory), made_by(command, former))
+    times = sittings_of(former) if sittings is None else sittings
+    return Results(found, calculations | kept(directory), made_by(command, times))
 
 
 def missing(series: Series, directory: Path, former: Sequence[Results]) -> list[int]:

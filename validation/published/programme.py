@@ -15,7 +15,7 @@ from validation.published.causes import comparisons
 from validation.published.collecting import checked, collected, missing
 from validation.published.judging import counts, judged, strength
 from validation.published.plan import Group, full_plan, quick_plan
-from validation.published.results import Results, committed, counted, read
+from validation.published.results import Results, committed, counted, read, sittings_of
 from validation.published.running import forget, run_groups
 from validation.published.statements import counted_statements, statements
 
@@ -102,7 +102,9 @@ def _former(where: Path) -> list[Results]:
 def _full(where: Path, workers: int | None, progress: bool) -> Results:
     """Run what is missing, and what today's code computes otherwise."""
     plan, command = full_plan(), f"{COMMAND} --full"
-    known = checked(collected(plan, where, command, _former(where)), plan, _say)
+    former = _former(where)
+    times = 1 + sittings_of(former)
+    known = checked(collected(plan, where, command, former, times), plan, _say)
     stale = {key for key, one in known.series.items() if one.get("stale")}
     for series in (one for group in plan for one in group.series if one.key in stale):
         forget(series, where)

@@ -172,10 +172,14 @@ def committed() -> Results:
     return read(COMMITTED)
 
 
-def made_by(command: str, former: Sequence[Results] = ()) -> dict[str, Any]:
+def sittings_of(former: Sequence[Results]) -> int:
+    """How often the full run was begun for earlier results."""
+    return max((int(one.made.get("sittings", 0)) for one in former), default=0)
+
+
+def made_by(command: str, sittings: int) -> dict[str, Any]:
     """Command, date and versions; how often the command was begun for these results."""
     from granular.shared.version import versions
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
-    times = max((int(one.made.get("sittings", 0)) for one in former), default=0)
-    return {"command": command, "date": now, "sittings": times + 1} | versions()
+    return {"command": command, "date": now, "sittings": sittings} | versions()

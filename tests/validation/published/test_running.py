@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
-from validation.published import guide, reference, rerun
+from validation.published import guide, programme, reference, rerun
 from validation.published.catalogue import entries
 from validation.published.collecting import checked, collected, missing
 from validation.published.page import page
 from validation.published.plan import Group
 from validation.published.protocols import QUICK
-from validation.published.results import Results, is_whole
+from validation.published.results import EMPTY, Results, is_whole, read
 from validation.published.running import forget, outcomes_of, run_groups
 from validation.published.series import Series, fall, mixture, mono
 
@@ -87,7 +87,7 @@ def test_the_file_alone_is_gone_on_from(
     through_file = Results.from_plain(json.loads(json.dumps(found.to_plain())))
     again = collected(groups, tmp_path, "test", [through_file])
     assert again.series[good.key] == found.series[good.key]
-    assert again.made["sittings"] == found.made["sittings"] + 1
+    assert again.made["sittings"] == found.made["sittings"]
     assert missing(good, tmp_path, [through_file]) == []
     assert missing(good._replace(seeds=(1, 2, 3)), tmp_path, [through_file]) == [3]
     other = small("direct 368", cell__width="13 D")
@@ -117,6 +117,32 @@ def test_series_of_a_mixture_name_their_protocol() -> None:
     assert [stage.name for stage in scene.protocol] == ["relax", "compress"]
     assert scene.grains.shares() == (0.5, 0.5)
     assert Results({}, {}, {}).sample("mixture", "force") is None
+
+
+def test_the_full_run_goes_on_from_the_file_that_comes_with_the_package(
+    groups: list[Group], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a new directory, with nothing but the file, only what it lacks is run."""
+    asked: list[list[tuple[str, list[int]]]] = []
+
+    def run(some: Sequence[Group], directory: Path, **settings: Any) -> None:
+        asked.append([(one.key, list(one.seeds)) for group in some for one in group.series])
+        here(some, directory, **settings)
+
+    good = groups[0].series[0]
+    first = good._replace(seeds=(1,))
+    monkeypatch.setattr(programme, "run_groups", run)
+    monkeypatch.setattr(programme, "calculated", lambda *_, **__: None)
+    monkeypatch.setattr(programme, "committed", lambda: EMPTY)
+    for place, series in (("one", first), ("two", good), ("three", good)):
+        plan = [Group("small", [series])]
+        monkeypatch.setattr(programme, "full_plan", lambda plan=plan: plan)
+        programme.published(tmp_path / place, "full", workers=1, progress=False)
+        made = read(tmp_path / place / "results.json")
+        monkeypatch.setattr(programme, "committed", lambda made=made: made)
+    assert asked == [[(good.key, [1])], [(good.key, [2])], []]
+    assert made.series[good.key]["done"] == [1, 2]
+    assert made.made["sittings"] == 3
 
 
 LAWS = [
