@@ -89,7 +89,8 @@ class Falls:
                 found.append((row.name, "", *("" for _ in self.labels), "not fitted"))
                 continue
             errors = (_percent(each) for each in (*row.errors, row.median))
-            found.append((row.name, str(len(row.model.parameters)), *errors))
+            numbers = len(row.model.parameters) + (2 if row.model.map.fitted else 0)
+            found.append((row.name, str(numbers), *errors))
         return found
 
     @property
