@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[2]
 PAGES: Mapping[str, str] = {
     "counts": "docs/guide/verification.md",
     "figures": "docs/guide/verification.md",
+    "packaged damper": "docs/guide/verification.md",
     "damper law": "docs/guide/damper-to-equation.md",
 }
 """Files by the blocks that they hold."""
@@ -36,6 +37,7 @@ def blocks(results: Results) -> dict[str, str]:
     """The text of every block."""
     makers: Mapping[str, Callable[[Results], str]] = {
         "counts": _counts, "figures": _figures, "damper law": _damper_law,
+        "packaged damper": _packaged_damper,
     }  # fmt: skip
     return {name: make(results) for name, make in makers.items()}
 
@@ -124,6 +126,23 @@ def _modes(results: Results) -> str:
         "Compressive forces on the grains, both species together: p of Hartigan's dip test for one "
         f"mode over the starts, {'; '.join(words)}."
     )
+
+
+EXPECTED = (
+    ("rest height", "rest_height_D", " D", "9.86 ± 0.1 D"),
+    ("period of the small swing", "period", " s", "0.288 ± 0.003 s"),
+    ("damping ratio", "damping_ratio", "", "0.037 ± 0.003"),
+)
+"""Figures of the packaged damper, and what an independent simulation gave."""
+
+
+def _packaged_damper(results: Results) -> str:
+    lines = ["| figure | here | expected |", "|---|---|---|"]
+    for words, figure, unit, expected in EXPECTED:
+        sample = results.sample(damper_name(MASSES[0]), figure)
+        value = "—" if sample is None else f"{sample.values.mean():.4g}{unit}"
+        lines.append(f"| {words} | {value} | {expected} |")
+    return "\n".join(lines)
 
 
 def _damper_law(results: Results) -> str:
