@@ -137,7 +137,10 @@ def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
     return records
 
 
-@pytest.mark.parametrize("options", [{}, {"form": "strong"}, {"method": "operon"}])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"form": "strong"}, pytest.param({"method": "operon"}, marks=pytest.mark.long)],
+)
 def test_several_records_have_one_structure(options: dict[str, object]) -> None:
     """A small and a large swing of the same spring, which stiffens in the large one alone."""
     found = discover(pair("duffing", (0.1, 1.8)), polish=0, **{"method": "sindy", **options})  # type: ignore[arg-type]

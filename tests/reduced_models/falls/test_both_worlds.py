@@ -127,6 +127,7 @@ def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
     return work(record, force, frequency) / work(record, record.force, frequency)
 
 
+@pytest.mark.long  # quick: the law itself, tests/reduced_models/laws/test_annealing_bed.py
 def test_a_fall_and_a_lift() -> None:
     scene = damper()
     before, record = lift(scene, 1.5)

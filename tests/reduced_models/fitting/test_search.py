@@ -42,6 +42,7 @@ def check_hard_spring(clean: PistonRecord, stiffening: float, share: float) -> N
     assert model.parameters["omega"] == pytest.approx(1.0, rel=0.01)
 
 
+@pytest.mark.long  # quick: to a sixteenth
 def test_a_frequency_that_falls_to_a_fifth() -> None:
     """A hard spring: whoever fits all swings at once ends twenty noise levels away."""
     check_hard_spring(hard_spring(20.0, 0.02, 300.0, 6000), 20.0, 0.03)
