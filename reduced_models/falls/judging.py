@@ -89,6 +89,7 @@ def _row(
             model = fit(
                 record, law, holdout=0.0, starts=starts, start=_start(law, scene),
                 initial={"height": float(record.height[0]), "velocity": 0.0},
+                map="fitted",
             )  # fmt: skip
     except GranularError as cause:
         return FallRow(law.name, None, failure=str(cause))
