@@ -22,6 +22,8 @@ PERIODS = 10.0
 """Of the small swing, for which falls are followed: by then they have died out, or swing small."""
 FEWEST = 100
 """Samples of a fall."""
+STARTS = 8
+"""Of each fit: a fall without noise, which few starts find, and the scene says where to begin."""
 _STILL = 0.05  # of the drop: what falls less far is a nudge
 
 
@@ -93,7 +95,8 @@ def falls_of(
     }
     try:
         return judged_falls(
-            fall, unseen, rest=run.stage(run.scene.protocol[0].name).height, scene=run.scene
-        )
+            fall, unseen, rest=run.stage(run.scene.protocol[0].name).height, scene=run.scene,
+            starts=STARTS,
+        )  # fmt: skip
     except InputError as cause:
         return Failure("other falls", str(cause))
