@@ -52,6 +52,10 @@ IN_FILES = {"wall_forces": "totals", "rounding": "low", "ledger": "entries"}
 """Fields of a state that checkpoints hold under another name: that of the first ones."""
 
 
+SINCE = ("far_held", "far_moment")
+"""What former checkpoints of the same scene need not hold: the far field may have been none."""
+
+
 def _kept(state: State) -> dict[str, np.ndarray]:
     """The arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
@@ -87,5 +91,6 @@ def kept_arrays(state: State) -> dict[str, Any]:
 def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
     """Put kept arrays back."""
     for name, array in _kept(state).items():
-        array[:] = kept[name]
+        if name in kept or name not in SINCE:
+            array[:] = kept[name]
     put_lists(state.stripes or state.verlet_list, kept)

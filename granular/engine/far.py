@@ -10,6 +10,7 @@ from granular.compiled import Array, compiled
 from granular.engine.compensation import speed_up
 from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import State
+from granular.pairs.far_direct import DirectRoom, find_far_direct
 from granular.pairs.far_field import (
     AHEAD,
     CALLS,
@@ -19,6 +20,7 @@ from granular.pairs.far_field import (
     find_far_forces,
     has_changed,
 )
+from granular.pairs.mesh import Mesh
 
 
 @compiled(inline=True)
@@ -26,14 +28,29 @@ def find_far_field(far: FarForces | None, state: State, constants: Constants, ti
     """Find the far field at the present places and time; 1 where its mesh has no room for them."""
     if far is None:
         return 0
-    assert state.stripes is not None
     far.moment[TIME] = time
     far.moment[CALLS] = 0.0
     far.moment[CHANGING] = 0.0
-    return find_far_forces(
-        far, constants.threaded, constants.grains, state.x, state.y, moments_of(constants),
-        constants.acting.weight, state.stripes.order,
-    )  # fmt: skip
+    return _find(far.mesh, far.direct, far, state, constants)
+
+
+@compiled(inline=True)
+def _find(
+    mesh: Mesh | None, direct: DirectRoom | None, far: FarForces, state: State, constants: Constants
+) -> int:
+    assert state.stripes is not None
+    crowded = 0
+    if mesh is not None:
+        crowded = find_far_forces(
+            mesh, far, constants.threaded, constants.grains, state.x, state.y,
+            moments_of(constants), constants.acting.weight, state.stripes.order,
+        )  # fmt: skip
+    if direct is not None:
+        find_far_direct(
+            direct, state.stripes, far.radius, constants.threaded, constants.grains,
+            state.x, state.y, far.fx, far.fy, far.energy, moments_of(constants),
+        )  # fmt: skip
+    return crowded
 
 
 @compiled(inline=True)

@@ -14,6 +14,7 @@ from granular.engine.constants import Acting, Constants, Resistance, Sides
 from granular.methods import Method
 from granular.pairs.direct import padded_values
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
+from granular.pairs.section import SPLIT_RADIUS
 from granular.pairs.stripes import CutOff
 from granular.scene.parts import Piston
 from granular.scene.scales import Scales
@@ -103,8 +104,9 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
     weights = [found for one in effects if (found := one.load_weight(setting)) is not None]
     dipole, walls = scene.effects.dipole, scene.effects.walls
     summed = None if dipole is None else scene.pair_method
-    radius = scene.pairs.radius(summed, scales.length)
-    smooth = True if summed == "mesh" else None
+    far = _far_field(scene, scales, summed, method)
+    radius = scene.pairs.radius(summed, scales.length) if far is None else far.radius
+    several = len(grains.species) > 1 or grains.spread > 0.0
     return Acting(
         laws=tuple(effect.law(setting) for effect in effects),
         dipole=None if dipole is None else True,
@@ -112,11 +114,9 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
         if walls is None
         else Sides(*(None if one is None else True for one in walls.sides)),
         weight=weights[0] if weights else None,
-        cut=None
-        if radius is None
-        else CutOff(radius, len(grains.species) > 1 or grains.spread > 0.0, smooth),
+        cut=None if radius is None else CutOff(radius, several, None if far is None else True),
         listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
-        far=None if smooth is None or radius is None else _far_field(scene, scales, radius, method),
+        far=far,
     )
 
 
@@ -145,7 +145,16 @@ def own_code_compiles(scene: Scene) -> Iterator[None]:
         raise
 
 
-def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | None) -> FarField:
+def _far_field(
+    scene: Scene, scales: Scales, summed: str | None, method: Method | None
+) -> FarField | None:
+    """What is split off the law of a pair; None where it is summed as a whole."""
+    if summed == "direct":
+        every = _far_every(scene, method)
+        return None if every is None else FarField(SPLIT_RADIUS, None, every)
+    radius = scene.pairs.radius(summed, scales.length)
+    if summed != "mesh" or radius is None:
+        return None
     height = HEADROOM * scene.greatest_height() / scales.length
     width = scene.cell.width / scales.length
     points = width * height * (SPACINGS / radius) ** 2
@@ -157,7 +166,7 @@ def _far_field(scene: Scene, scales: Scales, radius: float, method: Method | Non
     rubbing = None
     if scene.effects.friction is not None and scene.pairs.far_every is None:
         rubbing = AHEAD if method is not None and method.takes_impulses else 1
-    return FarField(radius, width, height, _far_every(scene, method), rubbing)
+    return FarField(radius, (width, height), _far_every(scene, method), rubbing)
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:
@@ -166,7 +175,7 @@ def _far_every(scene: Scene, method: Method | None) -> int | None:
     rubs = scene.effects.friction is not None
     able = method is not None and method.takes_impulses and not rubs
     if wanted is None:
-        return FAR_EVERY if able else None
+        return FAR_EVERY if able and scene.spares_far_pairs else None
     if wanted > 1 and method is not None and not able:
         why = "grains rub, and need the whole force to stick" if rubs else f"{method.name!r} cannot"
         raise InputError(

@@ -1,7 +1,7 @@
-"""The far field: what the smooth far part of the pair law does to the grains, from a mesh.
+"""The far field: what the smooth far part of the pair law does to the grains.
 
-Forces are the exact gradient of the mesh's energy. The mesh is no function of distances alone, so
-momentum is not kept to the last bit, as it is by sums over pairs; energy is.
+From a mesh, forces are the exact gradient of its energy. The mesh is no function of distances
+alone, so momentum is not kept to the last bit, as it is by sums over pairs; energy is.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import ENERGY
+from granular.pairs.far_direct import DirectRoom, direct_room
 from granular.pairs.mesh import PARTS, Mesh, mesh_room, open_windows
 from granular.pairs.mesh_grains import gathered, spread
 from granular.pairs.mesh_potential import find_potential
@@ -50,8 +51,9 @@ class FarField(NamedTuple):
     ----------
     radius : float
         Where the near part ends [D].
-    width, height : float
-        Of the room for grains [D].
+    size : (float, float) or None
+        Width and height of the mesh's room for grains [D]; None where all pairs are summed, less
+        the near ones.
     every : int or None
         Steps from one evaluation to the next, whose force then acts as an impulse; None where the
         far force is a part of every force.
@@ -61,18 +63,19 @@ class FarField(NamedTuple):
     """
 
     radius: float
-    width: float
-    height: float
+    size: tuple[float, float] | None
     every: int | None
     rubbing: int | None = None
 
 
 class FarForces(NamedTuple):
-    """A mesh, and the forces and the energy that were last found with it.
+    """The forces and the energy that were last found, and what they are found with.
 
     Attributes
     ----------
-    mesh : Mesh
+    mesh : Mesh or None
+    direct : DirectRoom or None
+        In its place where all pairs are summed.
     radius : float
     fx, fy : float64 (m,)
     held : float64 (2, m) or None
@@ -92,7 +95,8 @@ class FarForces(NamedTuple):
         Twice the energy of each part of the grains.
     """
 
-    mesh: Mesh
+    mesh: Mesh | None
+    direct: DirectRoom | None
     radius: float
     fx: np.ndarray
     fy: np.ndarray
@@ -107,8 +111,12 @@ class FarForces(NamedTuple):
 
 def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
     """Room for that many grains (padded)."""
+    mesh = None
+    if field.size is not None:
+        mesh = mesh_room(*field.size, field.radius, field.radius / SPACINGS, size)
     return FarForces(
-        mesh=mesh_room(field.width, field.height, field.radius, field.radius / SPACINGS, size),
+        mesh=mesh,
+        direct=direct_room(size) if mesh is None else None,
         radius=field.radius,
         fx=np.zeros(size),
         fy=np.zeros(size),
@@ -217,13 +225,14 @@ def _gather_load(threaded: bool | None, mesh: Mesh, asked: Asked) -> None:
 
 @compiled
 def find_far_forces(
-    far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
+    mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
     moments: Array | None, weight: Array | None, order: Array,
 ) -> int:  # fmt: skip
     """Find forces, energy and, where grains rub, load of the far part; 1 where there is no room.
 
     Parameters
     ----------
+    mesh : Mesh
     far : FarForces
     threaded : bool or None
         As in `granular.pairs.direct.direct_sum`.
@@ -240,21 +249,21 @@ def find_far_forces(
         far.fx[:grains] = np.nan
         far.fy[:grains] = np.nan
         return 0
-    if not open_windows(far.mesh, x, y, grains):
+    if not open_windows(mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
     own = CUBE[0] / (far.radius * far.radius * far.radius)
     asked = Asked(
         grains, x, y, moments, weight, order, own, far.fx, far.fy, far.load, far.totals
     )  # fmt: skip
-    spread(far.mesh, threaded, x, y, moments, order, grains)
-    find_potential(far.mesh, threaded)
-    far.energy[0] = _gather(threaded, far.mesh, asked)
+    spread(mesh, threaded, x, y, moments, order, grains)
+    find_potential(mesh, threaded)
+    far.energy[0] = _gather(threaded, mesh, asked)
     remember(far.met, x, y, grains)
     if weight is not None and moments is not None:
-        spread(far.mesh, threaded, x, y, weight, order, grains)
-        find_potential(far.mesh, threaded)
-        _gather_load(threaded, far.mesh, asked)
+        spread(mesh, threaded, x, y, weight, order, grains)
+        find_potential(mesh, threaded)
+        _gather_load(threaded, mesh, asked)
     return 0
 
 

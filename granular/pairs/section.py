@@ -11,10 +11,14 @@ MESH_FROM = 1500
 """Grains from which the mesh is chosen: it is faster from 400 on where its long steps act, and
 from 900 on where grains rub; up to here the exact sum is fast enough."""
 
+SPARED_FROM = 256
+"""Grains from which the far part of the direct sum is found less often, where it may: see
+`Pairs.far_every`. With fewer, lists of near pairs take longer than what they spare."""
+
 SPLIT_RADIUS, TOLERANCE = 7.0, 3e-4
-"""Radius [D] beyond which the mesh takes over, and the error of the force that it leaves: greatest
-one of a grain over the rms of sum_j |f_ij|, in beds at packing 0.241 (measured: 1e-4 with grains of
-one kind, 2.3e-4 in mixtures)."""
+"""Radius [D] beyond which the far field takes over, and the error of the force that the mesh
+leaves: greatest one of a grain over the rms of sum_j |f_ij|, in beds at packing 0.241 (measured:
+1e-4 with grains of one kind, 2.3e-4 in mixtures)."""
 
 _ORDER = 3.6
 """Measured: error at a radius r goes with r^-3.6 as the spacing of the mesh grows with it."""
@@ -26,7 +30,7 @@ class Pairs(Section):
     Attributes
     ----------
     method : str
-        ``"direct"``: all pairs, exact, at a cost quadratic in the number of grains; ``"mesh"``:
+        ``"direct"``: all pairs, at a cost quadratic in the number of grains; ``"mesh"``:
         all pairs within a radius, and a smooth far field on a mesh, at a cost linear in the number
         of grains and with an error below the tolerance; ``"cut-off"``: pairs within a radius
         alone, which takes some 2 % off the piston force at 368 grains and 10 % at 5888;
@@ -43,10 +47,13 @@ class Pairs(Section):
         Of the mesh: greatest error of a grain's force over the rms of sum_j abs(f_ij), in a bed as
         dense as a full compression (packing fraction 0.241).
     far_every : int or None
-        Of the mesh: steps from one evaluation of the far field to the next. 8 if not given, where
-        no grain rubs and the method is Verlet's. Where grains rub it is found again once one has
-        moved by 5e-4 diameters, and goes on as it changed for up to 8 steps while they slide; it is
-        found at every step with 1 given. Otherwise 1.
+        Of the mesh and the direct sum: steps from one evaluation of the far field, the smooth part
+        of the law beyond a radius, to the next (Tuckerman, Berne and Martyna 1992,
+        doi:10.1063/1.463137). If not given, 8 for the mesh, and for the direct sum from 256 grains
+        on where it is chosen by ``"auto"``, where no grain rubs and the method is Verlet's. Where
+        grains rub, that of the mesh is found again once one has moved by 5e-4 diameters, and goes
+        on as it changed for up to 8 steps while they slide; it is found at every step with 1 given.
+        Otherwise 1.
     """
 
     method: str = choice(*METHODS, default="auto")
@@ -67,9 +74,10 @@ class Pairs(Section):
                 f"only the method 'verlet-list' is given a skin; this one is {self.method!r}",
                 "skin",
             )
-        if self.far_every is not None and self.method not in ("auto", "mesh"):
+        if self.far_every is not None and self.method not in ("auto", "mesh", "direct"):
             raise FieldError(
-                f"only the method 'mesh' has a far field; this one is {self.method!r}",
+                f"only the methods 'mesh' and 'direct' have a far field; this one is "
+                f"{self.method!r}",
                 "far_every",
             )
 
@@ -78,6 +86,10 @@ class Pairs(Section):
         if self.method != "auto":
             return self.method
         return "mesh" if closed and grains >= MESH_FROM else "direct"
+
+    def spares(self, grains: int, *, closed: bool) -> bool:
+        """Whether the far field is met less often than near pairs, if nobody says how often."""
+        return self.method == "mesh" or (self.method == "auto" and closed and grains >= SPARED_FROM)
 
     def radius(self, method: str | None, diameter: float) -> float | None:
         """Radius where pairs end, over the first species' diameter [m]; None where none do."""

@@ -121,7 +121,7 @@ def simulate(
     count = threads_of(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
     set_threads(count)
-    settings = _settings(scene, dt, plan) | told
+    settings = _settings(scene, dt, plan, system) | told
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
@@ -235,12 +235,15 @@ def _warn_of_cadence(step: Step, scene: Scene) -> None:
         )
 
 
-def _settings(scene: Scene, dt: float | str, method: Method) -> dict[str, Any]:
+def _settings(scene: Scene, dt: float | str, method: Method, system: System) -> dict[str, Any]:
+    far = system.constants.acting.far
+    every = {} if far is None or far.every is None else {"far_every": far.every}
     return {
         "scene_digest": scene.digest(),
         "dt": dt,
         "method": method_setting(method),
         "pairs": scene.pair_method,
+        **every,
         "versions": versions(),
         **({"own": own} if (own := own_sources(scene)) else {}),
     }

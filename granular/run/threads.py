@@ -80,10 +80,10 @@ def threads_of(scene: Scene, asked: int | None) -> int:
 def _start_quickly(scene: Scene) -> bool:
     """Whether threads start within a small share of a step.
 
-    Numba's own take some 50 microseconds for it, several times a step of stripes and mesh; those
+    Numba's own take some 50 microseconds for it, several times a step of near pairs and mesh; those
     of OpenMP and of TBB one or two.
     """
-    if scene.pair_method == "direct":
+    if scene.pair_method == "direct" and not scene.spares_far_pairs:
         return True
     if numba.config.THREADING_LAYER == "workqueue":
         return False

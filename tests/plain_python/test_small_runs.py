@@ -108,6 +108,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "cut-off": {"pairs.method": "cut-off"},
     "the source's list": {"pairs.method": "verlet-list"},
     "mesh": {"pairs.method": "mesh"},
+    "far pairs less often": {"pairs": {"method": "direct", "far_every": 4}},
     "move": stage("move", to="5.9 D", duration=TIME),
     "move to a force": stage("move", to="4 D", speed="0.5 m/s", until_force=0.2),
     "descend": stage("descend", to="5.9 D", duration=TIME),

@@ -74,7 +74,7 @@ class Bed:
         self.weight = padded_values(0.3 + 0.5 * moments if differing else np.full(self.count, 0.7))
 
     def room(self) -> FarForces:
-        field = FarField(RADIUS, self.width + 6.0, self.height + 6.0, None)
+        field = FarField(RADIUS, (self.width + 6.0, self.height + 6.0), None)
         return far_forces_room(field, self.x.size, loaded=True)
 
     def far(self) -> FarForces:
@@ -86,7 +86,7 @@ class Bed:
     def found(self, far: FarForces, moments: object = None, weight: object = None) -> int:
         order = np.random.default_rng(2).permutation(self.count)
         return find_far_forces(
-            far, self.threaded, self.count, self.x, self.y, moments, weight, order
+            far.mesh, far, self.threaded, self.count, self.x, self.y, moments, weight, order
         )
 
     @property
@@ -185,13 +185,13 @@ def test_no_room_and_no_number() -> None:
     assert np.isnan(room.energy[0])
     bed.y[3] = np.nan
     assert bed.found(bed.room()) == 0
-    assert find_far_forces(room, None, 0, bed.x, bed.y, None, None, np.arange(1)) == 0
+    assert find_far_forces(room.mesh, room, None, 0, bed.x, bed.y, None, None, np.arange(1)) == 0
 
 
 def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
     x, y = padded_coordinates(np.array([[3.3, 4.4]]))
-    far = far_forces_room(FarField(RADIUS, 20.0, 20.0, None), x.size, loaded=False)
-    assert find_far_forces(far, None, 1, x, y, None, None, np.arange(1)) == 0
+    far = far_forces_room(FarField(RADIUS, (20.0, 20.0), None), x.size, loaded=False)
+    assert find_far_forces(far.mesh, far, None, 1, x, y, None, None, np.arange(1)) == 0
     neighbour = 0.75 / 1.8**4
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
 
@@ -200,7 +200,8 @@ def test_room_is_linear_in_the_cell() -> None:
     sizes = []
     for count in (10_000, 1_000_000):
         side = (count / 0.3) ** 0.5
-        room = far_forces_room(FarField(RADIUS, side, side, None), count, loaded=True)
+        room = far_forces_room(FarField(RADIUS, (side, side), None), count, loaded=True)
+        assert room.mesh is not None
         arrays = [*room.mesh, *room]
         sizes.append(sum(one.nbytes for one in arrays if isinstance(one, np.ndarray)) / count)
     assert sizes[1] < sizes[0] < 200.0
@@ -225,8 +226,8 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
     assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.6)])
     with pytest.raises(SceneError, match=r"pairs\.method: the mesh of 'mesh' covers a closed"):
         small_bed.replace(**{"effects.walls.left": None, "pairs.method": "mesh"})
-    with pytest.raises(SceneError, match=r"pairs\.far_every: only the method 'mesh'"):
-        small_bed.replace(**{"pairs": {"method": "direct", "far_every": 2}})
+    with pytest.raises(SceneError, match=r"pairs\.far_every: only the methods 'mesh'"):
+        small_bed.replace(**{"pairs": {"method": "cut-off", "far_every": 2}})
     with pytest.raises(SceneError, match=r"pairs\.tolerance: 0\.1 must be at most"):
         small_bed.replace(**{"pairs.tolerance": 0.1})
 

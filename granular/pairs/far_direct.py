@@ -1,0 +1,77 @@
+"""The far field as the sum over all pairs less that over the near ones.
+
+Both are sums over pairs, so action and reaction are equal, and nothing is left out: what is gained
+comes from summing all pairs once in several steps.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.effects.dipole import ENERGY
+from granular.pairs.cut_off import cut_sum
+from granular.pairs.direct import direct_sum, part_buffers
+from granular.pairs.stripe_lists import finite
+from granular.pairs.stripes import Stripes
+
+
+class DirectRoom(NamedTuple):
+    """Room for the two sums.
+
+    Attributes
+    ----------
+    near : float64 (2, m)
+        Forces of the near part.
+    extremes : float64 (2, 2)
+        Of all pairs, and of the near ones; see `granular.pairs.direct.direct_sum`.
+    buffers : float64 (parts, 5, m) or None
+        See `granular.pairs.direct.part_buffers`.
+    """
+
+    near: np.ndarray
+    extremes: np.ndarray
+    buffers: np.ndarray | None
+
+
+def direct_room(size: int) -> DirectRoom:
+    """Room for that many grains (padded)."""
+    return DirectRoom(np.zeros((2, size)), np.zeros((2, 2)), part_buffers(size))
+
+
+@compiled
+def find_far_direct(
+    room: DirectRoom, stripes: Stripes, radius: float, threaded: bool | None, grains: int,
+    x: Array, y: Array, fx: Array, fy: Array, energy: Array, moments: Array | None,
+) -> None:  # fmt: skip
+    """Overwrite forces and energy by those of the far part.
+
+    Parameters
+    ----------
+    room : DirectRoom
+    stripes : Stripes
+        Of the near part.
+    radius : float
+        Where the near part ends [D].
+    threaded : bool or None
+    grains : int
+    x, y, fx, fy, moments
+        As in `granular.pairs.direct.direct_sum`.
+    energy : float64 (1,)
+    """
+    if not finite(x, y, grains):
+        fx[:grains] = np.nan
+        fy[:grains] = np.nan
+        return
+    near_x, near_y, every, near = room.near[0], room.near[1], room.extremes[0], room.extremes[1]
+    direct_sum(x, y, fx, fy, moments, None, every, None, None, room.buffers, threaded)
+    cut_sum(
+        stripes, radius, True, threaded, grains, x, y, near_x, near_y, moments, None, near,
+        None, None,
+    )  # fmt: skip
+    for i in range(grains):
+        fx[i] -= near_x[i]
+        fy[i] -= near_y[i]
+    energy[0] = ENERGY * (every[0] - near[0])

@@ -1,0 +1,104 @@
+"""The far part of the law by a direct sum, found less often than the near part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular import Scene, simulate
+from granular.compiled import entry
+from granular.pairs import far_direct
+from granular.pairs.direct import padded_coordinates, padded_values
+from granular.pairs.far_direct import direct_room
+from granular.pairs.section import SPLIT_RADIUS as RADIUS
+from granular.pairs.split import far_cube, far_fifth
+from granular.pairs.stripes import stripes_room
+from granular.shared.errors import InputError
+
+find_far_direct = entry(far_direct.find_far_direct)
+COUNT, WIDTH = 150, 30.0
+
+
+def places() -> np.ndarray:
+    """No two grains closer than one diameter: a grid that is stirred."""
+    across = int(np.sqrt(COUNT)) + 1
+    grid = np.array([(k % across, k // across) for k in range(COUNT)]) * WIDTH / across
+    return np.asarray(grid + np.random.default_rng(3).uniform(-0.4, 0.4, grid.shape))
+
+
+def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray]:
+    """Forces and energy of the far part, and the moments."""
+    moments = np.random.default_rng(4).choice([0.36, 1.0], COUNT)
+    x, y = padded_coordinates(places())
+    fx, fy, energy = np.zeros_like(x), np.zeros_like(x), np.zeros(1)
+    find_far_direct(
+        direct_room(x.size), stripes_room(x.size, moments=differing, loaded=False), RADIUS, None,
+        COUNT, x, y, fx, fy, energy, padded_values(moments) if differing else None,
+    )  # fmt: skip
+    forces = np.column_stack([fx[:COUNT], fy[:COUNT]])
+    return forces, float(energy[0]), moments if differing else np.ones(COUNT)
+
+
+@pytest.mark.parametrize("differing", [False, True])
+def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
+    forces, energy, q = found(differing)
+    apart = places()[:, None] - places()[None]
+    square, products = (apart**2).sum(axis=2), q[:, None] * q[None]
+    wanted = 0.75 * ((products * far_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
+    cubes = far_cube(square, RADIUS)
+    np.fill_diagonal(cubes, 0.0)
+    # Taken as a difference: what is left is rounded as the whole forces of close pairs are.
+    np.testing.assert_allclose(forces, wanted, atol=1e-13)
+    assert energy == pytest.approx(0.125 * (products * cubes).sum(), rel=1e-11)
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-13)  # action and reaction
+
+
+def spared(scene: Scene, every: int = 8) -> Scene:
+    return scene.replace(pairs={"method": "direct", "far_every": every})
+
+
+def test_a_run_starts_with_the_forces_of_the_whole_sum(small_damper: Scene) -> None:
+    """And keeps its energy, and goes another way only by the error of the step."""
+    runs = [
+        simulate(scene, t_end=0.02, progress=False)
+        for scene in (small_damper.replace(**{"pairs.method": "direct"}), spared(small_damper))
+    ]
+    start = [run.dataset["force"].values[0] for run in runs]
+    np.testing.assert_allclose(*start, atol=1e-12 * np.abs(start[0]).max())
+    forces = [run.dataset["piston_force"].values for run in runs]
+    np.testing.assert_allclose(*forces, rtol=1e-3)
+    assert runs[1].settings()["ledger_residual"] < 1e-5
+    assert runs[1].settings()["far_every"] == 8
+    assert "far_every" not in runs[0].settings()
+
+
+@pytest.mark.long  # quick: by the mesh in plain Python, whose impulses these are
+def test_a_resumed_run_has_the_bits_of_one_in_a_piece(
+    small_damper: Scene, tmp_path: object
+) -> None:
+    scene = spared(small_damper)
+    whole = simulate(scene, t_end=0.2, progress=False)
+    simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
+    parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
+    for name in ("position", "velocity", "force"):
+        np.testing.assert_array_equal(
+            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+        )
+
+
+@pytest.mark.long
+def test_it_is_of_second_order(small_damper: Scene) -> None:
+    scene = spared(small_damper.replace(**{"effects.drag": None}), 4)
+    ends = [
+        simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
+        for dt in (4e-5, 2e-5, 1e-5, 1.25e-6)
+    ]
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(slopes, 2.0, atol=0.1)
+
+
+def test_where_grains_rub_it_is_refused(small_bed: Scene) -> None:
+    rubbing = spared(small_bed.replace(**{"effects.friction": {}}), 4)
+    with pytest.raises(InputError, match=r"pairs\.far_every = 4: grains rub"):
+        simulate(rubbing, t_end=0.01, progress=False)
