@@ -175,7 +175,7 @@ def _far_every(scene: Scene, method: Method | None) -> int | None:
     rubs = scene.effects.friction is not None
     able = method is not None and method.takes_impulses and not rubs
     if wanted is None:
-        return FAR_EVERY if able and scene.spares_far_pairs else None
+        return FAR_EVERY if able and scene.pair_method == "mesh" else None
     if wanted > 1 and method is not None and not able:
         why = "grains rub, and need the whole force to stick" if rubs else f"{method.name!r} cannot"
         raise InputError(

@@ -11,10 +11,6 @@ MESH_FROM = 1500
 """Grains from which the mesh is chosen: it is faster from 400 on where its long steps act, and
 from 900 on where grains rub; up to here the exact sum is fast enough."""
 
-SPARED_FROM = 256
-"""Grains from which the far part of the direct sum is found less often, where it may: see
-`Pairs.far_every`. With fewer, lists of near pairs take longer than what they spare."""
-
 SPLIT_RADIUS, TOLERANCE = 7.0, 3e-4
 """Radius [D] beyond which the far field takes over, and the error of the force that the mesh
 leaves: greatest one of a grain over the rms of sum_j |f_ij|, in beds at packing 0.241 (measured:
@@ -49,11 +45,10 @@ class Pairs(Section):
     far_every : int or None
         Of the mesh and the direct sum: steps from one evaluation of the far field, the smooth part
         of the law beyond a radius, to the next (Tuckerman, Berne and Martyna 1992,
-        doi:10.1063/1.463137). If not given, 8 for the mesh, and for the direct sum from 256 grains
-        on where it is chosen by ``"auto"``, where no grain rubs and the method is Verlet's. Where
-        grains rub, that of the mesh is found again once one has moved by 5e-4 diameters, and goes
-        on as it changed for up to 8 steps while they slide; it is found at every step with 1 given.
-        Otherwise 1.
+        doi:10.1063/1.463137). More than 1 only where no grain rubs and the method is Verlet's. If
+        not given, 8 there for the mesh. Where grains rub, that of the mesh is found again once one
+        has moved by 5e-4 diameters, and goes on as it changed for up to 8 steps while they slide;
+        it is found at every step with 1 given. Otherwise 1.
     """
 
     method: str = choice(*METHODS, default="auto")
@@ -86,10 +81,6 @@ class Pairs(Section):
         if self.method != "auto":
             return self.method
         return "mesh" if closed and grains >= MESH_FROM else "direct"
-
-    def spares(self, grains: int, *, closed: bool) -> bool:
-        """Whether the far field is met less often than near pairs, if nobody says how often."""
-        return self.method == "mesh" or (self.method == "auto" and closed and grains >= SPARED_FROM)
 
     def radius(self, method: str | None, diameter: float) -> float | None:
         """Radius where pairs end, over the first species' diameter [m]; None where none do."""

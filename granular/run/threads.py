@@ -83,7 +83,7 @@ def _start_quickly(scene: Scene) -> bool:
     Numba's own take some 50 microseconds for it, several times a step of near pairs and mesh; those
     of OpenMP and of TBB one or two.
     """
-    if scene.pair_method == "direct" and not scene.spares_far_pairs:
+    if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
     if numba.config.THREADING_LAYER == "workqueue":
         return False

@@ -182,11 +182,6 @@ class Scene(Section):
         return self.pairs.chosen(self.grains.count, closed=self._closed)
 
     @property
-    def spares_far_pairs(self) -> bool:
-        """Whether the far field is met less often than near pairs, if nobody says how often."""
-        return self.pairs.spares(self.grains.count, closed=self._closed)
-
-    @property
     def _closed(self) -> bool:
         walls = self.effects.walls
         return walls is not None and not walls.has_gap and None not in walls.sides

@@ -7,8 +7,6 @@ import pytest
 from granular import Scene
 from granular.engine.system import FAR_EVERY, natural_system
 from granular.methods import METHODS
-from granular.pairs.section import SPARED_FROM
-from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError
 
 
@@ -30,21 +28,19 @@ def test_the_far_field_is_met_as_often_as_is_asked_for(small_bed: Scene) -> None
     assert every(free, 1) is None  # a part of every force
 
 
-def test_far_pairs_are_spared_where_that_pays() -> None:
-    """By themselves in larger closed beds that do not rub; not where a direct sum is asked for."""
-
-    def spared(scene: Scene, method: str = "stormer-verlet") -> int | None:
+def test_the_direct_sum_is_split_where_that_is_asked_for(small_bed: Scene) -> None:
+    def far_every(scene: Scene, method: str = "stormer-verlet") -> int | None:
         far = natural_system(scene, method=METHODS[method]).constants.acting.far
         return None if far is None else far.every
 
-    large = mono_bed(SPARED_FROM).replace(**{"effects.friction": None})
-    assert spared(large) == FAR_EVERY
-    assert spared(large, "pefrl") is None
-    assert spared(mono_bed(SPARED_FROM - 1)) is None
-    assert spared(large.replace(**{"effects.friction": {}})) is None
-    assert spared(large.replace(**{"effects.walls.left": None})) is None
-    assert spared(large.replace(**{"pairs.method": "direct"})) is None
-    assert spared(large.replace(**{"pairs.far_every": 1})) is None
+    free = small_bed.replace(**{"effects.friction": None})
+    asked = free.replace(**{"pairs.far_every": 8})
+    assert far_every(free) is None
+    assert far_every(asked) == 8
+    assert far_every(asked.replace(**{"pairs.method": "direct"})) == 8
+    assert far_every(free.replace(**{"pairs.far_every": 1})) is None
+    with pytest.raises(InputError, match="'pefrl' cannot"):
+        far_every(asked, "pefrl")
 
 
 def test_a_method_without_impulses_meets_it_at_every_force(small_bed: Scene) -> None:
