@@ -37,6 +37,39 @@ from .correlation import (
 from .correlation import (
     pearson_correlation as pearson_correlation,
 )
+from .defect_clusters import (
+    Defects as Defects,
+)
+from .defect_clusters import (
+    found_defects as found_defects,
+)
+from .defect_motion import (
+    defects_of_frames as defects_of_frames,
+)
+from .defect_motion import (
+    tracked_defects as tracked_defects,
+)
+from .defect_tracks import (
+    DefectEvent as DefectEvent,
+)
+from .defect_tracks import (
+    DefectMotion as DefectMotion,
+)
+from .defect_tracks import (
+    DefectTrack as DefectTrack,
+)
+from .defect_tracks import (
+    found_events as found_events,
+)
+from .defect_tracks import (
+    lasting_tracks as lasting_tracks,
+)
+from .defect_tracks import (
+    linked_tracks as linked_tracks,
+)
+from .defect_tracks import (
+    motion_of_track as motion_of_track,
+)
 from .defects import (
     Dislocations as Dislocations,
 )
