@@ -123,7 +123,7 @@ def commit(self, kept, former=store.commit):
     if kill == "kill" and commits == 3:
         os.kill(os.getpid(), signal.SIGKILL)
 store.commit = commit
-simulate(Scene.from_plain(json.loads(plain)), t_end=10.0, progress=False, out=out, resume=True,
+simulate(Scene.from_plain(json.loads(plain)), t_end=0.4, progress=False, out=out, resume=True,
          threads=int(threads))
 """
 
@@ -138,7 +138,7 @@ def carry_out(scene: Scene, out: Path, threads: int, told: str = "go") -> int:
 
 @pytest.mark.long
 def test_same_bits_after_a_kill_and_on_two_threads(small_bed: Scene, tmp_path: Path) -> None:
-    scene = crystal(small_bed)
+    scene = crystal(small_bed, output={"scalars": "4 ms", "frames": "20 ms"})
     assert carry_out(scene, tmp_path / "killed", 1, "kill") == -signal.SIGKILL
     assert is_run(tmp_path / "killed")
     assert carry_out(scene, tmp_path / "killed", 1) == 0
