@@ -8,92 +8,148 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.shared.errors import InputError
+from granular.run.record import PistonRecord
 from reduced_models.discovery.libraries import LIBRARIES, PHYSICAL, terms_named
+from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.selection import Judge, all_subsets, scored
-from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import WeakForm
+from reduced_models.discovery.terms import AnyTerm, in_order, sum_text
+from reduced_models.discovery.weak_form import WeakForm, is_tame, weak_form
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.records.derivatives import DerivativeMethod
 
+AUTO = "auto"
 _CLEAR = 10.0
 """Difference of criteria from which another library is proposed (decisive evidence: Kass & Raftery
 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
-_BETTER = 0.9
+_BETTER = 0.5
 """Held-out error, over that of a lower degree, up to which the degree grows."""
+_OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
+"""Libraries that mean something by z = 0."""
 _WHY = {
-    "polynomial": "springs or drag of a higher power",
+    "polynomial": "a spring or a drag of a higher power",
     "trigonometric": "a pendulum, whose height is an angle",
     "rational": "a force that grows as the height goes to zero",
-    "dry friction": "friction that depends on the swing",
+    "dry friction": "friction or drag of another form",
     "contact": "a contact on one side of z = 0",
     "driven": "an input that changes the spring",
 }
 
 
 class Proposal(NamedTuple):
-    """A library, and why.
+    """A library for some records.
 
     Attributes
     ----------
     name : str
     terms : tuple of terms
-    why : str
-        Empty where it is the usual one.
+    map : HeightMap
+        Of the z that the terms mean.
+    weak : WeakForm
+        Of the records, in that z.
+    note : str
+        Why, where it is not the usual one.
     """
 
     name: str
     terms: tuple[AnyTerm, ...]
-    why: str
+    map: HeightMap
+    weak: WeakForm
+    note: str
 
 
-def proposed(weak: WeakForm, column: str | None) -> Proposal:
-    """The library whose best sum of terms says most of the record for its price."""
+def proposed(
+    records: Sequence[PistonRecord],
+    derivative: DerivativeMethod,
+    column: str | None,
+    wanted: HeightMap | str = AUTO,
+) -> Proposal:
+    """The library whose best sum of terms says most of the records for its price.
+
+    Libraries that mean something by z = 0 are looked at where the records are of an angle, or swing
+    about it, or where the map is given; negative powers where the height stays above zero.
+    """
+    usual_map = map_of(records, wanted)
+    plain = usual_map == HeightMap() or isinstance(wanted, HeightMap)
+    weak = weak_form(*(motion_of(each, usual_map, derivative, column) for each in records))
     usual = _usual(weak, column)
-    judged = {PHYSICAL: _best(weak, usual)}
-    terms = {PHYSICAL: usual}
+    proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
+        own_map, own_weak = usual_map, weak
         if name == PHYSICAL or (name == "driven" and column is None):
             continue
-        own = terms_named(name, (), 3, column)
-        if all(_is_tame(weak, term) for term in own):
-            terms[name], judged[name] = own, _best(weak, own)
-    # All in the same unit of misfit: that of the library which leaves least.
-    excess = min(judge.excess for _, judge in judged.values())
-    criteria = {
-        name: judge.criterion(squares, 0) + (squares / excess - squares / judge.excess) + price
-        for name, ((squares, price), judge) in judged.items()
+        if name in _OF_THE_HEIGHT and not plain:
+            if name == "contact" or (name == "trigonometric" and not records[0].angle):
+                continue
+            own_map = HeightMap()
+            own_weak = weak_form(*(motion_of(one, own_map, derivative, column) for one in records))
+        if name == "rational" and not all((one.z > 0.0).all() for one in own_weak.motions):
+            continue
+        terms = terms_named(name, (), 3, column)
+        if all(is_tame(motion, term) for motion in own_weak.motions for term in terms):
+            proposals.append(Proposal(name, terms, own_map, own_weak, ""))
+    return _chosen(proposals)
+
+
+class _Judged(NamedTuple):
+    """The best sum of a library's terms: its squares, the price of its terms, and its judge."""
+
+    terms: tuple[AnyTerm, ...]
+    squares: float
+    price: float
+    judge: Judge
+
+
+def _chosen(proposals: Sequence[Proposal]) -> Proposal:
+    judged = [_best(one) for one in proposals]
+    # All in one unit of misfit: that of the library which leaves least.
+    excess = min(one.judge.excess for one in judged)
+    criteria = [one.squares / excess + one.price for one in judged]
+    best = int(np.argmin(criteria))
+    gain = criteria[0] - criteria[best]
+    if gain < _CLEAR or set(judged[best].terms) <= set(proposals[0].terms):
+        best = 0
+    found = proposals[best]
+    notes = []
+    if best:
+        notes.append(
+            f"the terms are those of the library {found.name!r}: the record speaks for "
+            f"{_WHY[found.name]} (information criterion {_figure(gain)} below that of "
+            f"{PHYSICAL!r}); another library: library="
+        )
+        usual = judged[0]
+        if (usual.squares - judged[best].squares) / excess < _CLEAR:
+            notes.append(
+                f"the data cannot tell whether it is that or {sum_text(usual.terms)}, which fits "
+                f"as well with {len(usual.terms)} numbers for {len(judged[best].terms)}"
+            )
+    alike = {
+        sum_text(one.terms): proposal.name
+        for proposal, one, value in zip(proposals, judged, criteria, strict=True)
+        if value < criteria[best] + _CLEAR
+        and set(one.terms) != set(judged[best].terms)
+        and len(one.terms) <= len(judged[best].terms)
     }
-    best = min(criteria, key=lambda name: criteria[name])
-    gain = criteria[PHYSICAL] - criteria[best]
-    if gain < _CLEAR:
-        return Proposal(PHYSICAL, usual, "")
-    why = (
-        f"the library {best!r} is taken, since the record speaks for {_WHY[best]}: its information "
-        f"criterion is better than that of {PHYSICAL!r} by {min(gain, 9999.0):.0f}; name another by "
-        "library="
-    )
-    return Proposal(best, terms[best], why)
+    if alike:
+        others = ", ".join(f"{text} ({name})" for text, name in alike.items())
+        notes.append(
+            f"the data cannot tell {sum_text(judged[best].terms)} of the library {found.name!r} "
+            f"from {others}"
+        )
+    return found._replace(note="; ".join(notes))
 
 
-def _is_tame(weak: WeakForm, term: AnyTerm) -> bool:
-    """Whether a term is finite along the record, and no single moment outweighs the rest."""
-    for motion in weak.motions:
-        for z in (motion.z, motion.smooth):
-            values = np.abs(term.values(z, motion.velocity, motion.drive))
-            if not np.isfinite(values).all() or values.max() > _SPIKE * np.median(values) + _SPIKE:
-                return False
-    return True
+def _figure(gain: float) -> str:
+    return f"{gain:.0f}" if gain < 1e4 else "far"
 
 
-_SPIKE = 1e4
-
-
-def _best(weak: WeakForm, terms: Sequence[AnyTerm]) -> tuple[tuple[float, float], Judge]:
-    """Squares of the best subset, the price of its terms, and its judge."""
-    ranked, judge = scored(weak, terms, terms, all_subsets(len(terms)))
-    best, count = ranked[0], len(ranked[0].terms)
+def _best(proposal: Proposal) -> _Judged:
+    terms = proposal.terms
+    ranked, judge = scored(proposal.weak, terms, terms, all_subsets(len(terms)))
+    best = ranked[0]
+    count = len(best.terms)
     squares = best.misfit**2 * max(1, judge.rows - count)
-    return (squares, judge.criterion(0.0, count)), judge
+    return _Judged(tuple(in_order(best.terms)), squares, judge.criterion(0.0, count), judge)
 
 
 def _usual(weak: WeakForm, column: str | None) -> tuple[AnyTerm, ...]:
@@ -103,28 +159,22 @@ def _usual(weak: WeakForm, column: str | None) -> tuple[AnyTerm, ...]:
     for degree in _DEGREES:
         terms = terms_named(PHYSICAL, (), degree, column)
         error = held_out_error(weak, terms)
-        if not chosen or error < _BETTER * least:
-            chosen, least = terms, error
-        else:
+        if chosen and error > _BETTER * least:
             break
+        chosen, least = terms, error
     return chosen
 
 
 def held_out_error(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
-    """Rms of the white residuals of a part of the integrals that the coefficients have not seen.
+    """Rms of every third white residual, with coefficients that have not seen it.
 
-    Raises
-    ------
-    InputError
-        If there are too few integrals.
+    Infinite where there are fewer integrals than terms.
     """
     whitening = weak.whitening((), np.zeros(0))
     matrix, target = whitening @ weak.matrix(terms), whitening @ weak.target
-    # White rows have no order in time: every third one is held out.
     held = np.arange(len(target)) % 3 == 2
     if int((~held).sum()) <= len(terms):
-        raise InputError(f"{len(target)} integrals are too few for {len(terms)} terms")
-    sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    columns = matrix / sizes
+        return math.inf
+    columns = matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
     values = np.linalg.lstsq(columns[~held], target[~held], rcond=1e-10)[0]
     return float(np.sqrt(((target[held] - columns[held] @ values) ** 2).mean()))

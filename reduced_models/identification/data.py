@@ -111,7 +111,7 @@ class IdentificationData:
 
     @property
     def elliptic(self) -> EllipticMotion | None:
-        """The elliptic motion that the fitted Duffing law has; None where that law is no best one."""
+        """The elliptic motion of the fitted Duffing law; None where that is not the best law."""
         return elliptic_of(self.comparison, self.record)
 
     @property

@@ -35,8 +35,9 @@ def elliptic_words(comparison: Comparison, record: PistonRecord) -> str:
     lost = _lost(model, record)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
-        f"The motion of {DUFFING.name}{start} is {found.text()}, with m = k^2: Jacobi's {found.function} "
-        "solves this law, so the elliptic motion and the Duffing law are one motion, not two."
+        f"The motion of {DUFFING.name}{start} is {found.text()}, with m = k^2: Jacobi's "
+        f"{found.function} solves this law, so the elliptic motion and the Duffing law are one "
+        "motion, not two."
     )
 
 

@@ -99,7 +99,7 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a high threshold leaves nothing
-        best = max(PYSINDY["thresholds"], key=score)  # type: ignore[arg-type, call-overload]
+        best = max(PYSINDY["thresholds"], key=score)
         model = fitted(best, slice(None))
     row = np.asarray(model.coefficients())[1]
     if named:
@@ -147,7 +147,8 @@ def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
     powers = model.feature_library.powers_
     return sympy.Add(
         *(
-            sympy.Float(value) * sympy.prod(one ** int(n) for one, n in zip(symbols(), each, strict=False))
+            sympy.Float(value)
+            * sympy.prod(one ** int(n) for one, n in zip(symbols(), each, strict=False))
             for value, each in zip(row, powers, strict=True)
             if value
         )

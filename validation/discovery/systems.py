@@ -200,7 +200,7 @@ def solved(
         if calls > _MOST_CALLS or not np.abs(state).max() < _FAR:
             raise FloatingPointError
         with np.errstate(all="ignore"):
-            return [state[1], float(field(state[0], state[1], drive(np.float64(t))))]
+            return [state[1], float(field(state[0], state[1], drive(np.asarray(t))))]
 
     found = np.full(len(time), np.nan)
     try:

@@ -1,4 +1,4 @@
-"""The elliptic function of an undamped Duffing oscillator, beside a solver and SciPy's functions."""
+"""The elliptic function of an undamped Duffing oscillator, beside a solver and SciPy."""
 
 from __future__ import annotations
 
