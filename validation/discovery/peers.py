@@ -28,11 +28,14 @@ from validation.discovery.systems import INPUT, System
 if TYPE_CHECKING:
     import sympy
 
+_WINDOW = 11
+_THRESHOLDS = (0.01, 0.02, 0.05, 0.1, 0.2)
+_OBJECTIVES = ("r2", "length")
 PYSINDY = {
     "differentiation": "SmoothedFiniteDifference as it comes, Savitzky-Golay of order 3",
-    "window in samples": 11,
+    "window in samples": _WINDOW,
     "optimizer": "STLSQ, alpha 0.05",
-    "thresholds": (0.01, 0.02, 0.05, 0.1, 0.2),
+    "thresholds": _THRESHOLDS,
     "threshold chosen by": "score of z'' on the last quarter, after a fit to the rest",
     "library where none is named": "PolynomialLibrary, degree 3",
 }
@@ -44,7 +47,7 @@ PYOPERON = {
     "offspring_generator": "basic",
     "reinserter": "keep-best",
     "initialization_method": "btc",
-    "objectives": ("r2", "length"),
+    "objectives": _OBJECTIVES,
     "optimizer_iterations": 10,
     "max_length": 50,
     "max_evaluations": 100_000,
@@ -75,7 +78,7 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
     """
     import pysindy
 
-    samples = tuned_window(record) if tuned else int(PYSINDY["window in samples"])  # type: ignore[call-overload]
+    samples = tuned_window(record) if tuned else _WINDOW
     z, v, _ = smoothed(record, samples)
     states = np.stack([z, v], axis=1)
     drive = record.extra[INPUT][:, None] if system.driven else None
@@ -99,7 +102,7 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a high threshold leaves nothing
-        best = max(PYSINDY["thresholds"], key=score)
+        best = max(_THRESHOLDS, key=score)
         model = fitted(best, slice(None))
     row = np.asarray(model.coefficients())[1]
     if named:
@@ -175,7 +178,7 @@ def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int) -
     }
     if named and system.library in FUNCTIONS:
         settings["allowed_symbols"] = f"{settings['allowed_symbols']},{FUNCTIONS[system.library]}"
-    settings["objectives"] = list(PYOPERON["objectives"])  # type: ignore[call-overload]
+    settings["objectives"] = list(_OBJECTIVES)
     rough = np.diff(a, 4) / math.sqrt(70.0)
     search = SymbolicRegressor(
         **settings, n_threads=1, random_state=seed + 1, uncertainty=[float(rough.std())]
