@@ -49,18 +49,19 @@ def draw(results: Results) -> Figure:
     from validation.discovery.text import SHOWN_NOISE
 
     places = np.arange(len(SYSTEMS))[::-1]
-    with figure(1, 2, width=9.0, height=6.0, size=READABLE) as (drawing, axes):
+    with figure(1, 2, width=9.0, height=8.0, size=READABLE) as (drawing, axes):
         for ax, library in zip(axes, LIBRARIES, strict=True):
             for k, method in enumerate(METHODS):
                 shares = [
                     results.rate(method, library, SHOWN_NOISE, [one.name]).share for one in SYSTEMS
                 ]
                 known = [0.0 if share is None else 100.0 * share for share in shares]
-                ax.barh(places + 0.27 * (1 - k), known, 0.25, color=COLOURS[k], label=method)
+                ax.barh(places + 0.2 * (1.5 - k), known, 0.19, color=COLOURS[k], label=method)
             ax.set(xlabel="found [%]", xlim=(0.0, 104.0), yticks=places, yticklabels=[])
             ax.set_title(f"{library} library", fontsize=READABLE)
             ax.grid(visible=False, axis="y")
         axes[0].set_yticklabels([one.name for one in SYSTEMS])
-        drawing.legend(*axes[0].get_legend_handles_labels(), loc="upper center", ncols=len(METHODS))
-        drawing.subplots_adjust(left=0.22, right=0.98, top=0.86, bottom=0.1, wspace=0.06)
+        drawing.legend(
+            *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(METHODS)
+        )
     return drawing

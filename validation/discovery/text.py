@@ -7,7 +7,7 @@ from typing import Any
 
 from validation.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, SEEDS
 from validation.discovery.judging import USABLE
-from validation.discovery.peers import PYOPERON, PYSINDY
+from validation.discovery.peers import PYOPERON, PYSINDY, TUNED_PERIODS
 from validation.discovery.results import Rate, Results
 from validation.discovery.systems import SYSTEMS
 from validation.table import TextTable, table
@@ -86,18 +86,20 @@ def words(found: Results) -> str:
     """Which share is found at `SHOWN_NOISE`, beside the better peer; crashes; what was not run."""
     sentences = []
     for library in LIBRARIES:
-        ours, *peers = (found.rate(method, library, SHOWN_NOISE) for method in METHODS)
+        ours, *peers, tuned = (found.rate(method, library, SHOWN_NOISE) for method in METHODS)
         if ours.share is None:
             continue
         sentence = (
             f"With {SHOWN_NOISE * 100:g} % of noise and the {_LIBRARY_WORDS[library]}, `discover` "
             f"finds the law in {100 * ours.share:.0f} % of {ours.run} runs"
         )
-        known = [(one.share, name) for one, name in zip(peers, METHODS[1:], strict=True)
+        known = [(one.share, name) for one, name in zip(peers, METHODS[1:-1], strict=True)
                  if one.share is not None]  # fmt: skip
         if known:
             share, name = max(known)
             sentence += f", the better peer, {name}, in {100 * share:.0f} %"
+        if tuned.share is not None:
+            sentence += f"; {METHODS[-1]} to these records, in {100 * tuned.share:.0f} %"
         sentences.append(sentence + ".")
     ours_rows = [row for case, row in found.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)
@@ -119,7 +121,8 @@ def systems_words() -> str:
 
 def settings() -> str:
     """How the peers are set up."""
-    return f"PySINDy: {_setting(PYSINDY)}. pyoperon: {_setting(PYOPERON)}."
+    tuned = f"a window of {TUNED_PERIODS:g} periods, the best of three that were tried here"
+    return f"PySINDy: {_setting(PYSINDY)}. PySINDy, tuned: {tuned}. pyoperon: {_setting(PYOPERON)}."
 
 
 def _setting(found: Mapping[str, object]) -> str:
