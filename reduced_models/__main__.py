@@ -153,7 +153,7 @@ def _add_discover(one: Parser) -> None:
     one.add_argument(
         "--library", action="append", default=[], metavar="NAME",
         help="terms to choose from: physical (default), polynomial, trigonometric, rational, dry "
-        "friction, contact, driven (repeatable)",
+        "friction, contact, driven (repeatable); auto: the one that the record speaks for",
     )  # fmt: skip
     one.add_argument(
         "--terms", action="append", default=[], metavar="TERM",
