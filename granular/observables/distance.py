@@ -43,9 +43,9 @@ def mean_pair_distance(positions: np.ndarray) -> float:
 
 
 def source_pair_distance(positions: np.ndarray) -> float:
-    """Half of `mean_pair_distance`: the convention of the source's tables and figures.
+    """Half of `mean_pair_distance`: the convention of de Paula's tables and figures.
 
-    The source's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
+    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
     N (N - 1), while its eq. 2.1 sums over all i and j.
     """
     return 0.5 * mean_pair_distance(positions)

@@ -96,7 +96,7 @@ def force_distribution_of_run(
 ) -> dict[str, Histogram]:
     """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
 
-    Only grains with an interior Voronoi cell count, as in the source's pictures of forces.
+    Only grains with an interior Voronoi cell count, as in de Paula's pictures of forces.
 
     Parameters
     ----------

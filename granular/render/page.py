@@ -36,8 +36,8 @@ def new_page(
 ) -> tuple[Figure, Axes, Axes]:
     """A figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes beside it.
 
-    ``below`` is left free under the bed, which is at most ``widest`` wide [inch]. The figure's width and height are even
-    numbers of pixels at 120 an inch, as movies want them.
+    ``below`` is left free under the bed, which is at most ``widest`` wide [inch]. The figure's
+    width and height are even numbers of pixels at 120 an inch, as movies want them.
     """
     from matplotlib.figure import Figure
 

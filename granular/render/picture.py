@@ -11,7 +11,15 @@ from granular.export.frames import BedFrame
 from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import View, classes, colouring
 from granular.render.curve import PistonCurve
-from granular.render.page import CURVE, INK, WIDEST, axes_below, draw_walls, new_page, wall_thickness
+from granular.render.page import (
+    CURVE,
+    INK,
+    WIDEST,
+    axes_below,
+    draw_walls,
+    new_page,
+    wall_thickness,
+)
 from granular.run.trajectory import Trajectory
 from granular.shared.plotting import plain_label
 

@@ -1,4 +1,4 @@
-"""The beds of the source with its scaling: mono-disperse, bidisperse, and the damper.
+"""The beds of de Paula with its scaling: mono-disperse, bidisperse, and the damper.
 
 >>> from granular import mono_bed, simulate
 >>> run = simulate(mono_bed(92, relaxation=0.5, speed=0.033))
@@ -21,9 +21,9 @@ WIDTH, START, END = 60.0, 75.0, 20.0
 [D, Table 2.1]; for N grains all of them times sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
 """A bed that has settled under its weight is about 40 D high, whatever its width: narrower beds
-start from here [D], as the source's 92 grains start higher (it does not say from where)."""
+start from here [D], as de Paula's 92 grains start higher (it does not say from where)."""
 HEADROOM = 1.2
-"""Height of the piston before the relaxation, over that before the compression; the source prints
+"""Height of the piston before the relaxation, over that before the compression; de Paula prints
 none."""
 
 BIDISPERSE_COUNT = 400
@@ -155,7 +155,7 @@ def bidisperse(
     big : float
         Diameter of the big grains [m].
     mixing : str
-        ``"interspersed"`` or the source's ``"every-kth"``; see `Grains`.
+        ``"interspersed"`` or de Paula's ``"every-kth"``; see `Grains`.
     speed, relaxation, seed
         As in `mono_bed`.
 
@@ -194,7 +194,7 @@ def bidisperse(
 
 
 def _reference_height(big: float) -> float:
-    """Final height without small grains [m], at the packing fraction of the source."""
+    """Final height without small grains [m], at the packing fraction of de Paula."""
     return BIDISPERSE_END * (big / 0.005) ** 2
 
 

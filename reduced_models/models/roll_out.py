@@ -27,9 +27,9 @@ class RollOut(NamedTuple):
     Attributes
     ----------
     motion : PistonRecord
-        At the record's times, up to where it blows up.
+        At the record's times, up to where it diverges.
     error : float
-        Rms difference of the heights over the whole record [m]; infinite where it blows up.
+        Rms difference of the heights over the whole record [m]; infinite where it diverges.
     relative : float
         The same over the rms swing of the record.
     at_rest : float

@@ -1,7 +1,7 @@
 """The catalogue of hard cases: what is hard, what counts as accurate, which errors may end it.
 
 Only coincident grains, overlapping starts without contact, numbers that are none or cannot be
-computed with, a piston started inside the bed, steps beyond the stability limit, and the source's
+computed with, a piston started inside the bed, steps beyond the stability limit, and de Paula's
 list of pairs, which misses some, may end in an error. All others run accurately with the default
 settings.
 """
