@@ -188,12 +188,12 @@ def draw_effects() -> None:
 
 
 def draw_methods() -> None:
-    """Error of four methods over the step, on a grain that bounces."""
+    """Error of four methods over the step, on a grain that swings about its place of rest."""
     names = ("symplectic-euler", "stormer-verlet", "blanes-moan-4", "blanes-moan-6")
     slopes = []
     with figure(width=7.0, height=3.4) as (drawing, axes):
         for place, name in enumerate(names):
-            found = convergence(exact_problem("bounce"), name)
+            found = convergence(exact_problem("oscillation"), name)
             assert found.fit is not None
             slopes.append(f"{found.fit.value:.2f}")
             axes.plot(1e3 * np.array(found.steps), found.errors, "o-", color=COLOURS[place],
@@ -202,7 +202,7 @@ def draw_methods() -> None:
                  ylabel="greatest error [m]")  # fmt: skip
         axes.legend()
         keep(drawing, "methods")
-    words = f"- Orders measured on a grain that bounces: {', '.join(slopes[:-1])} and {slopes[-1]}"
+    words = f"- Orders measured on a grain that swings about rest: {', '.join(slopes[:-1])} and {slopes[-1]}"
     write_block("methods", f"{words} for methods of order 1, 2, 4 and 6", DOCS.parent / "README.md")
 
 
@@ -225,7 +225,9 @@ def draw_pairs() -> None:
 
 def draw_observables() -> None:
     """The pair distribution of a bed at full compression."""
-    axes = plot_correlation_function(radial_distribution_of_run(compressed_run(), frame=-1))
+    run = compressed_run()
+    last = float(run.dataset["frame_time"].values[-1])
+    axes = plot_correlation_function(radial_distribution_of_run(run, start=last))
     drawing: Any = axes.figure
     drawing.set_size_inches(7.0, 3.2)
     keep(drawing, "distribution")
@@ -311,7 +313,7 @@ def draw_limits() -> None:
 
 def draw_misprints() -> None:
     """The load on the plates over the diameter, as [D, eq. 4.10] prints it and as it is meant."""
-    diameter = np.linspace(2.0, 9.0, 100)
+    diameter = np.linspace(3.5, 9.0, 100)
     thickness, distance = 3.0, 3.1
     diagonal = np.hypot(diameter, thickness)
     phi = np.arctan(thickness / diameter)

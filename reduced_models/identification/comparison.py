@@ -1,8 +1,8 @@
 """`compare`: which law do the data speak for, and can they tell?
 
 Laws are ranked by their errors on what they have not seen: simulations over the held-out end of
-each record, and over held-out records. Laws whose errors are alike, or all down at the noise, are told
-apart by the Bayesian information criterion of their fits (Schwarz 1978,
+each record, and over held-out records. Laws whose errors are alike, or all down at the noise, are
+told apart by the Bayesian information criterion of their fits (Schwarz 1978,
 doi:10.1214/aos/1176344136), which favours fewer parameters.
 """
 
