@@ -202,8 +202,9 @@ def draw_methods() -> None:
                  ylabel="greatest error [m]")  # fmt: skip
         axes.legend()
         keep(drawing, "methods")
-    words = f"- Orders measured on a grain that swings about rest: {', '.join(slopes[:-1])} and {slopes[-1]}"
-    write_block("methods", f"{words} for methods of order 1, 2, 4 and 6", DOCS.parent / "README.md")
+    measured = f"{', '.join(slopes[:-1])} and {slopes[-1]} for methods of order 1, 2, 4 and 6"
+    words = f"- Orders measured on a grain that swings about rest: {measured}"
+    write_block("methods", words, DOCS.parent / "README.md")
 
 
 def draw_pairs() -> None:

@@ -110,6 +110,13 @@ def mono_bed(
     ------
     InputError
         If an argument does not fit.
+
+    Examples
+    --------
+    >>> from granular import mono_bed
+    >>> scene = mono_bed(92)
+    >>> round(scene.cell.width, 3), round(scene.piston.height, 3)  # [m]
+    (0.18, 0.36)
     """
     base = load_scene("bed")
     diameter = base.grains.species[0].diameter
@@ -163,6 +170,13 @@ def bidisperse(
     ------
     InputError
         If an argument does not fit.
+
+    Examples
+    --------
+    >>> from granular import bidisperse
+    >>> scene = bidisperse(aspect=0.6, ratio=0.5)
+    >>> [(kind.name, kind.diameter) for kind in scene.grains.species]  # [m]
+    [('big', 0.005), ('small', 0.003)]
     """
     _check("aspect", aspect, "", most=1.0)
     _check("big", big, "m")
@@ -227,6 +241,13 @@ def damper(
     ------
     InputError
         If an argument does not fit.
+
+    Examples
+    --------
+    >>> from granular import damper
+    >>> scene = damper(mass=9.0, lift=0.5)
+    >>> [stage.name for stage in scene.protocol]
+    ['drop', 'lift', 'release']
     """
     base = load_scene("damper")
     for name, value, unit in (

@@ -70,6 +70,16 @@ def compare(
         If there is no law, an argument is out of its range, or no law can be fitted.
     RecordError
         If a record is too short or does not move.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from reduced_models import PistonRecord
+    >>> time = np.linspace(0.0, 2.0, 2000)
+    >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    >>> from reduced_models import compare
+    >>> compare(record, ["linear", "quadratic-drag"]).rows[0].name
+    'linear'
     """
     records = records_of(record)
     check_options(starts, holdout)

@@ -35,7 +35,14 @@ COSTLY = (
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """All hard cases."""
+    """All hard cases.
+
+    Examples
+    --------
+    >>> from validation import catalogue
+    >>> len(catalogue()) > 10
+    True
+    """
     return (
         *piston_cases(), *collision_cases(), *start_cases(), *friction_cases(), *damping_cases(),
         *size_cases(), *step_cases(), *count_cases(), *sum_cases(), *extreme_cases(),
