@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from validation.published.causes import comparisons, verdict_on_hysteresis
-from validation.published.judging import AGREES, DIFFERS, Judged, counts, judged, said
+from validation.published.entry import AGREES, DIFFERS
+from validation.published.judging import Judged, counts, judged, said
 from validation.published.page import FIRST, words_of
 from validation.published.plan import (
     ASPECTS,
