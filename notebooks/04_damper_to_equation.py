@@ -35,6 +35,7 @@ from granular.render import movie, still
 from reduced_models import compare, discover, fit, roll_out
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+warnings.simplefilter("ignore")  # what they say is printed where it matters
 
 QUICK = True  # False: the full damper of 368 grains; far longer
 

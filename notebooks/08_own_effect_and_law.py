@@ -33,6 +33,7 @@ from granular import GranularError, damper, effect, evaluate, load_scene, quanti
 from reduced_models import FirstGuesses, Law, compare, fit
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+warnings.simplefilter("ignore")  # what they say is printed where it matters
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
 

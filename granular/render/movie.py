@@ -24,8 +24,10 @@ from granular.shared.files import check_target, replacing
 from granular.shared.messages import quoted
 from granular.shared.stops import Stop, deferred_stop
 
-NARROWEST, WIDTH = 760, 960
-"""Pixels: a narrower movie has no room for its letters; the wider is the default."""
+WIDTH = 960
+"""Pixels of a movie; it may be narrower, not wider."""
+NARROWEST = 760
+"""A narrower movie has no room for its letters."""
 
 
 def movie(
