@@ -17,6 +17,7 @@ from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.polishing import polished
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.selection import scored
+from reduced_models.discovery.soundness import fault
 from reduced_models.discovery.structures import (
     Search,
     candidate_of,
@@ -30,6 +31,11 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
 Method = Literal["auto", "sindy", "operon", "pysr"]
+_NO_OPERON = (
+    "pyoperon is not installed, so sparse regression alone proposes structures: "
+    "pip install 'granular-damper[discover]'"
+)
+_GREATEST_SEED = 2**32 - 1
 METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
@@ -84,7 +90,9 @@ def discover(
         Symbolic regressions are given what of it is no product of powers as variables.
     terms : sequence of str
         Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
-        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Numbers in them stay as they are.
+        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
+        numbers within it stay as they are. A sum is taken apart, and each of its terms gets a
+        coefficient of its own, in place of the number that stands before it.
     functions : sequence of str
         What symbolic regressions may use beside sums, differences and products:
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
@@ -117,6 +125,8 @@ def discover(
         If an option is out of its range, or a program that the method needs is not installed.
     """
     _check(method, form, target, degree, polish, ensemble, effort)
+    _check_kinds(library, map, seed)
+    terms, functions = _texts(terms), _texts(functions)
     known = terms_named(library, terms, degree, input)
     allowed = functions_named(functions, method)
     records = [record] if isinstance(record, PistonRecord) else list(record)
@@ -124,6 +134,9 @@ def discover(
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
+    lacking = method == "auto" and not has_operon()
+    if lacking and functions:
+        raise InputError(f"functions need symbolic regression, but {_NO_OPERON}")
     if method == "pysr":
         from reduced_models.discovery.julia import require_julia
 
@@ -140,7 +153,7 @@ def discover(
     supports: list[np.ndarray] = []
     if method in ("auto", "sindy"):
         supports, inclusion = sindy_supports(weak, known, form, ensemble, seed)
-    if method == "sindy" or (method == "auto" and not has_operon()):
+    if method == "sindy" or lacking:
         method = "sindy"
         ranked, judge = scored(weak, known, known, supports)
         candidates = [candidate_of(one) for one in ranked]
@@ -161,7 +174,7 @@ def discover(
         chosen,
         height_map,
         inclusion,
-        notes_on(front[chosen], judge),
+        (*notes_on(front[chosen], judge), *([_NO_OPERON] if lacking else [])),
     )
 
 
@@ -191,14 +204,35 @@ def _check(
         )
 
 
+def _check_kinds(library: object, height_map: object, seed: object) -> None:
+    names = [library] if isinstance(library, str) else library
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"library = {quoted(library)}; give a name, or several in a list")
+    if not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
+        raise InputError(f"seed = {quoted(seed)}; give a whole number from 0 to {_GREATEST_SEED}")
+    if isinstance(height_map, HeightMap):
+        if not (math.isfinite(height_map.shift) and 0.0 < abs(height_map.scale) < math.inf):
+            raise InputError(
+                f"map has the shift {height_map.shift:g} and the scale {height_map.scale:g} m; "
+                "give finite ones, and a scale that is not zero"
+            )
+    elif height_map != "auto":
+        raise InputError(f"map = {quoted(height_map)}; give 'auto' or HeightMap(shift, scale)")
+
+
+def _texts(texts: str | Sequence[str]) -> Sequence[str]:
+    """Texts, or a single one, in a sequence."""
+    return (texts,) if isinstance(texts, str) else texts
+
+
 def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
     for motion in weak.motions:
         for term in terms:
-            values = term.values(motion.z, motion.velocity, motion.drive)
-            if not np.isfinite(values).all():
+            wrong = fault(motion, term)
+            if wrong:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(
-                    f"the term {quoted(term.text)} is not finite for all z from {low:.3g} to "
+                    f"the term {quoted(term.text)} {wrong} for z from {low:.3g} to "
                     f"{high:.3g}; leave it out, or give map=HeightMap(shift, scale)"
                 )
 
