@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.compiled.dispatch import last_with
 from granular.engine.compensation import compensated_sum
 from granular.engine.constants import Constants
 from granular.engine.forces import compute_forces, measure_forces
@@ -64,6 +65,15 @@ def drift_grains(rounding: Array | None, span: float, state: State, count: int) 
             state.y[i], rounding[Y, i] = compensated_sum(state.y[i], rounding[Y, i], by_y)
 
 
+@compiled(inline=True)
+def _drift_freely(span: float, state: State, constants: Constants) -> int:
+    drift_grains(state.rounding, span, state, constants.grains)
+    return 0
+
+
+_glide = last_with("glide", "span state constants", _drift_freely)
+
+
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
 @compiled(inline=True)
 def make_step(
@@ -106,7 +116,7 @@ def make_step(
             if k < stages:
                 span = drifts[k] * h
                 stage += span
-                drift_grains(state.rounding, span, state, constants.grains)
+                _glide(constants.acting.laws, state.rooms, span, state, constants)
                 drift_piston(span, state, constants, motion, stage, start)
                 last = k == stages - 1
                 if last and measuring:

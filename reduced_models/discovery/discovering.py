@@ -12,9 +12,11 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.discovery.choice import notes_on, polished_front
-from reduced_models.discovery.libraries import PHYSICAL, functions_named, terms_named
+from reduced_models.discovery.evidence import evidence
+from reduced_models.discovery.libraries import PHYSICAL, functions_named, own_terms, terms_named
 from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.polishing import polished
+from reduced_models.discovery.proposal import AUTO, proposed
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.selection import scored
 from reduced_models.discovery.soundness import fault
@@ -87,7 +89,9 @@ def discover(
         Which terms there are to choose from, one or more of
         `reduced_models.discovery.libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
-        Symbolic regressions are given what of it is no product of powers as variables.
+        Symbolic regressions are given what of it is no product of powers as variables. ``"auto"``:
+        the one that the record speaks for, with a note why; its degree grows while the held-out
+        error falls.
     terms : sequence of str
         Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
@@ -127,7 +131,8 @@ def discover(
     _check(method, form, target, degree, polish, ensemble, effort)
     _check_kinds(library, map, seed)
     terms, functions = _texts(terms), _texts(functions)
-    known = terms_named(library, terms, degree, input)
+    automatic = library in (AUTO, (AUTO,), [AUTO])
+    known = () if automatic else terms_named(library, terms, degree, input)
     allowed = functions_named(functions, method)
     records = [record] if isinstance(record, PistonRecord) else list(record)
     if not records:
@@ -141,13 +146,18 @@ def discover(
         from reduced_models.discovery.julia import require_julia
 
         require_julia()
-    own = bool(terms) or library not in (PHYSICAL, (PHYSICAL,), [PHYSICAL])
+    own = bool(terms) or not (automatic or library in (PHYSICAL, (PHYSICAL,), [PHYSICAL]))
     height_map = HeightMap() if own and map == "auto" else map_of(records, map)
     if target == "height":
         from reduced_models.discovery.height import height_equations
 
         return height_equations(records[0], method, height_map, effort, seed)
-    weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
+    proposal_note = ""
+    if automatic:
+        _, known, height_map, weak, proposal_note = proposed(records, derivative, input, map)
+        known = (*known, *(one for one in own_terms(terms, input) if one not in known))
+    else:
+        weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
     _check_finite(weak, known)
     inclusion: dict[str, float] = {}
     supports: list[np.ndarray] = []
@@ -168,13 +178,21 @@ def discover(
         polish,
         judge,
     )
+    sure = evidence(front[chosen], candidates, judge, seed)
+    notes = (
+        proposal_note,
+        *notes_on(front[chosen], judge),
+        "" if sure is None else sure.note,
+        _NO_OPERON if lacking else "",
+    )
     return Discovery(
         _words(method, form, ensemble),
         tuple(front),
         chosen,
         height_map,
         inclusion,
-        (*notes_on(front[chosen], judge), *([_NO_OPERON] if lacking else [])),
+        tuple(note for note in notes if note),
+        {} if sure is None else sure.prices,
     )
 
 
