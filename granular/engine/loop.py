@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
+from granular.compiled.dispatch import sum_over
 from granular.compiled.reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.engine import columns
@@ -72,6 +73,9 @@ class Watch(NamedTuple):
     floor: float
 
 
+_record = sum_over("record", "state constants time values")
+
+
 @compiled
 def measure(
     time: float,
@@ -105,6 +109,10 @@ def measure(
         row[columns.FASTEST], state, constants, motion, measurement
     )
     row[columns.GRAINS] = constants.grains
+    _record(
+        constants.acting.laws, state.rooms, state, constants, time,
+        row[columns.ENERGIES + 2 * laws :],
+    )  # fmt: skip
 
 
 @compiled
@@ -151,11 +159,10 @@ class Window(NamedTuple):
 
 
 @compiled
-def _turned_over(watch: Watch, row: Array) -> float:
+def _turned_over(watch: Watch, laws: int, row: Array) -> float:
     """Energy turned over since the start; see `granular.engine.ledger.Ledger`."""
     c = columns
     potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
-    laws = (row.size - c.ENERGIES) // 2
     for law in range(laws):
         potential += row[c.ENERGIES + law]
         lost += row[c.ENERGIES + laws + law]
@@ -269,7 +276,7 @@ def _advance(
 ) -> tuple[int, int, int]:  # fmt: skip
     if window.ticks == 0:
         return _look(window, state, constants, motion, measurement, rows[0]), 0, 0
-    kept = 0
+    kept, laws = 0, state.ledger.size - LOSSES
     for tick in range(window.first, window.first + window.ticks):
         outside = _make_tick(
             plan.fraction,
@@ -290,7 +297,7 @@ def _advance(
         measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
-        watch.seen[TURNED] = max(watch.seen[TURNED], _turned_over(watch, row))
+        watch.seen[TURNED] = max(watch.seen[TURNED], _turned_over(watch, laws, row))
         row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
         if done % pace.every == 0:

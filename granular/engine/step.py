@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.compiled.dispatch import last_with, sum_over
 from granular.engine.compensation import compensated_sum
 from granular.engine.constants import Constants
 from granular.engine.forces import compute_forces, measure_forces
@@ -64,6 +65,20 @@ def drift_grains(rounding: Array | None, span: float, state: State, count: int) 
             state.y[i], rounding[Y, i] = compensated_sum(state.y[i], rounding[Y, i], by_y)
 
 
+@compiled(inline=True)
+def _kick_apart(
+    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
+    opening: bool,
+) -> int:  # fmt: skip
+    kick_grains(span, state, constants, opening)
+    kick_piston(span, state, constants, motion, time, start, opening)
+    return 0
+
+
+_kick = last_with("kick_all", "span state constants motion time start opening", _kick_apart)
+_drift = sum_over("drift", "span state")
+
+
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
 @compiled(inline=True)
 def make_step(
@@ -101,13 +116,16 @@ def make_step(
                 if kicks[k] != 0.0:
                     opening = 2 * k + part < stages + parts - 1
                     span = kicks[k] * h / parts
-                    kick_grains(span, state, constants, opening)
-                    kick_piston(span, state, constants, motion, stage, start, opening)
+                    _kick(
+                        constants.acting.laws, state.rooms, span, state, constants, motion, stage,
+                        start, opening,
+                    )  # fmt: skip
             if k < stages:
                 span = drifts[k] * h
                 stage += span
                 drift_grains(state.rounding, span, state, constants.grains)
                 drift_piston(span, state, constants, motion, stage, start)
+                _drift(constants.acting.laws, state.rooms, span, state)
                 last = k == stages - 1
                 if last and measuring:
                     outside += measure_forces(state, constants, start + stage, measurement)
