@@ -179,7 +179,7 @@ class Host(Effect):
             frame_mass=float(frame),
             piston_mass=piston_mass,
             bed_mass=float(setting.grains.masses().sum()) / scales.mass,
-            reacts=True if self._reacts(setting) else None,
+            reacts=self.damps or self._reacts(setting),
             first_record=setting.first_records[self.key],
             driven=self.excitation is not None,
         )

@@ -18,8 +18,9 @@ Drag and friction act on the velocities in the frame, and what they take of the 
 and piston goes to the frame. Its mean acceleration A must be known before what dissipates is solved
 with it: an equation for one number, whose residual is nearly linear in it, and linear for drag and
 for grains that stick. The secant rule solves it, so the kick is made three times, from the same
-velocities. The momentum of the whole then gives V to rounding. Dashpots of the host are a part of
-their own, solved by the implicit midpoint rule on the inner side of each kick.
+velocities. The momentum of the whole then gives V to rounding. Dashpots act at the mean velocities
+of the kick, within the same equation; on a chain that carries the piston of a free cell they are a
+part of their own, on the inner side of the kicks.
 
 The base is the place of reference: where it moves, all masses feel minus its acceleration, and the
 energy is that of the motion over the base. Weights are held by the springs' rest lengths.
@@ -108,8 +109,8 @@ class HostLaw(NamedTuple):
         With the body that carries it; 0 where none is given [m].
     bed_mass : float
         [m]
-    reacts : bool or None
-        Whether something in the cell dissipates; None is compiled away.
+    reacts : bool
+        Whether something dissipates, on either side of the frame.
     first_record : int
         Place of the first of its records.
     driven : bool
@@ -122,7 +123,7 @@ class HostLaw(NamedTuple):
     frame_mass: float
     piston_mass: float
     bed_mass: float
-    reacts: bool | None
+    reacts: bool
     first_record: int
     driven: bool
 
@@ -147,12 +148,12 @@ class HostLaw(NamedTuple):
         motion: Motion, time: float, start: float, opening: bool,
     ) -> int:  # fmt: skip
         """Kick host, grains and piston."""
-        if opening:
-            _kick(law, law.reacts, room, span, state, constants, motion, time, start, opening)
-            _damp(law, room, LOSSES + place, span, state, constants, motion.free)
-        else:
-            _damp(law, room, LOSSES + place, span, state, constants, motion.free)
-            _kick(law, law.reacts, room, span, state, constants, motion, time, start, opening)
+        apart = law.mount == PISTON_MOUNT and motion.free
+        if apart and not opening:
+            _damp(law, room, LOSSES + place, span, state)
+        _kick(law, LOSSES + place, room, span, state, constants, motion, time, start, opening)
+        if apart and opening:
+            _damp(law, room, LOSSES + place, span, state)
         return 0
 
     @staticmethod
@@ -289,6 +290,52 @@ def _kick_in_frame(
 
 
 @compiled
+def _kick_bodies(
+    law: HostLaw, room: HostRoom, span: float, base: float, change: float, dashpots: bool
+) -> float:
+    """Fill in what the bodies below the last one gain, where that gains ``change``; its dashpot's
+    force, at mean velocities. By elimination from the base upwards."""
+    chain, last, half = law.chain, law.chain.masses.size - 1, 0.5 * span
+    for k in range(last):
+        own, above = chain.damping[k], chain.damping[k + 1]
+        if not dashpots:
+            own, above = 0.0, 0.0
+        speed, below = room.kept[1, k], room.kept[1, k - 1] if k > 0 else 0.0
+        drag = above * (room.kept[1, k + 1] - speed) - own * (speed - below)
+        gain = span * (room.forces[k] - chain.masses[k] * base + drag)
+        if k == last - 1:
+            gain += half * above * change
+        room.diagonal[k] = chain.masses[k] + half * (own + above)
+        if k > 0:
+            ratio = half * own / room.diagonal[k - 1]
+            room.diagonal[k] -= ratio * half * own
+            gain += ratio * room.changes[k - 1]
+        room.changes[k] = gain
+    for back in range(last):
+        k = last - 1 - back
+        if k < last - 1 and dashpots:
+            room.changes[k] += half * chain.damping[k + 1] * room.changes[k + 1]
+        room.changes[k] /= room.diagonal[k]
+    if last < 0 or not dashpots:
+        return 0.0
+    room.changes[last] = change
+    below = room.kept[1, last - 1] + 0.5 * room.changes[last - 1] if last > 0 else 0.0
+    return -chain.damping[last] * (room.kept[1, last] + 0.5 * change - below)
+
+
+@compiled
+def _enter_dashpots(
+    law: HostLaw, room: HostRoom, entry: int, span: float, state: State
+) -> None:
+    """Enter what the dashpots take at the mean velocities of a kick."""
+    below = 0.0
+    for k in range(law.chain.masses.size):
+        mean = room.kept[1, k] + 0.5 * room.changes[k]
+        state.ledger[entry] += span * law.chain.damping[k] * (mean - below) * (mean - below)
+        below = mean
+
+
+@compiled
 def _share(first: float, second: float) -> float:
     """By which the second correction is multiplied, for the third to vanish (secant rule)."""
     if first == second:
@@ -315,8 +362,8 @@ def _take_back(room: HostRoom, state: State, constants: Constants, speed: float)
 
 @compiled
 def _kick(
-    law: HostLaw, reacts: bool | None, room: HostRoom, span: float, state: State,
-    constants: Constants, motion: Motion, time: float, start: float, opening: bool,
+    law: HostLaw, entry: int, room: HostRoom, span: float, state: State, constants: Constants,
+    motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     shake = excitation_at(law.drive, start + time)
     base = shake if law.drive.base else 0.0
@@ -347,11 +394,13 @@ def _kick(
     power, whole = _power(law, room, state), _momentum(law, room, bed, speed)
     frame = room.kept[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
-    passes = 1 if reacts is None or law.mount == FIXED else 3
+    passes = 3 if law.reacts and law.mount != FIXED else 1
+    dashpots, held = not (law.mount == PISTON_MOUNT and free), 0.0
     if passes > 1:
         _keep(room, state, constants)
     before, first = push, 0.0
     for attempt in range(passes):
+        held = _kick_bodies(law, room, span, base, span * (push - base), dashpots)
         _kick_in_frame(push, room, span, state, constants, motion, time, start, opening)
         if attempt == passes - 1:
             break
@@ -359,21 +408,24 @@ def _kick(
         if free:
             pull = top + outer + room.present[PULL] - law.piston_mass * push
             gain += span * pull - law.piston_mass * (state.piston[SPEED] - speed)
-        missing = before + gain / (span * weight) - push
+        missing = before + (held + gain / span) / weight - push
         if attempt == 0:
             first = missing
             push += missing
         else:
             push += missing * _share(first, missing)
         _take_back(room, state, constants, speed)
-    for k in range(last):
-        room.kept[1, k] += span * (room.forces[k] / law.chain.masses[k] - base)
     if law.mount != FIXED:
         taken = _bed_momentum(state, constants) - bed
         if free:
             taken += law.piston_mass * (state.piston[SPEED] - speed)
         mass = law.frame_mass + law.piston_mass + law.bed_mass
-        room.kept[1, last] += (span * (chain + outer) - taken) / mass - span * base
+        change = (span * (chain + held + outer) - taken) / mass - span * base
+        room.changes[last] = change
+        if dashpots:
+            _enter_dashpots(law, room, entry, span, state)
+        for k in range(last + 1):
+            room.kept[1, k] += room.changes[k]
         state.ledger[WORK] += span * outer * 0.5 * (frame + room.kept[1, last])
     power += _power(law, room, state)
     whole += _momentum(law, room, _bed_momentum(state, constants), state.piston[SPEED])
@@ -381,27 +433,12 @@ def _kick(
 
 
 @compiled
-def _damp(
-    law: HostLaw, room: HostRoom, entry: int, span: float, state: State, constants: Constants,
-    free: bool,
-) -> None:  # fmt: skip
-    """Dashpots over a span: (M + span C/2) change = -span C W, by elimination from the base up."""
+def _damp(law: HostLaw, room: HostRoom, entry: int, span: float, state: State) -> None:
+    """Dashpots over a span, alone, of a chain that carries the piston of a free cell."""
     chain, count = law.chain, law.chain.masses.size
-    if count == 0:
-        return
-    most = 0.0
-    for k in range(count):
-        most = max(most, chain.damping[k])
-    if most == 0.0:
-        return
     half = 0.5 * span
     for k in range(count):
-        mass = chain.masses[k]
-        if k == count - 1:
-            if law.mount == PISTON_MOUNT and free:
-                mass = law.piston_mass
-            else:
-                mass = law.frame_mass + (0.0 if free else law.piston_mass)
+        mass = chain.masses[k] if k < count - 1 else law.piston_mass
         above = chain.damping[k + 1] if k + 1 < count else 0.0
         drag = -chain.damping[k] * (_speed(law, room, state, k) - _speed(law, room, state, k - 1))
         if k + 1 < count:
@@ -422,17 +459,9 @@ def _damp(
         mean = _speed(law, room, state, k) + 0.5 * room.changes[k]
         state.ledger[entry] += span * chain.damping[k] * (mean - below) * (mean - below)
         below = mean
-    change = room.changes[count - 1]
-    if law.mount == PISTON_MOUNT and free:
-        state.piston[SPEED] += change
-    else:
-        for i in range(constants.grains):
-            state.vy[i] -= change
-        if free:
-            state.piston[SPEED] -= change
-        room.kept[1, count - 1] += change
     for k in range(count - 1):
         room.kept[1, k] += room.changes[k]
+    state.piston[SPEED] += room.changes[count - 1]
 
 
 @compiled
@@ -443,5 +472,3 @@ def _speed(law: HostLaw, room: HostRoom, state: State, k: int) -> float:
     if k == law.chain.masses.size - 1:
         return _last_speed(law, room, state)
     return room.kept[1, k]
-
-
