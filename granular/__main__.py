@@ -10,6 +10,7 @@ from granular.commands import (
     methods,
     observe,
     render,
+    response,
     run,
     scenes,
     schema,
@@ -38,6 +39,7 @@ COMMANDS = {
     "export": export,
     "render": render,
     "sweep": sweep,
+    "response": response,
     "warm-up": warm_up,
 }
 
