@@ -133,6 +133,12 @@ def _rates(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
 
 
 @entry
+def rates_of(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
+    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]."""
+    _rates(law, force, state, rates)
+
+
+@entry
 def swing_of(law: BedOnHost, force: float, omega: float, steps: int, last: int) -> Array:
     """Squares of the amplitudes of host and piston over the last steps, by Runge and Kutta.
 
