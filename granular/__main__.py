@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from granular.commands import (
+    defects,
     export,
     methods,
     observe,
@@ -36,6 +37,7 @@ COMMANDS = {
     "schema": schema,
     "run": run,
     "observe": observe,
+    "defects": defects,
     "export": export,
     "render": render,
     "sweep": sweep,

@@ -119,7 +119,9 @@ class Host(Effect):
                 "bodies",
             )
         if (self.mount == "piston") != (self.cell_mass is not None):
-            raise FieldError("is to be given where the cell is free (mount = 'piston')", "cell_mass")
+            raise FieldError(
+                "is to be given where the cell is free (mount = 'piston')", "cell_mass"
+            )
         if self.mount == "base" and self.excitation is not None and not self.excitation.of_base:
             raise FieldError("a base is moved by an acceleration or a displacement", "excitation")
         if self.excited is not None and not self.excited < len(self.bodies):
@@ -194,5 +196,3 @@ class Host(Effect):
 
 def _dissipates(effect: Effect) -> bool:
     return any(one.damps or one.dry or one.is_flow for one in (effect, *effect.parts))
-
-

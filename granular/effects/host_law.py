@@ -294,7 +294,8 @@ def _kick_bodies(
     law: HostLaw, room: HostRoom, span: float, base: float, change: float, dashpots: bool
 ) -> float:
     """Fill in what the bodies below the last one gain, where that gains ``change``; its dashpot's
-    force, at mean velocities. By elimination from the base upwards."""
+    force, at mean velocities. By elimination from the base upwards.
+    """
     chain, last, half = law.chain, law.chain.masses.size - 1, 0.5 * span
     for k in range(last):
         own, above = chain.damping[k], chain.damping[k + 1]
@@ -324,9 +325,7 @@ def _kick_bodies(
 
 
 @compiled
-def _enter_dashpots(
-    law: HostLaw, room: HostRoom, entry: int, span: float, state: State
-) -> None:
+def _enter_dashpots(law: HostLaw, room: HostRoom, entry: int, span: float, state: State) -> None:
     """Enter what the dashpots take at the mean velocities of a kick."""
     below = 0.0
     for k in range(law.chain.masses.size):
@@ -361,7 +360,7 @@ def _take_back(room: HostRoom, state: State, constants: Constants, speed: float)
 
 
 @compiled
-def _kick(
+def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     law: HostLaw, entry: int, room: HostRoom, span: float, state: State, constants: Constants,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip

@@ -127,9 +127,7 @@ def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
     for effect in effects:
         firsts[effect.key] = first
         first += len(effect.records)
-    return Setting(
-        scene.grains, scene.cell, scales, species, acting, places, scene.piston, firsts
-    )
+    return Setting(scene.grains, scene.cell, scales, species, acting, places, scene.piston, firsts)
 
 
 @contextlib.contextmanager
@@ -197,6 +195,4 @@ def _resistance(scene: Scene, scales: Scales) -> Resistance | None:
     if piston is None or piston.mass is None or not (piston.drag or piston.friction):
         return None
     mass = piston.mass if host is None else host.mass_of_piston(piston.mass)
-    return Resistance(
-        rate=piston.drag * scales.time / mass, force=piston.friction / scales.force
-    )
+    return Resistance(rate=piston.drag * scales.time / mass, force=piston.friction / scales.force)

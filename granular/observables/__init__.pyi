@@ -37,6 +37,39 @@ from .correlation import (
 from .correlation import (
     pearson_correlation as pearson_correlation,
 )
+from .defect_clusters import (
+    Defects as Defects,
+)
+from .defect_clusters import (
+    found_defects as found_defects,
+)
+from .defect_motion import (
+    defects_of_frames as defects_of_frames,
+)
+from .defect_motion import (
+    tracked_defects as tracked_defects,
+)
+from .defect_tracks import (
+    DefectEvent as DefectEvent,
+)
+from .defect_tracks import (
+    DefectMotion as DefectMotion,
+)
+from .defect_tracks import (
+    DefectTrack as DefectTrack,
+)
+from .defect_tracks import (
+    found_events as found_events,
+)
+from .defect_tracks import (
+    lasting_tracks as lasting_tracks,
+)
+from .defect_tracks import (
+    linked_tracks as linked_tracks,
+)
+from .defect_tracks import (
+    motion_of_track as motion_of_track,
+)
 from .defects import (
     Dislocations as Dislocations,
 )
@@ -69,6 +102,12 @@ from .distance import (
 )
 from .distance import (
     source_pair_distance as source_pair_distance,
+)
+from .elasticity import (
+    BedModuli as BedModuli,
+)
+from .elasticity import (
+    bed_moduli as bed_moduli,
 )
 from .fluctuation import (
     fluctuation_series as fluctuation_series,
@@ -125,6 +164,9 @@ from .grain_stress import (
     grain_virials as grain_virials,
 )
 from .hexatic import (
+    block_susceptibilities as block_susceptibilities,
+)
+from .hexatic import (
     hexatic_susceptibility as hexatic_susceptibility,
 )
 from .hexatic import (
@@ -151,11 +193,59 @@ from .interactions import (
 from .interactions import (
     wall_interactions as wall_interactions,
 )
+from .lindemann import (
+    lindemann_of_run as lindemann_of_run,
+)
+from .lindemann import (
+    lindemann_parameter as lindemann_parameter,
+)
+from .moduli import (
+    Moduli as Moduli,
+)
+from .moduli import (
+    crystal_moduli as crystal_moduli,
+)
+from .moduli import (
+    dipole_strength as dipole_strength,
+)
+from .moduli import (
+    hexagonal_sum as hexagonal_sum,
+)
+from .moduli import (
+    interaction_parameter as interaction_parameter,
+)
+from .moduli import (
+    lattice_spacing as lattice_spacing,
+)
+from .moduli import (
+    theory_modulus as theory_modulus,
+)
 from .named import (
     OBSERVABLES as OBSERVABLES,
 )
 from .named import (
     observable_named as observable_named,
+)
+from .non_affine import (
+    NonAffineMotion as NonAffineMotion,
+)
+from .non_affine import (
+    non_affine_motion as non_affine_motion,
+)
+from .non_affine import (
+    non_affine_series as non_affine_series,
+)
+from .non_gaussian import (
+    displacement_of_run as displacement_of_run,
+)
+from .non_gaussian import (
+    mean_square_displacement as mean_square_displacement,
+)
+from .non_gaussian import (
+    non_gaussian_of_run as non_gaussian_of_run,
+)
+from .non_gaussian import (
+    non_gaussian_parameter as non_gaussian_parameter,
 )
 from .of_frames import (
     Frame as Frame,
@@ -190,6 +280,21 @@ from .piston_distance import (
 from .piston_distance import (
     piston_distance_series as piston_distance_series,
 )
+from .plasticity import (
+    DropStatistics as DropStatistics,
+)
+from .plasticity import (
+    PlasticEvents as PlasticEvents,
+)
+from .plasticity import (
+    drop_statistics as drop_statistics,
+)
+from .plasticity import (
+    plastic_events as plastic_events,
+)
+from .plasticity import (
+    plastic_events_of_run as plastic_events_of_run,
+)
 from .radial import (
     RadialDistribution as RadialDistribution,
 )
@@ -205,6 +310,12 @@ from .regularity import (
 from .regularity import (
     regularity_series as regularity_series,
 )
+from .relaxation import (
+    bond_relaxation as bond_relaxation,
+)
+from .relaxation import (
+    bond_relaxation_of_run as bond_relaxation_of_run,
+)
 from .response import (
     FrequencyResponse as FrequencyResponse,
 )
@@ -214,11 +325,29 @@ from .response import (
 from .response import (
     response_of_run as response_of_run,
 )
+from .structure import (
+    lattice_vector as lattice_vector,
+)
+from .structure import (
+    structure_factor as structure_factor,
+)
 from .temperature import (
     kinetic_temperature as kinetic_temperature,
 )
 from .temperature import (
     temperature_series as temperature_series,
+)
+from .translation import (
+    TranslationalCorrelation as TranslationalCorrelation,
+)
+from .translation import (
+    translational_correlation as translational_correlation,
+)
+from .translation import (
+    translational_correlation_of_run as translational_correlation_of_run,
+)
+from .translation import (
+    translational_order as translational_order,
 )
 from .voronoi import (
     CellShares as CellShares,

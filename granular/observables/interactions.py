@@ -68,7 +68,7 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     positions, here, system = _begun(scene, positions)
     scales = system.scales
     places = positions[here] / scales.length
-    moments = _moments(scene)[here]
+    moments = moments_of(scene)[here]
     contact = _law(system, "contact")
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
@@ -106,7 +106,7 @@ def wall_interactions(
         "bottom": (y, x, (0.0, 1.0)), "top": (height - y, x, (0.0, -1.0)),
     }  # fmt: skip
     acting = [] if laws is None else [s for s in SIDES if getattr(laws, s) is not None]
-    moments = _moments(scene)[here]
+    moments = moments_of(scene)[here]
     branches, forces = np.zeros((2, len(here), len(acting), 2))
     for k, side in enumerate(acting):
         w, along, (nx, ny) = seen[side]
@@ -141,7 +141,7 @@ def _law(system: Any, key: str) -> Any:
     return None
 
 
-def _moments(scene: Scene) -> np.ndarray:
+def moments_of(scene: Scene) -> np.ndarray:
     """Magnetic moment of each grain over that of the first species (n,)."""
     grains = scene.grains
     return np.asarray(grains.moment_ratios()[grains.assignment()] * grains.spread_factors())

@@ -14,7 +14,7 @@ from granular.observables.defects import Dislocations
 from granular.observables.force_distribution import Histogram
 from granular.observables.forces import piston_force
 from granular.observables.regularity import hexagon_regularity
-from granular.observables.voronoi import VoronoiCells, cell_polygons
+from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
 from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new, plain_label
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ __all__ = [
     "plot_biexponential",
     "plot_cells",
     "plot_correlation_function",
+    "plot_defect_paths",
     "plot_dislocations",
     "plot_force_distribution",
     "plot_forces",
@@ -87,6 +88,42 @@ def plot_dislocations(found: Dislocations, positions: np.ndarray, ax: Axes | Non
             angles="xy", scale_units="xy", scale=1.0, width=0.003, color="#333333",
         )  # fmt: skip
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    return _as_map(ax)
+
+
+def plot_defect_paths(
+    tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None
+) -> Axes:
+    """Paths of `tracked_defects` over the Voronoi cells of a frame, with their Burgers vectors.
+
+    A path begins at a ring and ends at a cross.
+    """
+    from matplotlib.patheffects import withStroke
+
+    positions = np.asarray(positions, dtype=np.float64)
+    ax = plot_cells(voronoi_cells(positions), positions, ax)
+    ax.collections[0].set_alpha(0.55)
+    border = [withStroke(linewidth=3.2, foreground="white")]
+    kinds = list(tracked["defect"].values)
+    shown = set()
+    for track in range(tracked.sizes["track"]):
+        path = 1e3 * tracked["position"].values[:, track]
+        path = path[np.isfinite(path).all(axis=1)]
+        kind = str(tracked["kind"].values[track])
+        colour = COLOURS[kinds.index(kind)]
+        label = None if kind in shown else kind
+        shown.add(kind)
+        ax.plot(*path.T, color=colour, linewidth=1.6, label=label, path_effects=border)
+        ax.plot(*path[0], "o", color=colour, markersize=5.0, markerfacecolor="white")
+        ax.plot(*path[-1], "x", color=colour, markersize=5.0, path_effects=border)
+        arrow = 1e3 * tracked["burgers"].values[track]
+        if kind == "dislocation":
+            ax.quiver(
+                *path[-1], *arrow, angles="xy", scale_units="xy", scale=1.0, width=0.004,
+                color="#333333", zorder=4,
+            )  # fmt: skip
+    if shown:
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
     return _as_map(ax)
 
 

@@ -103,7 +103,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     present = np.flatnonzero(np.isfinite(positions).all(axis=1))
     points = positions[present]
     triangles, across = _triangulation(points)
-    corners = _circumcentres(points, triangles)
+    corners = circumcentres(points, triangles)
     pairs, lengths, outer = _ridges(triangles, across, corners)
     spacing = np.sqrt(np.prod(np.ptp(points, axis=0)) / len(points)) if len(points) else 0.0
     real = outer | ~(lengths <= SHORTEST_SIDE * spacing)
@@ -185,7 +185,7 @@ def _triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return mesh.simplices.astype(np.intp), mesh.neighbors.astype(np.intp)
 
 
-def _circumcentres(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def circumcentres(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Circumcentres (t, 2); infinite or NaN for a triangle of no area."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     p, q = b - a, c - a

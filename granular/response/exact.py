@@ -1,8 +1,8 @@
 """Exact responses of linear hosts: alone, and with the ideal tuned mass.
 
 A body of mass M on a spring k and a dashpot c, shaken by F sin(omega t), swings with the amplitude
-|F/(k - omega^2 M + i omega c + D)|, where D is the dynamic stiffness of what hangs on it: for a mass
-m on a spring s and a dashpot d, D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
+|F/(k - omega^2 M + i omega c + D)|, where D is the dynamic stiffness of what hangs on it: for a
+mass m on a spring s and a dashpot d, D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
 
 Without damping of the host, the tuned mass with the least peak has (Den Hartog, Mechanical
 Vibrations (1956), 3.3), for the mass ratio mu = m/M,

@@ -160,8 +160,8 @@ def swing_of(law: BedOnHost, force: float, omega: float, steps: int, last: int) 
                 middle[k] = state[k] + part * slopes[stage - 1, k]
             _rates(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
         for k in range(6):
-            state[k] += h / 6.0 * (
-                slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k]
+            state[k] += (
+                h / 6.0 * (slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k])
             )
         if n >= steps - last:
             sine, cosine = math.sin(omega * (t + h)), math.cos(omega * (t + h))

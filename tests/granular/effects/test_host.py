@@ -62,10 +62,12 @@ def off(found: np.ndarray, exact: np.ndarray) -> float:
 
 def grain_on_spring(mass: float, frequency: float) -> dict[str, Any]:
     """One grain over a bottom that is a spring, in drag: a tuned mass."""
+    spring = mass * (math.tau * frequency) ** 2
     return {
         "grains.count": 1,
         "grains.density": mass / (math.pi / 4.0 * 0.006**2 * 0.003),
-        "effects.walls": BARE | {"bottom": {"energy": "k*(w-l)^2/2", "k": f"{mass * (math.tau * frequency) ** 2!r} N/m", "l": "60 mm"}},
+        "effects.walls": BARE
+        | {"bottom": {"energy": "k*(w-l)^2/2", "k": f"{spring!r} N/m", "l": "60 mm"}},
         "effects.drag.coefficient": "1 kg/s",
         "arrangement.positions": [["0.1 m", "60 mm"]],
     }  # fmt: skip
@@ -280,7 +282,8 @@ def test_a_killed_run_goes_on_with_the_same_bits_on_any_threads(tmp_path: Path) 
     file = tmp_path / "host.toml"
     bed = scene(**BED).replace(**{
         "grains.count": 300, "cell.width": "50 D", "piston.height": "22 D", "piston.mass": 5.0,
-        "arrangement.height": "21 D", "effects.drag.coefficient": 0.1, "protocol.shake.duration": 0.1,
+        "arrangement.height": "21 D", "effects.drag.coefficient": 0.1,
+        "protocol.shake.duration": 0.1,
         "effects.host.bodies": [BODY, {"mass": 20.0, "stiffness": 8000.0, "damping": 3.0}],
         "output": {"scalars": "1 ms", "frames": "10 ms"},
     })  # fmt: skip

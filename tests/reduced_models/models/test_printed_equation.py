@@ -128,9 +128,7 @@ def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> No
     rest = model.at_rest
     assert rest is not None
     law = LAWS[name]
-    swing = small_swing(
-        law, [values[key] for key in law.parameters], model.map.to_law(rest.height)
-    )
+    swing = small_swing(law, [values[key] for key in law.parameters], model.map.to_law(rest.height))
     assert not isinstance(swing, NoSwing)
     figures = {
         "height": model.map.to_height(swing.z), "period": swing.period,

@@ -1,0 +1,240 @@
+"""The defects of a frame: dislocations, disclinations, vacancies, interstitials and boundaries."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.observables.bond_order import global_psi6, local_psi6
+from granular.observables.burgers import (
+    burgers_vectors,
+    counter_clockwise,
+    grains_in_excess,
+    in_space,
+    norm_squared,
+)
+from granular.observables.frames import checked_positions
+from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_cells
+from granular.shared.errors import InputError
+
+DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
+    "dislocation", "disclination", "vacancy", "interstitial", "bound pair", "grain boundary",
+)  # fmt: skip
+
+LINKED = 7.0
+"""Dislocations nearer than this to each other, in spacings, can belong to one boundary."""
+
+LEAST_OF_BOUNDARY = 5
+"""Dislocations of a grain boundary, with Burgers vectors that do not cancel."""
+
+
+CORE = 2.6
+"""How far the disorder about a dislocation counts for its position, in spacings."""
+
+_CENTRINGS = 3
+
+
+class Defects(NamedTuple):
+    """The defects of a frame.
+
+    Attributes
+    ----------
+    kinds : tuple of str (d,)
+        Of `KINDS`.
+    positions : float (d, 2)
+        [m]
+    lattice : int (d, 2)
+        Burgers vector in the lattice; see `granular.observables.burgers`.
+    burgers : float (d, 2)
+        The same in the plane [m].
+    charge : int (d,)
+        Sum of 6 minus the number of neighbours.
+    sizes : int (d,)
+        Grains that have not six neighbours.
+    angle : float
+        Direction of the lattice [rad].
+    spacing : float
+        Of the lattice of the mean cell area [m].
+    """
+
+    kinds: tuple[str, ...]
+    positions: np.ndarray
+    lattice: np.ndarray
+    burgers: np.ndarray
+    charge: np.ndarray
+    sizes: np.ndarray
+    angle: float
+    spacing: float
+
+
+class _Cluster(NamedTuple):
+    kind: str
+    position: np.ndarray
+    lattice: np.ndarray
+    charge: int
+    size: int
+
+
+def found_defects(
+    positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
+) -> Defects:
+    """Defects of the hexagonal order, by clusters of neighbouring grains that have not six.
+
+    Of each cluster the Burgers circuit about it is taken. A cluster with a charge is a
+    disclination, one with a Burgers vector a dislocation, and one with neither a vacancy or an
+    interstitial, by the number of grains in it against that of lattice sites within the circuit;
+    with as many as there are sites it is a bound pair of dislocations, as heat makes them and takes
+    them back.
+    `LEAST_OF_BOUNDARY` dislocations or more, each less than `LINKED` spacings from the next, whose
+    Burgers vectors add up to half of their number or more, are a grain boundary. Clusters that
+    touch the rim, where cells are not interior, are known by half only and are left out, but for
+    boundaries.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    angle : float, optional
+        Direction of the lattice [rad], which is known up to 60 degrees; that of the mean bond order
+        if not given. Parts of the bed should be turned by less than 25 degrees against it.
+    cells : VoronoiCells, optional
+        Of the same positions, where they are there already.
+
+    Raises
+    ------
+    InputError
+        If the shape is another one, or no grain has an interior cell.
+    """
+    positions = checked_positions(positions)
+    cells = voronoi_cells(positions) if cells is None else cells
+    if not cells.interior.any():
+        raise InputError("no grain has an interior cell; give a larger bed")
+    if angle is None:
+        angle = float(np.angle(global_psi6(positions, cells))) / 6.0
+    area = float(cells.area[cells.interior].mean())
+    spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
+    clusters = _joined(_clusters(positions, cells, angle, spacing), spacing)
+    lattice = np.array([one.lattice for one in clusters], dtype=int).reshape(-1, 2)
+    return Defects(
+        kinds=tuple(one.kind for one in clusters),
+        positions=np.array([one.position for one in clusters], dtype=float).reshape(-1, 2),
+        lattice=lattice,
+        burgers=in_space(lattice, angle, spacing),
+        charge=np.array([one.charge for one in clusters], dtype=int),
+        sizes=np.array([one.size for one in clusters], dtype=int),
+        angle=angle,
+        spacing=spacing,
+    )
+
+
+def _clusters(
+    positions: np.ndarray, cells: VoronoiCells, angle: float, spacing: float
+) -> list[_Cluster]:
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(positions)
+    triangles = counter_clockwise(cells.triangles, positions)
+    bonds = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
+    )
+    bonds = np.unique(bonds, axis=0)
+    # By the triangulation: four grains on one circle have a bond too, as circuits need it.
+    degree = np.bincount(bonds.ravel(), minlength=count)
+    odd = cells.interior & (degree != 6)
+    both = bonds[odd[bonds].all(axis=1)]
+    graph = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(count, count))
+    _, owner = connected_components(graph, directed=False)
+    owner = np.where(odd, owner, -1)
+    at_rim = np.zeros(count, dtype=bool)
+    at_rim[bonds[~cells.interior[bonds].all(axis=1)].ravel()] = True
+    vectors = burgers_vectors(triangles, positions, angle)
+    of_triangle = owner[triangles].max(axis=1, initial=-1)
+    order = np.abs(local_psi6(positions, cells))
+    disorder = np.where(cells.interior & np.isfinite(order), 1.0 - order, 0.0)
+    found = []
+    for label in np.unique(owner[odd]):
+        members = np.flatnonzero(owner == label)
+        region = triangles[of_triangle == label]
+        lattice = vectors[of_triangle == label].sum(axis=0)
+        charge = int((6 - degree[members]).sum())
+        kind = _kind(lattice, charge, region, positions, angle)
+        if at_rim[members].any():
+            if kind != BOUNDARY and norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
+                continue
+            kind = DISLOCATION
+        place = positions[members].mean(axis=0)
+        if kind == VACANCY:
+            place = _hole(positions, region)
+        elif kind == DISLOCATION:
+            place = _core(positions, disorder, place, spacing)
+        found.append(_Cluster(kind, place, lattice, charge, len(members)))
+    return found
+
+
+def _core(
+    positions: np.ndarray, disorder: np.ndarray, place: np.ndarray, spacing: float
+) -> np.ndarray:
+    """The centre of the disorder about a place: a core moves between sites, its grains jump."""
+    begun = place
+    for _ in range(_CENTRINGS):
+        along = np.linalg.norm(positions - place, axis=1) / (CORE * spacing)
+        weight = np.where(along < 1.0, disorder * (1.0 - along**2) ** 2, 0.0)
+        if not weight.sum() > 0.0:
+            return begun
+        place = np.nansum(weight[:, None] * positions, axis=0) / weight.sum()
+    return place if np.linalg.norm(place - begun) < spacing else begun
+
+
+def _hole(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """The middle of the largest circle among the triangles that holds no grain."""
+    corners = circumcentres(positions, region)
+    radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
+    return np.asarray(corners[np.argmax(radii)])
+
+
+def _kind(
+    lattice: np.ndarray, charge: int, region: np.ndarray, positions: np.ndarray, angle: float
+) -> str:
+    if charge != 0:
+        return DISCLINATION
+    if lattice.any():
+        return DISLOCATION
+    excess = round(grains_in_excess(region, positions, angle))
+    return VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
+
+
+def _joined(clusters: list[_Cluster], spacing: float) -> list[_Cluster]:
+    """With the dislocations of each grain boundary as one."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    able = [one for one in clusters if one.lattice.any()]
+    if sum(math.sqrt(norm_squared(one.lattice)) for one in able) < LEAST_OF_BOUNDARY / 2:
+        return clusters
+    rest = [one for one in clusters if not one.lattice.any()]
+    places = np.array([one.position for one in able])
+    groups = (
+        fcluster(linkage(places, "single"), LINKED * spacing, "distance")
+        if len(able) > 1
+        else np.ones(1, dtype=int)
+    )
+    for group in np.unique(groups):
+        members = [one for one, mine in zip(able, groups, strict=True) if mine == group]
+        rest += _boundary(members)
+    return rest
+
+
+def _boundary(members: list[_Cluster]) -> list[_Cluster]:
+    lengths = [math.sqrt(norm_squared(one.lattice)) for one in members]
+    total = np.sum([one.lattice for one in members], axis=0)
+    dislocations = sum(one.size for one in members) / 2.0
+    if dislocations < LEAST_OF_BOUNDARY or math.sqrt(norm_squared(total)) < 0.5 * max(
+        sum(lengths), LEAST_OF_BOUNDARY
+    ):
+        return members
+    sizes = np.array([one.size for one in members])
+    middle = np.average([one.position for one in members], axis=0, weights=sizes)
+    charge = sum(one.charge for one in members)
+    return [_Cluster(BOUNDARY, middle, total, charge, int(sizes.sum()))]

@@ -1,0 +1,281 @@
+"""Defects of frame after frame linked into tracks, and what happens to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.observables.defect_clusters import BOUNDARY, DISLOCATION, PAIR, Defects
+from granular.shared.errors import InputError
+
+REACH = 2.5
+"""Default of how far a defect goes from one frame to the next, in spacings."""
+
+MEMORY = 2
+"""Default of how many frames a defect may be out of sight."""
+
+MEETING = 2.0 * REACH
+"""Defects that end and begin nearer than this to each other, in spacings, take part in one event;
+and a defect that is nearer than this to the rim can leave."""
+
+SAME_TIME = 2
+"""Frames by which ends and beginnings of one event may differ."""
+
+
+class DefectTrack(NamedTuple):
+    """The path of a defect.
+
+    Attributes
+    ----------
+    kind : str
+    lattice : int (2,)
+        Burgers vector in the lattice.
+    frames : int (k,)
+        Frames in which it was seen.
+    positions : float (k, 2)
+        [m]
+    burgers : float (2,)
+        Burgers vector, as a mean over the frames [m].
+    """
+
+    kind: str
+    lattice: np.ndarray
+    frames: np.ndarray
+    positions: np.ndarray
+    burgers: np.ndarray
+
+
+class DefectEvent(NamedTuple):
+    """What ends and begins in one place at one time.
+
+    Attributes
+    ----------
+    kind : str
+        ``birth`` or ``annihilation`` (nothing before, or nothing after), ``reaction`` (one set of
+        defects becomes another one), ``entry`` or ``leaving`` (at the rim).
+    frame : int
+        The first frame after it.
+    position : float (2,)
+        [m]
+    ended, begun : tuple of int
+        Numbers of the tracks.
+    missing : int (2,)
+        Burgers vectors begun minus ended: zero unless something came from, or went to, the rim.
+    """
+
+    kind: str
+    frame: int
+    position: np.ndarray
+    ended: tuple[int, ...]
+    begun: tuple[int, ...]
+    missing: np.ndarray
+
+
+def linked_tracks(
+    frames: Sequence[Defects], reach: float = REACH, memory: int = MEMORY
+) -> list[DefectTrack]:
+    """Tracks of the defects, in the order in which they begin.
+
+    From frame to frame the sum of the squares of the ways is as small as it can be (SciPy's
+    assignment), among defects of the same kind and Burgers vector. Bound pairs, which heat makes
+    and takes back, have no tracks.
+
+    Parameters
+    ----------
+    frames : sequence of Defects
+        With lattices of one direction: give each frame's `found_defects` the same angle.
+    reach : float
+        Farthest way in a frame, in spacings.
+    memory : int
+        Frames that a defect may be out of sight.
+
+    Raises
+    ------
+    InputError
+        If ``reach`` is not above 0, or ``memory`` is below 0.
+    """
+    if not reach > 0.0 or memory < 0:
+        raise InputError(f"reach {reach:g} and memory {memory}; take more than 0, and 0 or more")
+    open_ones: list[_Open] = []
+    closed: list[_Open] = []
+    for number, found in enumerate(frames):
+        closed += [one for one in open_ones if number - one.frames[-1] > memory + 1]
+        open_ones = [one for one in open_ones if number - one.frames[-1] <= memory + 1]
+        known = [k for k, kind in enumerate(found.kinds) if kind != PAIR]
+        taken = _assigned(open_ones, found, known, number, reach)
+        for k in known:
+            place = taken.get(k)
+            if place is None:
+                one = _Open(found.kinds[k], found.lattice[k], [], [], [])
+                open_ones.append(one)
+            else:
+                one = open_ones[place]
+            one.frames.append(number)
+            one.positions.append(found.positions[k])
+            one.burgers.append(found.burgers[k])
+    every = sorted(closed + open_ones, key=lambda one: one.frames[0])
+    return [
+        DefectTrack(
+            one.kind, one.lattice, np.array(one.frames), np.array(one.positions),
+            np.mean(one.burgers, axis=0),
+        )
+        for one in every
+    ]  # fmt: skip
+
+
+class _Open(NamedTuple):
+    kind: str
+    lattice: np.ndarray
+    frames: list[int]
+    positions: list[np.ndarray]
+    burgers: list[np.ndarray]
+
+
+def _assigned(
+    open_ones: list[_Open], found: Defects, known: list[int], number: int, reach: float
+) -> dict[int, int]:
+    """Which open track each defect goes on."""
+    from scipy.optimize import linear_sum_assignment
+
+    if not open_ones or not known:
+        return {}
+    farthest = (reach * found.spacing) ** 2
+    # Leaving a track and a defect alone costs as much as the farthest way.
+    costs = np.full((len(open_ones), len(known)), 2.0 * farthest)
+    for row, one in enumerate(open_ones):
+        for column, k in enumerate(known):
+            if one.kind == found.kinds[k] and _alike(one, found.lattice[k]):
+                square = _square_of_way(one, found.positions[k])
+                if square <= farthest * (number - one.frames[-1]):
+                    costs[row, column] = min(square, 1.9 * farthest)
+    rows, columns = linear_sum_assignment(costs)
+    return {
+        known[column]: row
+        for row, column in zip(rows, columns, strict=True)
+        if costs[row, column] < 2.0 * farthest
+    }
+
+
+def _square_of_way(one: _Open, place: np.ndarray) -> float:
+    """Of a boundary the way along its Burgers vector: along itself its middle is of no meaning."""
+    way = place - one.positions[-1]
+    if one.kind == BOUNDARY:
+        return float((way @ one.burgers[-1]) ** 2 / (one.burgers[-1] @ one.burgers[-1]))
+    return float(way @ way)
+
+
+def _alike(one: _Open, lattice: np.ndarray) -> bool:
+    """Whether the Burgers vectors are the same; that of a boundary may change."""
+    return one.kind != DISLOCATION or bool((one.lattice == lattice).all())
+
+
+def lasting_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[DefectTrack]:
+    """The tracks that were seen in at least so many frames."""
+    return [one for one in tracks if len(one.frames) >= frames]
+
+
+def found_events(
+    tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
+) -> list[DefectEvent]:
+    """What made tracks end and begin.
+
+    Ends and beginnings nearer than `MEETING` spacings and `SAME_TIME` frames to one another are one
+    event. One with a part near the rim may take a Burgers vector from it; in any other the vectors
+    before and after are the same if nothing was missed.
+
+    Parameters
+    ----------
+    tracks : sequence of DefectTrack
+    boxes : float (f, 2, 2)
+        Lowest and highest x and y of the bed in each frame [m].
+    spacing : float
+        [m]
+    """
+    moments = [(int(one.frames[-1]) + 1, one.positions[-1], place, -1)
+               for place, one in enumerate(tracks) if one.frames[-1] + 1 < len(boxes)]  # fmt: skip
+    moments += [(int(one.frames[0]), one.positions[0], place, 1)
+                for place, one in enumerate(tracks) if one.frames[0] > 0]  # fmt: skip
+    moments.sort(key=lambda one: one[0])
+    events = []
+    while moments:
+        together = [moments.pop(0)]
+        grown = True
+        while grown:
+            grown = False
+            for k, one in enumerate(moments):
+                if any(_meet(one, other, spacing) for other in together):
+                    together.append(moments.pop(k))
+                    grown = True
+                    break
+        events.append(_event(together, tracks, boxes, spacing))
+    return events
+
+
+Moment = tuple[int, np.ndarray, int, int]
+
+
+def _meet(one: Moment, other: Moment, spacing: float) -> bool:
+    near = float(np.linalg.norm(one[1] - other[1])) < MEETING * spacing
+    return near and abs(one[0] - other[0]) <= SAME_TIME and one[2] != other[2]
+
+
+def _event(
+    together: list[Moment], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
+) -> DefectEvent:
+    ended = tuple(place for _, _, place, sign in together if sign < 0)
+    begun = tuple(place for _, _, place, sign in together if sign > 0)
+    missing = np.sum([sign * tracks[place].lattice for _, _, place, sign in together], axis=0)
+    places = np.array([one[1] for one in together])
+    low, high = boxes[[one[0] for one in together]].transpose(1, 0, 2)
+    depth = float(np.minimum(places - low, high - places).min())
+    if depth < MEETING * spacing and missing.any():
+        kind = "entry" if not ended else "leaving"
+    else:
+        kind = "reaction" if ended and begun else "annihilation" if ended else "birth"
+    return DefectEvent(
+        kind, max(one[0] for one in together), places.mean(axis=0), ended, begun, missing
+    )
+
+
+class DefectMotion(NamedTuple):
+    """Velocity of a defect by a line of least squares through its path.
+
+    Attributes
+    ----------
+    velocity : float (2,)
+        [m/s]
+    speed : float
+        Its magnitude [m/s].
+    glide, climb : float
+        Along the Burgers vector, and along that turned by +90 degrees [m/s]; NaN without one.
+    """
+
+    velocity: np.ndarray
+    speed: float
+    glide: float
+    climb: float
+
+
+def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
+    """Velocity, glide and climb of a track; NaN if it was seen in one frame.
+
+    Parameters
+    ----------
+    track : DefectTrack
+    times : float (f,)
+        Of all frames [s].
+    """
+    if len(track.frames) < 2:
+        return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)
+    seen = np.asarray(times)[track.frames]
+    velocity = np.polyfit(seen - seen.mean(), track.positions, 1)[0]
+    size = float(np.linalg.norm(track.burgers))
+    glide = climb = math.nan
+    if size > 0.0:
+        along = track.burgers / size
+        glide = float(velocity @ along)
+        climb = float(velocity @ [-along[1], along[0]])
+    return DefectMotion(velocity, float(np.linalg.norm(velocity)), glide, climb)

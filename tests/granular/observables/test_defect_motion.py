@@ -1,0 +1,336 @@
+"""Twenty made films: each defect is one track from first to last frame, where it was put."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from granular.__main__ import main
+from granular.observables import defects_of_frames, found_defects, linked_tracks, tracked_defects
+from granular.observables.plots import plot_defect_paths
+from granular.run.trajectory import Trajectory
+from granular.shared.console import launch
+from granular.shared.errors import InputError
+
+from .conftest import MakeRun, hexagonal, rotated
+
+SPACING = 0.0123
+COLUMNS, ROWS = 43, 25
+LATTICE = hexagonal(COLUMNS, ROWS)
+MIDDLE = LATTICE[(ROWS // 2) * COLUMNS + COLUMNS // 2] + [0.3, math.sqrt(3.0) / 4.0]
+RIGHT = np.array([1.0, 0.0])
+
+
+class Made(NamedTuple):
+    """A defect that was put into a film.
+
+    Attributes
+    ----------
+    kind : str
+    burgers : float (2,)
+    start, velocity : float (2,)
+        Where it is in frame 0, and how far it goes in a frame.
+    first, last : int
+        Frames in which it is there.
+    """
+
+    kind: str
+    burgers: np.ndarray
+    start: np.ndarray
+    velocity: np.ndarray
+    first: int = 0
+    last: int = 39
+
+    def place(self, frame: int) -> np.ndarray:
+        return np.asarray(self.start + frame * self.velocity)
+
+    def there(self, frame: int) -> bool:
+        return self.first <= frame <= self.last
+
+
+def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
+    """As in test_defects, with a soft core; zero where no grain is."""
+    angle = np.arctan2(burgers[1], burgers[0])
+    x, y = rotated(points - core, -angle).T
+    r2, nu, turn = x**2 + y**2 + 0.09, 1.0 / 3.0, 1.0 / (2.0 * np.pi)
+    ux = turn * (np.arctan2(y, x) + x * y / (2.0 * (1.0 - nu) * r2))
+    uy = -turn * (
+        (1.0 - 2.0 * nu) / (4.0 * (1.0 - nu)) * np.log(r2) + (x**2 - y**2) / (4.0 * (1.0 - nu) * r2)
+    )
+    return rotated(np.stack([ux, uy], axis=1), angle)
+
+
+def direction(sixth: int) -> np.ndarray:
+    return np.array([math.cos(sixth * math.pi / 3.0), math.sin(sixth * math.pi / 3.0)])
+
+
+def dislocation(
+    start: tuple[float, float], velocity: tuple[float, float], sixth: int = 0, first: int = 0,
+    last: int = 39,
+) -> Made:  # fmt: skip
+    """One whose way, along its Burgers vector and across, begins at the middle plus ``start``."""
+    b = direction(sixth)
+    across = np.array([-b[1], b[0]])
+    turned = np.stack([b, across])
+    return Made(
+        "dislocation", b, MIDDLE + np.array(start) @ turned, np.array(velocity) @ turned, first,
+        last,
+    )  # fmt: skip
+
+
+def crystal(made: list[Made], jitter: float) -> Callable[[int, np.random.Generator], np.ndarray]:
+    def frame(k: int, random: np.random.Generator) -> np.ndarray:
+        points = LATTICE.copy()
+        for one in made:
+            if one.there(k):
+                points += displacement(LATTICE, one.place(k), one.burgers)
+        return points + jitter * random.normal(size=points.shape)
+
+    return frame
+
+
+NOTHING = np.zeros(2)
+
+
+def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray]]:
+    """A vacancy or an interstitial that goes to the next site every so many frames."""
+    first = (ROWS // 2) * COLUMNS + 14
+    aside = NOTHING if kind == "vacancy" else np.array([0.5, math.sqrt(3.0) / 6.0])
+    # Over a whole number of hops the line through the steps has their mean speed.
+    made = Made(kind, NOTHING, LATTICE[first] + aside - [0.5 - 0.5 / every, 0.0],
+                np.array([1.0 / every, 0.0]))  # fmt: skip
+
+    def frame(k: int, random: np.random.Generator) -> np.ndarray:
+        site = first + k // every
+        noise = 0.02 * random.normal(size=(len(LATTICE) + 1, 2))
+        if kind == "vacancy":
+            return np.asarray(np.delete(LATTICE, site, 0) + noise[:-2])
+        arm = LATTICE - (LATTICE[site] + aside)
+        pushed = LATTICE + 0.25 * arm / np.linalg.norm(arm, axis=1)[:, None] ** 2
+        return np.concatenate([pushed, [LATTICE[site] + aside]]) + noise
+
+    return [made], frame
+
+
+def boundary(turn: float, speed: float) -> tuple[list[Made], Callable[..., np.ndarray]]:
+    """Two crystals, one turned against the other, that meet at a line."""
+    block = hexagonal(60, 60) - hexagonal(60, 60).mean(axis=0)
+    halves = rotated(block, 0.5 * turn), rotated(block, -0.5 * turn)
+    made = Made("grain boundary", NOTHING, np.array([-4.0, 0.0]), np.array([speed, 0.0]))
+
+    def frame(k: int, random: np.random.Generator) -> np.ndarray:
+        edge = made.place(k)[0]
+        left, right = (one[(np.abs(one) < [15.0, 12.0]).all(axis=1)] for one in halves)
+        left, right = left[left[:, 0] < edge], right[right[:, 0] >= edge]
+        right = right[cKDTree(left).query(right)[0] > 0.6]
+        points = np.concatenate([left, right])
+        return np.asarray(points + 0.01 * random.normal(size=points.shape))
+
+    return [made], frame
+
+
+def of_dislocations(
+    *made: Made, jitter: float = 0.02
+) -> tuple[list[Made], Callable[..., np.ndarray]]:
+    return list(made), crystal(list(made), jitter)
+
+
+def moves(way: float, glide: float, climb: float = 0.0, sixth: int = 0, last: int = 39) -> Made:
+    return dislocation((-way, 0.0), (glide, climb), sixth, last=last)
+
+
+PAIR = [(-2.5, 0.0), (2.5, 0.0)]
+FILMS: dict[str, tuple[list[Made], Callable[..., np.ndarray]]] = {
+    "glide": of_dislocations(moves(7.0, 0.35)),
+    "fast glide": of_dislocations(moves(13.0, 0.7)),
+    "glide backward": of_dislocations(moves(-7.0, -0.35)),
+    "glide at 60 degrees": of_dislocations(moves(6.0, 0.3, sixth=1)),
+    "glide at 120 degrees": of_dislocations(moves(6.0, 0.3, sixth=2)),
+    "opposite sign": of_dislocations(moves(-7.0, -0.35, sixth=3)),
+    "glide with jitter": of_dislocations(moves(7.0, 0.35), jitter=0.03),
+    "fast glide with jitter": of_dislocations(moves(13.0, 0.7), jitter=0.03),
+    "climb": of_dislocations(dislocation((0.0, -5.0), (0.0, 0.3))),
+    "climb downward": of_dislocations(dislocation((0.0, 5.0), (0.0, -0.3))),
+    "glide and climb": of_dislocations(dislocation((-7.0, -4.0), (0.35, 0.2))),
+    "pair born": of_dislocations(
+        dislocation((-2.5 + 1.6, 0.0), (-0.4, 0.0), first=4),
+        dislocation((-2.5 + 1.6, 0.0), (-0.4, 0.0), 3, first=4),
+    ),
+    "pair annihilated": of_dislocations(
+        dislocation((-15.7, 0.0), (0.4, 0.0), last=33),
+        dislocation((-15.7, 0.0), (0.4, 0.0), 3, last=33),
+    ),
+    "pair born and annihilated": of_dislocations(
+        dislocation((-2.5, 0.0), (0.0, 0.0), first=5, last=30),
+        dislocation((-2.5, 0.0), (0.0, 0.0), 3, first=5, last=30),
+    ),
+    "two that pass": of_dislocations(
+        dislocation((-7.0, 3.5), (0.35, 0.0)), dislocation((-7.0, 3.5), (0.35, 0.0), 3)
+    ),
+    "leaves": of_dislocations(moves(-5.0, 0.4)),
+    "comes in": of_dislocations(moves(20.0, 0.4)),
+    "vacancy": hopping("vacancy", 4),
+    "interstitial": hopping("interstitial", 4),
+    "grain boundary": boundary(math.radians(18.0), 0.2),
+}  # fmt: skip
+QUICK = ("glide with jitter", "climb", "pair annihilated", "leaves", "vacancy", "grain boundary")
+EVENTS = {
+    "pair born": ["birth"], "pair annihilated": ["annihilation"],
+    "pair born and annihilated": ["birth", "annihilation"], "leaves": ["leaving"],
+    "comes in": ["entry"],
+}  # fmt: skip
+STEP = 0.05
+
+
+def place_among(one: Made, made: list[Made], frame: int) -> np.ndarray:
+    """Where the others' displacements have carried it: the mean of both sides of its row."""
+    place = one.place(frame)
+    if one.kind != "dislocation":
+        return place
+    sides = np.array([place + side * np.array([-one.burgers[1], one.burgers[0]])
+                      for side in (-0.4, 0.4)])  # fmt: skip
+    others = [other for other in made if other is not one and other.there(frame)]
+    moves = [displacement(sides, other.place(frame), other.burgers) for other in others]
+    return np.asarray(place + np.sum(moves, axis=0).mean(axis=0) if moves else place)
+
+
+def run_of(film: Callable[..., np.ndarray], make_run: MakeRun) -> Trajectory:
+    random = np.random.default_rng(3)
+    frames = [film(k, random) for k in range(40)]
+    most = max(map(len, frames))
+    positions = np.full((40, most, 2), np.nan)
+    for k, one in enumerate(frames):
+        positions[k, : len(one)] = SPACING * one
+    run = make_run(positions)
+    run.dataset["frame_time"] = ("frame", STEP * np.arange(40.0))
+    return run
+
+
+def check(name: str, make_run: MakeRun) -> None:
+    made, film = FILMS[name]
+    found = tracked_defects(run_of(film, make_run))
+    assert found.sizes["track"] == len(made), found["kind"].values
+    assert sorted(found["event_kind"].values) == sorted(EVENTS.get(name, []))
+    paths = found["position"].values / SPACING
+    at_rim = name in ("leaves", "comes in")
+    for one in made:
+        ways = [
+            np.nanmax(np.abs(paths[:, k] - [one.place(frame) for frame in range(40)]))
+            for k in range(len(made))
+        ]
+        mine = int(np.argmin(ways))
+        assert found["kind"].values[mine] == one.kind
+        seen = np.flatnonzero(np.isfinite(paths[:, mine, 0]))
+        if not at_rim:
+            # Seen wherever it was put; a jitter may hide it for a frame.
+            assert (seen[0], seen[-1]) == (one.first, one.last)
+            assert len(seen) >= 0.9 * (one.last - one.first + 1)
+        wanted = np.array([place_among(one, made, frame) for frame in seen])
+        across = 1 if one.kind == "grain boundary" else 2
+        away = np.linalg.norm((paths[seen, mine] - wanted)[:, :across], axis=1)
+        assert away.max() < 0.5
+        if one.kind == "dislocation":
+            np.testing.assert_allclose(found["burgers"][mine], SPACING * one.burgers, atol=1e-3)
+        speed = np.linalg.norm(one.velocity) * SPACING / STEP
+        measured = found["velocity"].values[mine, :across]
+        if speed > 0.0:
+            assert np.linalg.norm(measured) == pytest.approx(speed, rel=0.03)
+        else:
+            assert np.linalg.norm(measured) < 0.01 * SPACING / STEP
+    assert not found.attrs["conserved"] < 1.0
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_made_film(name: str, make_run: MakeRun) -> None:
+    check(name, make_run)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", [one for one in FILMS if one not in QUICK])
+def test_other_made_film(name: str, make_run: MakeRun) -> None:
+    check(name, make_run)
+
+
+def test_burgers_vectors_are_those_of_pentagon_and_heptagon() -> None:
+    for sixth in range(6):
+        points = LATTICE + displacement(LATTICE, MIDDLE, direction(sixth))
+        found = found_defects(points)
+        assert found.kinds == ("dislocation",)
+        np.testing.assert_allclose(found.burgers[0], found.spacing * direction(sixth), atol=1e-2)
+        assert found.charge[0] == 0
+
+
+def test_exact_hole_and_crystal_without_defects() -> None:
+    """Six grains on one circle: whatever triangles they have, a site is missing."""
+    site = (ROWS // 2) * COLUMNS + 20
+    found = found_defects(np.delete(LATTICE, site, 0))
+    assert found.kinds == ("vacancy",)
+    np.testing.assert_allclose(found.positions[0], LATTICE[site], atol=0.1)
+    assert not found_defects(LATTICE).kinds
+
+
+def test_total_burgers_vector_is_kept(make_run: MakeRun) -> None:
+    _, film = FILMS["pair annihilated"]
+    found = tracked_defects(run_of(film, make_run))
+    np.testing.assert_allclose(found["total_burgers"], 0.0, atol=1e-12)
+    assert found.attrs["conserved"] == 1.0
+    assert found["count"].sel(defect="dislocation").values[[0, -1]].tolist() == [2, 0]
+
+
+def test_paths_are_drawn(make_run: MakeRun) -> None:
+    _, film = FILMS["pair annihilated"]
+    run = run_of(film, make_run)
+    found = tracked_defects(run)
+    axes = plot_defect_paths(found, run.dataset["position"].values[-1])
+    (path,) = [one for one in axes.get_lines() if one.get_label() == "dislocation"]
+    seen = np.isfinite(found["position"].values[:, 0, 0])
+    np.testing.assert_allclose(path.get_xdata(), 1e3 * found["position"].values[seen, 0, 0])
+
+
+def test_the_command_writes_tables_and_a_picture(
+    make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    _, film = FILMS["pair annihilated"]
+    run = run_of(film, make_run)
+    monkeypatch.setattr("granular.run.trajectory.load_trajectory", lambda _: run)
+    assert launch(main, ["defects", "runs/bed", "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    with (tmp_path / "out" / "tracks.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["kind"] for row in rows] == ["dislocation", "dislocation"]
+    assert {row["ended"] for row in rows} == {"annihilation"}
+    with (tmp_path / "out" / "paths.csv").open(newline="") as file:
+        paths = list(csv.DictReader(file))
+    assert len(paths) == int(np.isfinite(tracked_defects(run)["position"][..., 0]).sum())
+    assert (tmp_path / "out" / "paths.png").stat().st_size > 1000
+    capsys.readouterr()
+    assert launch(main, ["defects", "runs/bed", "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)["conserved"] == 1.0
+    assert launch(main, ["defects", "runs/bed", "--start", "5 m"]) == 2
+
+
+def test_direction_of_the_lattice_is_followed_beyond_60_degrees() -> None:
+    turned = [rotated(LATTICE, 0.1 * k) for k in range(16)]
+    angles = [one.angle for one in defects_of_frames(np.array(turned))]
+    np.testing.assert_allclose(np.diff(angles), 0.1, atol=1e-6)
+
+
+def test_what_cannot_be(make_run: MakeRun) -> None:
+    run = make_run(SPACING * LATTICE[None])
+    with pytest.raises(InputError, match="least 0"):
+        tracked_defects(run, least=0)
+    with pytest.raises(InputError, match="reach -1"):
+        linked_tracks([], -1.0)
+    with pytest.raises(InputError, match="larger bed"):
+        found_defects(hexagonal(2, 2))
+    found = tracked_defects(run)
+    assert found.sizes["track"] == 0
+    assert math.isnan(found.attrs["conserved"])

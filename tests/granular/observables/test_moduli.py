@@ -1,0 +1,177 @@
+"""Moduli of the crystal of dipoles by its lattice sum, and of beds by small strains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+from granular import Scene, evaluate
+from granular.observables import (
+    Moduli,
+    bed_moduli,
+    crystal_moduli,
+    dipole_strength,
+    hexagonal_sum,
+    interaction_parameter,
+    lattice_spacing,
+    theory_modulus,
+)
+from granular.scene.scales import Scales
+from granular.shared.errors import InputError
+
+from .conftest import hexagonal
+
+SPACING = 0.0115
+
+
+def scene_of(bed: Scene, count: int, **changes: object) -> Scene:
+    return bed.replace(
+        **{"grains.count": count, "cell.width": 2.0, "piston": None, "effects": {"dipole": True},
+           "arrangement.height": 2.0,
+           "protocol": [{"kind": "hold", "name": "rest", "duration": 1.0}], **changes}
+    )  # fmt: skip
+
+
+def strength_of(scene: Scene) -> float:
+    scales = Scales.of(scene.grains)
+    return dipole_strength(scales.current * scales.length**2)
+
+
+def test_lattice_sum() -> None:
+    """Against the sum over a large disc and a continuum beyond."""
+    reach = 400
+    i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-2 * reach, 2 * reach + 1))
+    squares = (i * i + i * j + j * j).ravel()
+    squares = squares[(squares > 0) & (squares < reach**2)]
+    brute = float((squares**-1.5).sum()) + 2.0 * math.pi * 2.0 / math.sqrt(3.0) / reach
+    assert hexagonal_sum() == pytest.approx(brute, rel=1e-5)
+
+
+def test_crystal_follows_the_power_and_the_known_limits() -> None:
+    """In units of Gamma T/a^2; von Gruenberg et al. 2004 have K = 1.258 Gamma."""
+    one, four = crystal_moduli(1.0, 1.0), crystal_moduli(4.0, 1.0)
+    assert four.pressure / one.pressure == pytest.approx(32.0, rel=1e-12)
+    step = 1e-5
+    up, down = (crystal_moduli(1.0 + d, 1.0).pressure for d in (step, -step))
+    assert (up - down) / (2.0 * step) == pytest.approx(one.bulk, rel=1e-8)
+    # Natural units: pair energy 1/4 at a distance of 1.
+    assert crystal_moduli(1.0, 0.25).pressure == pytest.approx(1.6675, rel=1e-4)
+    density, temperature = 3.0, 0.02
+    gamma = interaction_parameter(density, 1.0, temperature)
+    found = crystal_moduli(density, 1.0)
+    unit = gamma * temperature / lattice_spacing(density) ** 2
+    assert found.bulk / unit == pytest.approx(3.458, abs=5e-4)
+    assert found.shear / unit == pytest.approx(0.3458, abs=5e-5)
+    assert theory_modulus(found, density, temperature) / gamma == pytest.approx(1.258, abs=1e-3)
+
+
+@pytest.mark.parametrize("reach", [3.0, 6.0, 10.0])
+def test_patch_of_a_crystal_has_the_moduli_of_the_lattice(bed: Scene, reach: float) -> None:
+    points = hexagonal(30, 34, SPACING)
+    scene = scene_of(bed, len(points))
+    found = bed_moduli(scene, points, reach)
+    density = 2.0 / math.sqrt(3.0) / SPACING**2
+    wanted = crystal_moduli(density, strength_of(scene))
+    assert found.density == pytest.approx(density, rel=1e-9)
+    for moduli in (found.affine, found.relaxed):
+        np.testing.assert_allclose(moduli, wanted, rtol=5e-3)
+        assert moduli.young == pytest.approx(wanted.young, rel=5e-3)
+
+
+def test_pressure_of_beds_of_other_densities(bed: Scene) -> None:
+    """P ~ rho^2.5 of beds, not of the formula."""
+    points = hexagonal(20, 22, 1.0)
+    scene = scene_of(bed, len(points))
+    spacings = np.array([0.008, 0.011, 0.015])
+    found = [bed_moduli(scene, one * points, 5.0) for one in spacings]
+    slope = np.polyfit(
+        np.log([one.density for one in found]), np.log([one.relaxed.pressure for one in found]), 1
+    )[0]
+    assert slope == pytest.approx(2.5, abs=1e-6)
+
+
+def test_affine_moduli_are_the_curvature_of_the_engines_energy(
+    bed: Scene, random: np.random.Generator
+) -> None:
+    """B A = 15/4 E, mu A = 3/8 E for dipoles wherever they stand."""
+    points = hexagonal(6, 6, SPACING) + 0.15 * SPACING * random.normal(size=(36, 2)) + 0.5
+    scene = scene_of(bed, 36)
+    middle, step = points.mean(axis=0), 1e-3
+
+    def energy(matrix: np.ndarray) -> float:
+        return evaluate(scene, middle + (points - middle) @ matrix).potential_energy
+
+    start = energy(np.eye(2))
+    shears = [
+        np.diag([math.exp(s), math.exp(-s)]) for s in (step, -step)
+    ] + [
+        np.array([[math.cosh(s), math.sinh(s)], [math.sinh(s), math.cosh(s)]])
+        for s in (step, -step)
+    ]  # fmt: skip
+    curvature = (sum(map(energy, shears)) - 4.0 * start) / step**2 / 2.0
+    assert curvature / 4.0 == pytest.approx(3.0 / 8.0 * start, rel=1e-5)
+    up, down = (energy(math.exp(s) * np.eye(2)) for s in (step, -step))
+    slope, bend = (up - down) / (2.0 * step), (up + down - 2.0 * start) / step**2
+    # In the logarithm of a length, with p A = -E'/2: B A = (E'' - 2 E')/4.
+    assert (bend - 2.0 * slope) / 4.0 == pytest.approx(15.0 / 4.0 * start, rel=1e-5)
+    assert -0.5 * slope == pytest.approx(1.5 * start, rel=1e-5)
+
+
+def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.Generator) -> None:
+    """Energy of the inner grains after a shear, with what acts at the start as an outer force."""
+    points = SPACING * (hexagonal(11, 12) + 0.06 * random.normal(size=(132, 2)))
+    scene = scene_of(bed, 132)
+    reach = 3.0
+    found = bed_moduli(scene, points, reach)
+    assert found.relaxed.shear < 0.99 * found.affine.shear
+    from granular.observables.elasticity import _inner, _weight
+
+    inner, area, length = _inner(points, reach)
+    scaled, reach = points / length, 1.0
+    far = ~np.eye(132, dtype=bool)
+    gaps = np.linalg.norm(scaled[:, None] - scaled[None], axis=2)
+    weight = np.where(far, _weight(gaps, reach), 0.0)
+
+    def energy(places: np.ndarray) -> float:
+        gap = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(132)
+        return 0.5 * float((weight / gap**3).sum())
+
+    def slope(places: np.ndarray) -> np.ndarray:
+        arm = places[:, None] - places[None]
+        gap = np.linalg.norm(arm, axis=2) + np.eye(132)
+        return -3.0 * ((weight / gap**5)[:, :, None] * arm).sum(axis=1)
+
+    held, step, losses = slope(scaled)[inner], 1e-4, []
+    for shear in (np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])):
+        begun = scaled @ (np.eye(2) + step * shear)
+
+        def at(moves: np.ndarray, begun: np.ndarray = begun) -> np.ndarray:
+            places = begun.copy()
+            places[inner] += step * moves.reshape(-1, 2)
+            return places
+
+        def unbalanced(moves: np.ndarray, at: Callable[..., np.ndarray] = at) -> np.ndarray:
+            return np.asarray((slope(at(moves))[inner] - held).ravel() / step)
+
+        moves = fsolve(unbalanced, np.zeros(2 * len(inner)), xtol=1e-10)
+        assert abs(unbalanced(moves)).max() < 1e-4 * abs(unbalanced(0.0 * moves)).max()
+        gain = energy(begun) - energy(at(moves)) + step * float((held.ravel() * moves).sum())
+        losses.append(gain / step**2 / 2.0)
+    lost = np.mean(losses) * strength_of(scene) / length**3 / area
+    assert found.affine.shear - found.relaxed.shear == pytest.approx(lost, rel=0.02)
+
+
+def test_what_cannot_be(bed: Scene) -> None:
+    points = hexagonal(6, 6, SPACING)
+    with pytest.raises(InputError, match="larger bed"):
+        bed_moduli(scene_of(bed, 36), points)
+    with pytest.raises(InputError, match="give all"):
+        bed_moduli(scene_of(bed, 30), points)
+    with pytest.raises(InputError, match="density -1 is not above 0"):
+        crystal_moduli(-1.0, 1.0)
+    with pytest.raises(InputError, match="temperature 0"):
+        theory_modulus(Moduli(1.0, 1.0, 1.0), 1.0, 0.0)
