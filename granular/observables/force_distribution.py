@@ -120,6 +120,11 @@ def force_distribution_of_run(
         `compressive_forces`).
     """
     forces = _inner_forces(run, frame)
+    if not np.isfinite(forces).any():
+        raise InputError(
+            f"frame {frame} has 0 grains with an interior Voronoi cell; give one whose grains lie "
+            "in more than two rows"
+        )
     if pooled:
         known = _known(forces)
         return {"all": knuth_histogram(known / known[-1])}

@@ -300,14 +300,23 @@ def _header(
 def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
     """The lowest row with a time among its names, and units in that below it; else the lowest.
 
-    Loggers write what was done to a column, such as averaging, below its name and unit.
+    Loggers write what was done to a column, such as averaging, below its name and unit. A lowest
+    row that names columns itself is the header, whatever a line above it is about.
     """
+    if any(_names_a_column(cell) for cell in rows[-1]):
+        return list(rows[-1]), []
     for place in range(len(rows) - 1, -1, -1):
         if any(role_of(name_and_unit(cell)[0]) == TIME for cell in rows[place]):
             below = rows[place + 1] if place + 1 < len(rows) else []
             units = [cell if is_unit(cell) else "" for cell in below]
             return list(rows[place]), units
     return list(rows[-1]), []
+
+
+def _names_a_column(cell: str) -> bool:
+    """Whether a cell has a name that is known, or a name with a unit."""
+    name, unit = name_and_unit(cell)
+    return role_of(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 
 
 def _end(path: Path, lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:

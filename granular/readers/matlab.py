@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from granular.readers.names import TIME, name_and_unit
+from granular.readers.names import TIME, name_and_unit, role_of
 from granular.readers.reading import Reading
 from granular.readers.sheet import Column, Sheet
 from granular.readers.text import read_bytes
@@ -22,6 +23,7 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
     """The vectors of one length in a MATLAB file of version 4 to 7.
 
     Times are a vector, or follow from the numbers ``Tstart`` and ``Tinterval`` of PicoScope.
+    Its channels, ``A``, ``B``, ..., are whatever was connected.
 
     Parameters
     ----------
@@ -32,7 +34,8 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
     Raises
     ------
     RecordError
-        If it cannot be read as such, or holds no vectors of one length.
+        If it cannot be read as such, holds no vectors of one length, or has an interval that is no
+        positive number.
     """
     import scipy.io
 
@@ -65,17 +68,34 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
         for name, values in vectors.items()
         if len(values) == length
     ]
-    step = variables.get("Tinterval")
-    if isinstance(step, int | float) and columns:  # PicoScope: a start and an interval
-        first = variables.get("Tstart", 0.0)
-        times = float(first) + float(step) * np.arange(length)
-        columns.insert(0, Column(TIME, "s", times))
+    timed = TIME in reading.columns or any(role_of(one.name) == TIME for one in columns)
+    if "Tinterval" in variables and columns and not timed:
+        for one in columns:
+            one.channel = len(one.name) == 1
+        columns.insert(0, _times(path, variables, length))
     if len(columns) < 2:
         raise RecordError(
             f"{visible(path)}: holds no two vectors of one length; found: "
             f"{', '.join(map(quoted, variables)) or 'nothing'}; save time and height as vectors"
         )
     return Sheet(columns, None, any(one.name for one in columns), "MATLAB file")
+
+
+def _times(path: Path, variables: Mapping[str, Any], length: int) -> Column:
+    """Times by PicoScope's start and interval."""
+    first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
+    if not _is_finite(first) or not _is_finite(step) or step <= 0.0:
+        raise RecordError(
+            f"{visible(path)}: Tstart = {quoted(first)} and Tinterval = {quoted(step)}; a start "
+            "and an interval above 0, both in s, are wanted: or save the times as a vector"
+        )
+    return Column(TIME, "s", float(first) + float(step) * np.arange(length))
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether a value is one finite real number."""
+    array = np.asarray(value)
+    return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))
 
 
 def _vectors(variables: dict[str, Any]) -> dict[str, np.ndarray]:

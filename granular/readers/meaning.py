@@ -143,7 +143,8 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
     taken = list(map(id, chosen.values()))
     called: dict[str, list[Column]] = {}
     for one in sheet.columns:
-        called.setdefault(bare(one.name), []).append(one)
+        if not one.channel:
+            called.setdefault(bare(one.name), []).append(one)
     for role in (role for role in OWN if role not in chosen):
         found = [
             one for word in SYNONYMS[role] for one in called.get(word, []) if id(one) not in taken
@@ -192,6 +193,8 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
 
 
 def _is_acceleration(column: Column) -> bool:
+    if column.channel:
+        return False
     if role_of(column.name) == ACCELERATION:
         return True
     return column.unit is not None and _is_of(column.unit, "m/s^2")
@@ -218,6 +221,7 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
         one for one in sheet.columns
         if id(one) not in taken and one.values is not None and np.isfinite(one.values).any()
     ]  # fmt: skip
+    _check_channels(free)
     lengths = [one for one in free if _fits(one, HEIGHT) and role_of(one.name) in (None, HEIGHT)]
     nameless = [one for one in lengths if not one.name]
     found = lengths if len(lengths) == 1 else nameless[:1]
@@ -241,6 +245,16 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     else:
         number = sheet.columns.index(found[0]) + 1
         notes.append(f"height is column {number}, in m (columns: height=..., units: height=mm)")
+
+
+def _check_channels(columns: Sequence[Column]) -> None:
+    """Refuse to guess which input of an instrument the height was connected to."""
+    names = [one.name for one in columns if one.channel]
+    if names and len(names) == len(columns):
+        raise RecordError(
+            f"no column 'height', only channels: {', '.join(map(quoted, names))}; say which it is "
+            f"and its unit (columns: height={names[0]}, units: height=mm)"
+        )
 
 
 def _names(sheet: Sheet) -> str:

@@ -23,6 +23,8 @@ class Column:
         The first row, from 0, that holds something else, and what; for the message.
     clock : str
         What was read as seconds: ``"date"`` or ``"clock"``; empty for numbers.
+    channel : bool
+        Whether its name is that of an instrument's input and says nothing of what was measured.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Column:
     values: np.ndarray | None
     wrong: tuple[int, str] | None = None
     clock: str = ""
+    channel: bool = False
 
 
 @dataclasses.dataclass(eq=False)

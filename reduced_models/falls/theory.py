@@ -62,6 +62,8 @@ LATE = 5.19
 """How much later a bed that falls follows than a column."""
 FEWEST = 250
 """Grains from which on modulus and strength are alike from bed to bed."""
+LATEST = 0.9
+"""Up to where LATE x/15 was compared with falls: 1 kg/s of drag with 7.5 kg on 368 grains."""
 _SHAPED = {"dipole", "walls", "gravity", "drag"}
 
 
@@ -108,8 +110,8 @@ def parameters_of(scene: Scene) -> dict[str, float]:
     Raises
     ------
     InputError
-        If the scene has no heavy piston over dipoles that drag alone damps, or too few grains for
-        what was measured.
+        If the scene has no heavy piston over dipoles that drag alone damps, too few grains for
+        what was measured, or more drag over the piston's mass than was compared with falls.
     """
     piston, grains = scene.piston, scene.grains
     present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
@@ -146,6 +148,14 @@ def parameters_of(scene: Scene) -> dict[str, float]:
     rest = (BULK + WALLS / math.sqrt(grains.count)) * lattice
     resistance = grains.count * mass * drag
     inertia = grains.count * mass * scales.mass / 3.0
+    late = _lateness(resistance, weight, rest, gravity)
+    if late > LATEST:
+        raise InputError(
+            f"the bed of {quoted(scene.name)} follows its piston too late (drag of all grains over "
+            f"the piston's weight: {late / LATEST:.3g} times the limit, that of 1 kg/s with 7.5 kg "
+            "on 368 grains); give less effects.drag.coefficient or more piston.mass, or fit the "
+            "law to a fall instead"
+        )
     moved = piston.mass + inertia - _missing(resistance, weight, rest, gravity)
     return {
         "lam": max((resistance / 3.0 + piston.drag) / (2.0 * moved), 1e-6),  # it has none below
@@ -163,9 +173,19 @@ def _missing(resistance: float, weight: float, rest: float, gravity: float) -> f
     ``resistance`` is the drag of all grains [kg/s].
     """
     stiffness = POWER * weight / rest
-    omega = math.sqrt((POWER + MODULUS) * gravity / rest)
-    late = omega * resistance / stiffness
+    omega = _omega(rest, gravity)
+    late = 15.0 / LATE * _lateness(resistance, weight, rest, gravity)
     return LATE * stiffness * late**2 / 45.0 / omega**2 / (1.0 + (LATE * late / 15.0) ** 2)
+
+
+def _lateness(resistance: float, weight: float, rest: float, gravity: float) -> float:
+    """LATE x/15: where it is not small, the missing mass of a small swing is not that of a fall."""
+    return LATE / 15.0 * _omega(rest, gravity) * resistance / (POWER * weight / rest)
+
+
+def _omega(rest: float, gravity: float) -> float:
+    """Of the small swing [1/s]."""
+    return math.sqrt((POWER + MODULUS) * gravity / rest)
 
 
 def _means(scene: Scene) -> tuple[float, float]:

@@ -67,18 +67,18 @@ class ChangedFigure(NamedTuple):
 
         It is met within Student's interval of the mean, of 95 %, by the scatter of both beds.
         """
+        meets = self._meets(self.with_it)
+        return None if meets is None else meets and not self._meets(self.without)
+
+    @property
+    def misses(self) -> bool:
+        """Whether the published figure is known not to be met with the change."""
+        return self._meets(self.with_it) is False
+
+    def _meets(self, one: Finding) -> bool | None:
         if self.published is None or (deviation := self._pooled()) is None:
             return None
-        pooled, free = deviation
-        met = [self._is_met(one, pooled, free) for one in (self.without, self.with_it)]
-        return met[1] and not met[0]
-
-    def _is_met(self, one: Finding, pooled: float, free: int) -> bool:
-        from scipy.special import stdtrit
-
-        assert self.published is not None
-        half = stdtrit(free, 0.975) * pooled / math.sqrt(one.starts) + ROUNDING
-        return bool(abs(one.value - self.published) <= half)
+        return _is_met(one, self.published, *deviation)
 
     def _pooled(self) -> tuple[float, int] | None:
         """Deviation of single starts by both beds together, and its degrees of freedom."""
@@ -88,6 +88,13 @@ class ChangedFigure(NamedTuple):
             return None
         free = sum(number for number, _ in known)
         return math.sqrt(sum(number * spread**2 for number, spread in known) / free), free
+
+
+def _is_met(one: Finding, published: float, pooled: float, free: int) -> bool:
+    from scipy.special import stdtrit
+
+    half = stdtrit(free, 0.975) * pooled / math.sqrt(one.starts) + ROUNDING
+    return bool(abs(one.value - published) <= half)
 
 
 _FIGURES = {
@@ -267,15 +274,53 @@ def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
         alone = "; ".join(f"{one.change} at {one.bed}" for one in met)
         tail = f" Met at one size alone: {alone}." if met else ""
         return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
-    figures = [
+    said = " ".join(_record(found, words, list(best.values())) for words in causes)
+    return (
+        f"{begun} Published in brackets: {said} Where the two distances are off alike, the "
+        "difference is met and the bed is not."
+    )
+
+
+def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFigure]) -> str:
+    """At which sizes a change gives the published hysteresis, and at which it does not."""
+    of_it = [one for one in best if one.change == words]
+    met = [one for one in of_it if one.explains]
+    missed = [one for one in of_it if one.misses]
+    hits = "; ".join(
         f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}, as the difference of "
         f"{_ends(found, one)}"
-        for one in met if one.change in causes
-    ]  # fmt: skip
+        for one in met
+    )
+    begun = f"{words}, run at {len(of_it)} sizes, gives it within scatter at {len(met)}: {hits}"
+    alike = [one.bed for one in of_it if one not in met and one not in missed]
+    if alike:
+        begun += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"
+    if not missed:
+        return f"{begun}."
+    gaps = ", ".join(
+        f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}" for one in missed
+    )
+    judgement = " So it is no explanation." if len(missed) >= len(met) else ""
+    return f"{begun}. It does not at {len(missed)}: {gaps}.{judgement}"
+
+
+def gaps_at_the_end(results: Results) -> str:
+    """Where the bed after the cycle is narrower or wider than published, beyond the interval."""
+    words = []
+    for n in SIZES:
+        samples = (results.sample(f"direct {n}", "half_end_D", one) for one in BEST_FIRST)
+        found = next((one.finding() for one in samples if one is not None), None)
+        printed = published_figure(f"direct {n}", "half_end_D")
+        if found is None or printed is None:
+            continue
+        half = found.half_width()
+        if half is not None and abs(found.value - printed) > half + ROUNDING:
+            words.append(f"{found.value:.2f} D ({printed:.2f}) at N = {n}, {found.protocol}")
+    if not words:
+        return ""
     return (
-        f"{begun} Met within scatter at {CAUSE_SIZES} sizes or more by {'; '.join(causes)} "
-        f"(published in brackets): {'; '.join(figures)}. Where those two are off alike, the "
-        "difference is met and the bed is not."
+        "Not explained: the half mean distance after the cycle is not as published (in brackets) "
+        f"beyond its interval: {'; '.join(words)}."
     )
 
 

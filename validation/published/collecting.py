@@ -16,7 +16,7 @@ from validation.published.figures import Figures, figures_of
 from validation.published.plan import Group
 from validation.published.reference import Reference, agrees, reference
 from validation.published.results import Plain, Results, made_by, sittings_of
-from validation.published.running import case_keys, outcomes_in_order
+from validation.published.running import case_keys, outcomes_in_order, references_in
 from validation.published.series import Series
 
 COURSES = ("down", "up", "half_course_D")
@@ -54,6 +54,26 @@ def collected(
         calculations |= one.calculations
     times = sittings_of(former) if sittings is None else sittings
     return Results(found, calculations | kept(directory), made_by(command, times))
+
+
+def former_of(own: Results, package: Results) -> list[Results]:
+    """What a directory's file and that of the package know, the directory's first.
+
+    Of series that are stale in the directory, or run anew, what the package holds does not count.
+    """
+    rest = {
+        key: one for key, one in package.series.items() if not _is_anew(own.series.get(key, {}))
+    }
+    both = (own, Results(rest, package.calculations, package.made))
+    return [one for one in both if one.series]
+
+
+def still_stale(results: Results, own: Results) -> Results:
+    """The results with every series that a directory's file marks stale as it stands there."""
+    stale = {
+        key: one for key, one in own.series.items() if key in results.series and one.get("stale")
+    }
+    return Results({**results.series, **stale}, results.calculations, results.made)
 
 
 def missing(series: Series, directory: Path, former: Sequence[Results]) -> list[int]:
@@ -99,7 +119,14 @@ def _series_results(series: Series, directory: Path, former: Sequence[Results]) 
         "versions": _distinct([one["versions"] for _, one in good]),
         "reference": _reference(series, directory, former) if good else {},
     }
+    if any(_is_anew(one.series.get(series.key, {})) for one in former):
+        plain["anew"] = True
     return plain
+
+
+def _is_anew(one: Plain) -> bool:
+    """Whether a series is being run anew, as the code has changed: no older file counts."""
+    return bool(one.get("stale") or one.get("anew"))
 
 
 def _starts(series: Series, directory: Path, former: Sequence[Results]) -> list[tuple[int, Plain]]:
@@ -151,7 +178,7 @@ def _reference(series: Series, directory: Path, former: Sequence[Results]) -> Re
         plain = one.series.get(series.key, {})
         if plain.get("reference") and keys & set(plain["keys"]) and not plain.get("stale"):
             return dict(plain["reference"])
-    shelf = Shelf(directory / "references")
+    shelf = references_in(directory)
     name = case_keys(series)[0]
     found: Reference | None = shelf.read(name)
     if found is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from validation.published.causes import comparisons, verdict_on_hysteresis
+from validation.published.causes import comparisons, gaps_at_the_end, verdict_on_hysteresis
 from validation.published.judging import Judged, judged, said
 from validation.published.page import FIRST, words_of
 from validation.published.plan import (
@@ -91,8 +91,8 @@ def _figures(results: Results) -> str:
     lines += [_row(rows[key]) for key in FIRST]
     modes = _modes(results)
     lines += ["", _wrapped(verdict_on_hysteresis(comparisons(results)))]
-    if modes:
-        lines += ["", _wrapped(modes)]
+    lines += ["", _wrapped(one)] if (one := gaps_at_the_end(results)) else []
+    lines += ["", _wrapped(modes)] if modes else []
     return "\n".join(lines)
 
 

@@ -67,12 +67,13 @@ def _of_ratio(
 ) -> Finding:
     """A function of one over the other, whose slope over the ratio is given."""
     ratio = one.value / other.value
-    spread, error = (
-        None if None in pair else slope * ratio * math.hypot(
-            pair[0] / one.value, pair[1] / other.value  # type: ignore[operator]
-        )
-        for pair in ((one.spread, other.spread), (one.error, other.error))
-    )  # fmt: skip
+
+    def both(first: float | None, second: float | None) -> float | None:
+        if first is None or second is None:
+            return None
+        return slope * ratio * math.hypot(first / one.value, second / other.value)
+
+    spread, error = both(one.spread, other.spread), both(one.error, other.error)
     freedom = one.freedom + other.freedom if error is not None else 0.0
     return Finding(
         value(ratio), spread, one.starts + other.starts, one.protocol, one.step, error, freedom

@@ -6,6 +6,7 @@ One loop over all pairs, one over a list of neighbours; no vectors, one thread.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numba
 import numpy as np
@@ -67,11 +68,11 @@ def loop_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
     return _least(_direct, x, y, force), _least(_listed, x, y, force, first, others)
 
 
-def _least(loop: object, *arguments: np.ndarray) -> float:
+def _least(loop: Callable[..., object], *arguments: np.ndarray) -> float:
     least, sums = np.inf, max(1, 40_000_000 // arguments[0].size ** 2)
     for _ in range(REPEATS):
         begun = time.process_time()
         for _ in range(sums):
-            loop(*arguments)  # type: ignore[operator]
+            loop(*arguments)
         least = min(least, (time.process_time() - begun) / sums)
     return 1e6 * least

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from granular.shared.files import finite, make_directory, write_json, write_text
 from validation.published.calculations import calculated
 from validation.published.causes import comparisons
-from validation.published.collecting import checked, collected, missing
+from validation.published.collecting import checked, collected, former_of, missing, still_stale
 from validation.published.judging import counts, judged, strength
 from validation.published.plan import Group, full_plan, quick_plan
 from validation.published.results import Results, committed, counted, read, sittings_of
@@ -90,21 +90,21 @@ def _published(
 
 def _kept(where: Path) -> Results:
     """What a directory keeps of a full run, and the package's results for the rest."""
-    if not (where / "cases").exists():
+    own = read(where / RESULTS)
+    if not own.series and not (where / "cases").exists():
         return committed()
-    return collected(full_plan(), where, f"{COMMAND} --full", _former(where))
-
-
-def _former(where: Path) -> list[Results]:
-    return [one for one in (read(where / RESULTS), committed()) if one.series]
+    former = former_of(own, committed())
+    return still_stale(collected(full_plan(), where, f"{COMMAND} --full", former), own)
 
 
 def _full(where: Path, workers: int | None, progress: bool) -> Results:
     """Run what is missing, and what today's code computes otherwise."""
     plan, command = full_plan(), f"{COMMAND} --full"
-    former = _former(where)
+    own = read(where / RESULTS)
+    former = former_of(own, committed())
     times = 1 + sittings_of(former)
-    known = checked(collected(plan, where, command, former, times), plan, _say)
+    before = still_stale(collected(plan, where, command, former, times), own)
+    known = checked(before, plan, _say)
     stale = {key for key, one in known.series.items() if one.get("stale")}
     for series in (one for group in plan for one in group.series if one.key in stale):
         forget(series, where)
@@ -114,6 +114,7 @@ def _full(where: Path, workers: int | None, progress: bool) -> Results:
     def write() -> None:
         _write_results(collected(plan, where, command, former), where)
 
+    write()
     run_groups(_waiting(plan, where, former), where, workers=workers, progress=progress,
                after=write)  # fmt: skip
     return collected(plan, where, command, former)

@@ -11,9 +11,10 @@ from granular.shared.errors import InputError
 from validation.published.calculations import calculated
 from validation.published.catalogue import entries
 from validation.published.collecting import collected
+from validation.published.entry import Entry
 from validation.published.judging import judge, series_behind
 from validation.published.plan import Group, full_plan
-from validation.published.results import committed
+from validation.published.results import Results, committed
 from validation.published.running import run_groups
 
 TIMED = ("seconds",)
@@ -33,9 +34,11 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
     Returns
     -------
     dict
-        ``key``, ``series``; ``ours`` and ``committed`` values; ``same``, whether every figure of
-        every start is the same to the last digit, times excepted; ``differences``, those that are
-        not; ``lacking``, series that the file does not hold whole.
+        ``key``, ``series``; ``ours`` and ``committed`` values; ``timed``, whether these are times,
+        which are no two times the same; ``same``, whether every figure of every start, times
+        excepted, and the values themselves, unless timed, are the same to the last digit;
+        ``differences``, figures that are not; ``lacking``, series that the file does not hold
+        whole.
 
     Raises
     ------
@@ -67,12 +70,15 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
         )
         if new != old
     ]  # fmt: skip
+    timed = _is_timed(entry, found)
+    equal = ours is not None and before is not None and (timed or ours.value == before.value)
     return {
         "key": key,
         "series": names,
         "ours": None if ours is None else ours.value,
         "committed": None if before is None else before.value,
-        "same": not differences and ours is not None and before is not None,
+        "timed": timed,
+        "same": equal and not differences,
         "differences": differences,
         "lacking": [
             name for name in names if former.series[name]["done"] != found.series[name]["done"]
@@ -85,5 +91,20 @@ def text(found: dict[str, Any]) -> str:
     lines = [f"{found['key']}: {found['ours']} now, {found['committed']} in the file"]
     lines += [f"the file lacks starts of {name}" for name in found["lacking"]]
     lines += found["differences"]
-    lines.append("same to the last digit" if found["same"] else "not the same")
+    if found["timed"]:
+        lines.append("timed: not comparable to the last digit")
+    else:
+        lines.append("same to the last digit" if found["same"] else "not the same")
     return "\n".join(lines)
+
+
+def _is_timed(entry: Entry, results: Results) -> bool:
+    """Whether an entry's value is a time, or made of times."""
+    found = entry.measure(results)
+    if found is None or found.protocol == "timed":
+        return found is not None
+    without = {
+        key: {**one, "figures": {k: v for k, v in one["figures"].items() if k not in TIMED}}
+        for key, one in results.series.items()
+    }
+    return entry.measure(Results(without, results.calculations, results.made)) is None

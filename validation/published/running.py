@@ -14,6 +14,7 @@ from granular import sweep
 from granular.run.time_step import checked_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
+from granular.shared.shelf import Shelf
 from granular.studies.cases import make_cases
 from granular.studies.work import Outcome, outcomes_in
 from validation.published.plan import Group
@@ -87,11 +88,17 @@ def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[Outcome | No
     return [shelf.read(key) for key in keys]
 
 
+def references_in(directory: Path) -> Shelf:
+    """Where reference runs are kept, under the key of the first start."""
+    return Shelf(directory / "references")
+
+
 def forget(series: Series, directory: Path) -> None:
-    """Delete what is kept of a series, whose code has changed."""
-    shelf = outcomes_in(directory)
-    for key in case_keys(series):
+    """Delete what is kept of a series, whose code has changed: outcomes and reference."""
+    shelf, keys = outcomes_in(directory), case_keys(series)
+    for key in keys:
         shelf.path(key).unlink(missing_ok=True)
+    references_in(directory).path(keys[0]).unlink(missing_ok=True)
 
 
 def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:

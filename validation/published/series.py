@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from granular.scene.beds import bidisperse, damper, mono_bed
 from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 from granular.studies.cases import Measure
 from validation.published.protocols import QUICK, STEP, Protocol
 from validation.published.records import bed_record, damper_record, pressed_record
@@ -108,7 +109,10 @@ def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
 
     def scene(seed: int) -> Scene:
         made = bidisperse(aspect, ratio, speed=QUICK.mixture_speed, seed=seed)
-        end = DEEPER * made.protocol[1].final_height()  # type: ignore[operator]
+        pressed_to = made.protocol[1].final_height()
+        if pressed_to is None:
+            raise InputError(f"{name}: the second stage ends at no height; give it one")
+        end = DEEPER * pressed_to
         changes = {"protocol__compress__to": end, "grains__spread": spread, "grains__seed": seed}
         return _recorded(made, 2, changes if spread else {"protocol__compress__to": end}, 200)
 

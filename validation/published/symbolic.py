@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from pyoperon.sklearn import SymbolicRegressor
 
 SAMPLES = 600
 GENERATIONS = 200
@@ -25,6 +24,8 @@ def demonstration(span: float) -> dict[str, float]:
         ``misfit``: what the expression leaves over of the motion's rms; ``length``: how many
         symbols it has.
     """
+    from pyoperon.sklearn import SymbolicRegressor
+
     t = np.linspace(0.0, span, SAMPLES)
     z = np.cos(t - 0.0996) * np.exp(0.0503 * (0.0996 - t))
     search = SymbolicRegressor(

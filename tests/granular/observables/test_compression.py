@@ -174,3 +174,13 @@ def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
     assert 0.0 < force_modes_of_run(run).p <= 1.0
     with pytest.raises(InputError, match="frame = 2"):
         force_distribution_of_run(run, frame=2)
+
+
+@pytest.mark.parametrize("pooled", [False, True])
+def test_a_frame_without_a_grain_inside_is_refused(make_run: MakeRun, pooled: bool) -> None:
+    """A row of grains has no interior cell."""
+    row = np.stack([0.006 + 0.0126 * np.arange(6), np.full(6, 0.02)], axis=1)
+    changes = {"grains.count": 6, "cell.width": "0.08 m", "piston.height": "0.06 m"}
+    run = make_run(row[None], changes, heights=np.array([HEIGHT]))
+    with pytest.raises(InputError, match="0 grains with an interior Voronoi cell"):
+        force_distribution_of_run(run, pooled=pooled)

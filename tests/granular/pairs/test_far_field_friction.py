@@ -131,6 +131,21 @@ def test_bed_that_rubs_rests_under_the_same_force(small_bed: Scene) -> None:
     assert (moved == 0.0).mean() > 0.5
 
 
+def test_a_run_is_gone_on_with_to_the_same_bits(small_bed: Scene, tmp_path: Path) -> None:
+    """A run that is stopped while the far field goes on keeps what it goes on from."""
+    scene = moving(on_mesh(rubbing(small_bed)))
+    ends = {}
+    for place, stops in (("whole", (0.006,)), ("parts", (0.0023, 0.006))):
+        for end in stops:
+            out = str(tmp_path / place)
+            resume = end != stops[0]
+            ends[place] = simulate(
+                scene, t_end=end, dt=1e-4, out=out, resume=resume, progress=False
+            ).dataset
+    for name in ("position", "velocity", "force"):
+        np.testing.assert_array_equal(ends["whole"][name][-1], ends["parts"][name][-1])
+
+
 @pytest.mark.long
 def test_a_resumed_run_has_the_bits_of_one_in_a_piece(small_bed: Scene, tmp_path: Path) -> None:
     """What the far field goes on from is made of the state alone, wherever a run is cut."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import damper
+from granular import damper, load_scene
 from granular.scene.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
@@ -31,7 +31,7 @@ def test_pressure_is_that_of_the_hexagonal_lattice() -> None:
 
 def test_weight_and_pressure_balance_at_rest() -> None:
     """In a bed so large that walls do not count, the lattice's pressure carries the piston."""
-    scene = damper(count=10**6)
+    scene = damper(count=10**6, drag=1e-4)
     values = parameters_of(scene)
     assert scene.piston is not None
     scales, width = Scales.of(scene.grains), scene.cell.width
@@ -40,7 +40,7 @@ def test_weight_and_pressure_balance_at_rest() -> None:
     weight = scene.piston.mass * 9.8 / width
     assert pressure == pytest.approx(weight, rel=0.12)  # walls and rest by what was measured
     # Whatever mass seems to move, weight and affine drag act on the same.
-    affine = 1e6 * 0.1 / 6.0 / (scene.piston.mass * 9.8)
+    affine = 1e6 * 1e-4 / 6.0 / (scene.piston.mass * 9.8)
     assert values["lam"] / values["weight"] == pytest.approx(affine, rel=0.06)
 
 
@@ -77,6 +77,13 @@ def test_small_swing_and_motion_follow() -> None:
     assert motion.height[-1] == pytest.approx(law.at_rest.height, rel=0.02)
 
 
+def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
+    """The source's own damper is beyond it."""
+    assert parameters_of(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
+    with pytest.raises(InputError, match=r"'damper-source' .* 1\.23 times the limit"):
+        predict(load_scene("damper-source"))
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -86,6 +93,9 @@ def test_small_swing_and_motion_follow() -> None:
         ({"effects.friction": True}, "has friction"),
         ({"piston.friction": 1.0}, "friction of the piston"),
         ({"grains.count": 92}, "92 grains"),
+        ({"effects.drag.coefficient": 1.2}, "follows its piston too late"),
+        ({"effects.drag.coefficient": 50.0}, "follows its piston too late"),
+        ({"piston.mass": 0.5}, "more piston.mass"),
     ],
 )  # fmt: skip
 def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:

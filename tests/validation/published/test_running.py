@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,12 +17,13 @@ from typing import Any
 import pytest
 
 from validation.published import guide, programme, reference, rerun
+from validation.published.calculations import TIMED_SIZES
 from validation.published.catalogue import entries
 from validation.published.collecting import checked, collected, missing
 from validation.published.page import page
 from validation.published.plan import Group
 from validation.published.protocols import QUICK
-from validation.published.results import EMPTY, Results, is_whole, read
+from validation.published.results import EMPTY, Results, counted, is_whole, read
 from validation.published.running import forget, outcomes_of, run_groups
 from validation.published.series import Series, fall, mixture, mono
 
@@ -227,6 +229,106 @@ def test_an_entry_run_anew_is_compared_to_the_last_digit(
     assert "force" in rerun.text(differs)
     with pytest.raises(Exception, match="did you mean"):
         rerun.rerun("piston_force_direct_sum.maen[0]")
+
+
+def test_an_entry_without_a_series_is_compared_by_its_value(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Calculations have no figures of starts; a time is compared with nothing."""
+    now = {"default_grain": {"mass_kg": 6.25e-4}, "loop_times": TIMES}
+    monkeypatch.setattr(rerun, "calculated", lambda *_, **__: None)
+    monkeypatch.setattr("validation.published.collecting.kept", lambda _: now)
+    for factor, same in ((1.0, True), (2.0, False)):
+        before = {
+            name: {one: factor * value for one, value in numbers.items()}
+            for name, numbers in now.items()
+        }
+        monkeypatch.setattr(rerun, "committed", lambda before=before: Results({}, before, {}))
+        found = rerun.rerun("default_grain.mass_kg", progress=False)
+        assert found["same"] is same
+        assert ("same to the last digit" in rerun.text(found)) is same
+    timed = rerun.rerun("algorithm.direct_exponent", progress=False)
+    assert "timed: not comparable to the last digit" in rerun.text(timed)
+
+
+TIMES = {f"{way} {n}": n / 100.0 for way in ("direct", "list") for n in TIMED_SIZES}
+
+
+@pytest.fixture
+def small_plan(groups: list[Group], monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
+    """The full plan is one small series, and the package holds nothing; the starts that are run."""
+    asked: list[list[int]] = []
+
+    def run(some: Sequence[Group], directory: Path, **settings: Any) -> None:
+        asked.append([seed for group in some for one in group.series for seed in one.seeds])
+        here(some, directory, **settings)
+
+    plan = [Group("small", [groups[0].series[0]])]
+    monkeypatch.setattr(programme, "full_plan", lambda: plan)
+    monkeypatch.setattr(programme, "run_groups", run)
+    monkeypatch.setattr(programme, "calculated", lambda *_, **__: None)
+    monkeypatch.setattr(programme, "committed", lambda: EMPTY)
+    return asked
+
+
+def changed_law(monkeypatch: pytest.MonkeyPatch, factor: float = 1.01) -> None:
+    """Another reference from now on, as if a law had been changed."""
+
+    def other(series: Series) -> reference.Reference:
+        now = reference.reference(series)
+        return {name: [factor * value, error] for name, (value, error) in now.items()}
+
+    monkeypatch.setattr("validation.published.collecting.reference", other)
+
+
+def test_a_changed_law_is_run_anew_once(
+    small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The reference of the former code goes with its outcomes: nothing is stale for ever."""
+    for _ in range(2):
+        programme.published(tmp_path, "full", workers=1, progress=False)
+    assert small_plan == [[1, 2], []]
+    changed_law(monkeypatch)
+    for _ in range(2):
+        programme.published(tmp_path, "full", workers=1, progress=False)
+    assert small_plan[2:] == [[1, 2], []]
+    assert counted(read(tmp_path / "results.json"))["stale"] == 0
+
+
+def test_a_mark_stays_until_the_series_is_run_anew(
+    small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A call that only shows takes no mark away, with the cases beside the file and without."""
+
+    def stale() -> int:
+        return counted(read(tmp_path / "results.json"))["stale"]
+
+    programme.published(tmp_path, "full", workers=1, progress=False)
+    package = read(tmp_path / "results.json")
+    monkeypatch.setattr(programme, "committed", lambda: package)
+    changed_law(monkeypatch)
+    for length in ("check", None, None):
+        programme.published(tmp_path, length, progress=False)
+        assert stale() == 1
+    for name in ("cases", "references", "figures"):
+        shutil.rmtree(tmp_path / name)
+    programme.published(tmp_path, progress=False)
+    assert stale() == 1
+
+    def stop(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    run = programme.run_groups
+    monkeypatch.setattr(programme, "run_groups", stop)
+    with pytest.raises(KeyboardInterrupt):
+        programme.published(tmp_path, "full", progress=False)
+    programme.published(tmp_path, progress=False)
+    (one,) = read(tmp_path / "results.json").series.values()
+    assert one["done"] == []  # what the package holds of it is the former code's
+    monkeypatch.setattr(programme, "run_groups", run)
+    programme.published(tmp_path, "full", workers=1, progress=False)
+    assert small_plan == [[1, 2], [1, 2]]
+    assert stale() == 0
 
 
 SCRIPT = """
