@@ -137,7 +137,10 @@ def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Sc
                 "grains.count": count, "piston.mass": mass, "effects.drag.coefficient": drag,
                 "piston.height": height, "arrangement.height": height - diameter,
             })  # fmt: skip
-            law = BedOnHost.of(scene)
+            try:
+                law = BedOnHost.of(scene)
+            except InputError:  # the law is not known for so much drag
+                continue
             filled = count * math.pi / 4.0 * diameter**2 / (law.rest * scene.cell.width)
             if law.rest < height and filled < _FILLED:
                 yield scene
