@@ -9,6 +9,7 @@ from .designs.study import run_study as run_study
 from .discovery.discovering import discover as discover
 from .falls.judging import judged_falls as judged_falls
 from .falls.theory import predict as predict
+from .falls.whole_fall import whole_fall as whole_fall
 from .fitting.fitting import fit as fit
 from .fitting.law_estimator import LawEstimator as LawEstimator
 from .fitting.posterior import posterior as posterior

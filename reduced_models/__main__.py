@@ -55,6 +55,10 @@ examples:
 examples:
   %(prog)s --frequency 3.2 --damping 0.1 -o out
   %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out""",
+    "fall": """\
+examples:
+  %(prog)s damper --height '144 mm'
+  %(prog)s damper --set piston.mass=10 --set 'effects.drag.coefficient=0.2 kg/s'""",
     "laws": """\
 example:
   %(prog)s""",
@@ -91,6 +95,7 @@ def parser(prog: str = PROG) -> Parser:
     _add_compare(add("compare", "judge laws on held-out stretches and records"))
     _add_calibrate(add("calibrate", "fit numbers of a scene to a record, by simulations"))
     _add_design(add("design", "choose mass, grains and drag for a wanted frequency and damping"))
+    _add_fall(add("fall", "predict a whole fall from the scene alone"))
     _add_maps(add("maps", "show frequency and damping over mass, grains, drag and mixture"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
     _add_export(
@@ -153,7 +158,7 @@ def _add_discover(one: Parser) -> None:
     one.add_argument(
         "--library", action="append", default=[], metavar="NAME",
         help="terms to choose from: physical (default), polynomial, trigonometric, rational, dry "
-        "friction, contact, driven (repeatable)",
+        "friction, contact, driven (repeatable); auto: the one that the record speaks for",
     )  # fmt: skip
     one.add_argument(
         "--terms", action="append", default=[], metavar="TERM",
@@ -260,6 +265,14 @@ def _add_design(one: Parser) -> None:
     add_output(one)
 
 
+def _add_fall(one: Parser) -> None:
+    add_scene(one)
+    one.add_argument(
+        "--height", type=in_unit("m"), metavar="H", help="of the start [m]; the scene's without"
+    )
+    add_output(one)
+
+
 def _add_maps(one: Parser) -> None:
     one.add_argument(
         "-o", "--out", metavar="DIR", required=True,
@@ -309,6 +322,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         "compare": commands.compare_sources,
         "calibrate": commands.calibrate_scene,
         "design": commands.design_damper,
+        "fall": commands.predict_fall,
         "maps": commands.map_dampers,
         "simulate": commands.simulate_model,
         "export-model": commands.export_model,

@@ -258,6 +258,16 @@ def design_damper(options: Any) -> None:
     emit(found.to_plain(), text, options.json)
 
 
+def predict_fall(options: Any) -> None:
+    """Tell what a fall does, from the scene alone."""
+    from granular.scene.loading import load_scene
+    from reduced_models.falls.whole_fall import whole_fall
+
+    scene = load_scene(options.scene).replace(**changes_from(options.changes))
+    found = whole_fall(scene, options.height)
+    emit(found._asdict(), str(found), options.json)
+
+
 def map_dampers(options: Any) -> None:
     """Show the maps, of the package's study or of one made anew."""
     from reduced_models.designs.maps import DamperMaps, damper_maps

@@ -111,7 +111,7 @@ def _key(part: Part, piece: Piece) -> str:
 _SHOWING = ("printing.py", "report.py", "table.py", "html.py", "plotting.py", "picture.py")
 """Files that only show what was measured."""
 
-_OWN = ("benchmark", "published", "recovery", "sections")
+_OWN = ("benchmark", "discovery", "published", "recovery", "sections")
 """Folders with measurements of their own, on which no part depends, or that only show."""
 
 _NEEDED = ("engine.py",)

@@ -18,6 +18,11 @@ not, and what is not there costs nothing; ``law, room, place`` stand before the 
     Velocities after ``span`` under a dissipative effect alone, solved exactly; forward behind the
     kick that opens a step, backward before the one that closes it. What it takes is entered in
     ``state.ledger[LOSSES + place]``.
+``glide(..., span, state, constants) -> int``
+    Places after ``span``, instead of the plain drift, and velocities that change in its middle; the
+    last effect that has one gives it, for Störmer-Verlet's coefficients alone.
+``returned(..., state) -> float``
+    What is added to the energy turned over, where an entry of losses may be negative.
 ``slow(..., slopes, span, state, constants) -> int``
     The same as a force, for Runge-Kutta methods.
 ``work(..., span, state, constants, time) -> int``
@@ -116,6 +121,8 @@ class Effect(Section):
         Whether it stops grains at a threshold, and cannot be undone backward in time.
     damps : bool
         Whether it takes energy wherever grains move.
+    drifts : bool
+        Whether it has a ``glide``.
     takes_along : tuple of str or None
         Of an effect with a ``kick``: the others with one that are solved with it.
     energy_record, loss_record : Record or None
@@ -130,6 +137,7 @@ class Effect(Section):
     rank: ClassVar[int] = 0
     dry: ClassVar[bool] = False
     damps: ClassVar[bool] = False
+    drifts: ClassVar[bool] = False
     takes_along: ClassVar[tuple[str, ...] | None] = None
     energy_record: ClassVar[Record | None] = None
     loss_record: ClassVar[Record | None] = None

@@ -136,6 +136,13 @@ class Host(Effect):
                 "effects",
                 self.key,
             )
+        if "bath" in others:
+            raise FieldError(
+                "cannot act together with 'bath', which takes no notice of what carries the cell; "
+                "take one of them away",
+                "effects",
+                self.key,
+            )
         walls: Any = others.get("walls")
         if walls is not None and walls.has_gap:
             raise FieldError("cannot carry a cell with a gap", "effects", self.key)

@@ -22,11 +22,23 @@ from granular.engine.constants import Constants
 from granular.engine.far import find_far_field, kick_by_far_field
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
 from granular.engine.piston import piston_energy
-from granular.engine.state import HEIGHT, LOSSES, PISTON, SPEED, WORK, Measurement, State
+from granular.engine.state import (
+    HEIGHT,
+    LONGEST,
+    LOSSES,
+    PISTON,
+    SHORTEST,
+    SPEED,
+    STEPS,
+    TIME,
+    WORK,
+    Measurement,
+    State,
+)  # fmt: skip
 from granular.engine.step import Plan, make_step
 from granular.engine.step_size import Pace, tick_start, tick_steps
 from granular.engine.stiffness import stiffest_mode
-from granular.engine.variable import LONGEST, SHORTEST, STEPS, TIME, next_step
+from granular.engine.variable import next_step
 from granular.protocol.motion import Motion
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, DEPARTED = range(6)
@@ -170,6 +182,9 @@ def _turned_over(watch: Watch, laws: int, row: Array) -> float:
     return row[c.KINETIC] + abs(potential) + piston + lost + abs(row[c.WORK])
 
 
+_returned = sum_over("returned", "state", 0.0)
+
+
 @compiled
 def _make_tick(
     fraction: float | None, every: int | None, tick: int, window: Window, pace: Pace, plan: Plan,
@@ -297,7 +312,10 @@ def _advance(
         measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
-        watch.seen[TURNED] = max(watch.seen[TURNED], _turned_over(watch, laws, row))
+        turned = _turned_over(watch, laws, row) + _returned(
+            constants.acting.laws, state.rooms, state
+        )
+        watch.seen[TURNED] = max(watch.seen[TURNED], turned)
         row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
         if done % pace.every == 0:

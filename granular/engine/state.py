@@ -19,6 +19,10 @@ X, Y, VX, VY = range(4)
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
 """Entries of the piston."""
 
+TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
+"""Entries of a state's clock: time in the stage; density of steps, and the square of the speed that
+it heeds; density where nothing is near; shortest and longest step so far; steps made in the run."""
+
 WORK, PISTON, LOSSES = range(3)
 """Entries of the ledger: work done from outside; what the piston loses; from there on, what each
 effect takes, in the order of the laws."""
@@ -49,7 +53,7 @@ class State(NamedTuple):
     ledger : float64 (2 + laws,)
         Work done on grains and piston from outside, and energy lost by the piston and to effects.
     clock : float64 (7,)
-        See `granular.engine.variable`.
+        Its entries are named above.
     wall_forces : float64 (4,)
         Force on each wall, in the order of `granular.effects.wall_side.SIDES`.
     label : int64 (m,)

@@ -79,6 +79,15 @@ _kick = last_with("kick_all", "span state constants motion time start opening", 
 _drift = sum_over("drift", "span state")
 
 
+@compiled(inline=True)
+def _drift_freely(span: float, state: State, constants: Constants) -> int:
+    drift_grains(state.rounding, span, state, constants.grains)
+    return 0
+
+
+_glide = last_with("glide", "span state constants", _drift_freely)
+
+
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
 @compiled(inline=True)
 def make_step(
@@ -123,7 +132,7 @@ def make_step(
             if k < stages:
                 span = drifts[k] * h
                 stage += span
-                drift_grains(state.rounding, span, state, constants.grains)
+                _glide(constants.acting.laws, state.rooms, span, state, constants)
                 drift_piston(span, state, constants, motion, stage, start)
                 _drift(constants.acting.laws, state.rooms, span, state)
                 last = k == stages - 1

@@ -12,12 +12,8 @@ import math
 from granular.compiled import compiled, entry
 from granular.compiled.reference import by_reference
 from granular.engine.constants import Constants, Sides, moments_of
-from granular.engine.state import HEIGHT, SPEED, State
+from granular.engine.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, State
 from granular.pairs.density import step_density
-
-TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
-"""Entries of a state's clock: time in the stage; density of steps, and the square of the speed that
-it heeds; density where nothing is near; shortest and longest step so far; steps made in the run."""
 
 
 @compiled

@@ -28,6 +28,9 @@ from .compression import (
 from .compression import (
     compressive_forces as compressive_forces,
 )
+from .configurational import (
+    configurational_temperature as configurational_temperature,
+)
 from .correlation import (
     Correlation as Correlation,
 )

@@ -23,7 +23,7 @@ BLOCK = 512
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (
-    "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction",
+    "bath", "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction",
 )  # fmt: skip
 """Effects that press no grain against another one or a wall."""
 

@@ -50,6 +50,12 @@ def check_method(method: Method, step: Step, scene: Scene) -> None:
             f"method = {method.name!r} cannot run a scene with {dry[0]}, which cannot go backward "
             "in time, nor be part of its steps; take 'stormer-verlet'"
         )
+    drifting = [effect.key for effect in scene.effects.laws if effect.drifts]
+    if drifting and (not method.takes_impulses or method.compensated):
+        raise InputError(
+            f"method = {method.name!r} cannot run a scene with {drifting[0]!r}, which acts within "
+            "the drift; take 'stormer-verlet'"
+        )
     flows = [effect.key for effect in scene.effects.laws if effect.is_flow]
     if method.tableau is not None and flows:
         raise InputError(

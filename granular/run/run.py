@@ -27,9 +27,8 @@ from granular.engine.loop import (
     Window,
     advance,
 )
-from granular.engine.state import HEIGHT, SPEED, WORK
+from granular.engine.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.engine.step_size import REVIEW, Pace
-from granular.engine.variable import LONGEST, SHORTEST, TIME
 from granular.protocol.motion import path
 from granular.protocol.stage import Timed, stage_motion
 from granular.run.pace import set_pace, set_steps

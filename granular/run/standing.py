@@ -11,11 +11,10 @@ from granular.engine.checkpoint import Progress
 from granular.engine.failures import misplaced
 from granular.engine.ledger import Ledger
 from granular.engine.loop import STIFFEST, TURNED, look
-from granular.engine.state import Measurement, State, new_measurement, new_state
+from granular.engine.state import STEPS, TIME, Measurement, State, new_measurement, new_state
 from granular.engine.step import plan_of
 from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
 from granular.engine.system import System
-from granular.engine.variable import STEPS, TIME
 from granular.methods import Method
 from granular.protocol import Stage
 from granular.protocol.motion import Motion

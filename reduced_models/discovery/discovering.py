@@ -12,9 +12,11 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.discovery.choice import notes_on, polished_front
-from reduced_models.discovery.libraries import PHYSICAL, functions_named, terms_named
+from reduced_models.discovery.evidence import evidence
+from reduced_models.discovery.libraries import PHYSICAL, functions_named, own_terms, terms_named
 from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.polishing import polished
+from reduced_models.discovery.proposal import AUTO, proposed
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.selection import scored
 from reduced_models.discovery.structures import (
@@ -25,7 +27,7 @@ from reduced_models.discovery.structures import (
 )
 from reduced_models.discovery.symbolic import has_operon
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import WeakForm, weak_form
+from reduced_models.discovery.weak_form import WeakForm, is_tame, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
@@ -81,7 +83,9 @@ def discover(
         Which terms there are to choose from, one or more of
         `reduced_models.discovery.libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
-        Symbolic regressions are given what of it is no product of powers as variables.
+        Symbolic regressions are given what of it is no product of powers as variables. ``"auto"``:
+        the one that the record speaks for, with a note why; its degree grows while the held-out
+        error falls.
     terms : sequence of str
         Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Numbers in them stay as they are.
@@ -117,7 +121,8 @@ def discover(
         If an option is out of its range, or a program that the method needs is not installed.
     """
     _check(method, form, target, degree, polish, ensemble, effort)
-    known = terms_named(library, terms, degree, input)
+    automatic = library in (AUTO, (AUTO,), [AUTO])
+    known = () if automatic else terms_named(library, terms, degree, input)
     allowed = functions_named(functions, method)
     records = [record] if isinstance(record, PistonRecord) else list(record)
     if not records:
@@ -128,13 +133,18 @@ def discover(
         from reduced_models.discovery.julia import require_julia
 
         require_julia()
-    own = bool(terms) or library not in (PHYSICAL, (PHYSICAL,), [PHYSICAL])
+    own = bool(terms) or not (automatic or library in (PHYSICAL, (PHYSICAL,), [PHYSICAL]))
     height_map = HeightMap() if own and map == "auto" else map_of(records, map)
     if target == "height":
         from reduced_models.discovery.height import height_equations
 
         return height_equations(records[0], method, height_map, effort, seed)
-    weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
+    proposal_note = ""
+    if automatic:
+        _, known, height_map, weak, proposal_note = proposed(records, derivative, input, map)
+        known = (*known, *(one for one in own_terms(terms, input) if one not in known))
+    else:
+        weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
     _check_finite(weak, known)
     inclusion: dict[str, float] = {}
     supports: list[np.ndarray] = []
@@ -155,13 +165,16 @@ def discover(
         polish,
         judge,
     )
+    sure = evidence(front[chosen], candidates, judge, seed)
+    notes = (proposal_note, *notes_on(front[chosen], judge), "" if sure is None else sure.note)
     return Discovery(
         _words(method, form, ensemble),
         tuple(front),
         chosen,
         height_map,
         inclusion,
-        notes_on(front[chosen], judge),
+        tuple(note for note in notes if note),
+        {} if sure is None else sure.prices,
     )
 
 
@@ -194,12 +207,12 @@ def _check(
 def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
     for motion in weak.motions:
         for term in terms:
-            values = term.values(motion.z, motion.velocity, motion.drive)
-            if not np.isfinite(values).all():
+            if not is_tame(motion, term):
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(
                     f"the term {quoted(term.text)} is not finite for all z from {low:.3g} to "
-                    f"{high:.3g}; leave it out, or give map=HeightMap(shift, scale)"
+                    f"{high:.3g}, or has a pole there; leave it out, or give "
+                    "map=HeightMap(shift, scale)"
                 )
 
 

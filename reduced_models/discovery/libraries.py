@@ -67,22 +67,29 @@ def terms_named(
     for name in (names,) if isinstance(names, str) else names:
         if name not in LIBRARIES:
             raise InputError(
-                f"library = {quoted(name)}; give one or more of {', '.join(LIBRARIES)}, and own "
-                "terms by terms="
+                f"library = {quoted(name)}; give one or more of {', '.join(LIBRARIES)}, or auto, "
+                "and own terms by terms="
             )
         if name == PHYSICAL:
             found |= dict.fromkeys(library(degree, column is not None))
         elif name == "driven" and column is None:
             raise InputError("library = 'driven' needs an input; name its column with input=")
         else:
-            found |= dict.fromkeys(_terms_of_texts(LIBRARIES[name][0], column))
-    found |= dict.fromkeys(_terms_of_texts(texts, column))
+            found |= dict.fromkeys(own_terms(LIBRARIES[name][0], column))
+    found |= dict.fromkeys(own_terms(texts, column))
     if not found:
         raise InputError("there are no terms to choose from; give library= or terms=")
     return tuple(in_order(found))
 
 
-def _terms_of_texts(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
+def own_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
+    """The terms of texts that users write.
+
+    Raises
+    ------
+    InputError
+        If a text is no term.
+    """
     found: list[AnyTerm] = []
     for text, expression in zip(texts, read_terms(texts, column), strict=True):
         terms = terms_of(expression)

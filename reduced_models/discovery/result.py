@@ -88,6 +88,9 @@ class Discovery:
         Share of resampled records in which each term was needed; empty without an ensemble.
     notes : tuple of str
         What is to be doubted, in plain words.
+    prices : mapping of str to float
+        By how much the information criterion rises where a term of the chosen sum is left out;
+        above about 10 the record calls for it. Empty where it is no sum of terms.
     """
 
     method: str
@@ -96,6 +99,7 @@ class Discovery:
     map: HeightMap
     inclusion: Mapping[str, float] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    prices: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def best(self) -> CandidateEquation:
@@ -133,6 +137,9 @@ class Discovery:
         shares = ", ".join(f"{name}: {share:.2f}" for name, share in self.inclusion.items())
         if shares:
             lines.append(f"  needed in this share of resampled records: {shares}")
+        prices = ", ".join(f"{name}: {price:.3g}" for name, price in self.prices.items())
+        if prices:
+            lines.append(f"  the criterion rises by so much without each term: {prices}")
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -144,6 +151,7 @@ class Discovery:
             "map": dataclasses.asdict(self.map),
             "inclusion": dict(self.inclusion),
             "notes": list(self.notes),
+            "prices": dict(self.prices),
             "candidates": [
                 {
                     "equation": one.text,

@@ -165,6 +165,12 @@ def sum_of(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Exp
     return sympy.Add(*(sympy.Float(value) * term.expression for term, value in pairs))
 
 
+def sum_text(terms: Sequence[AnyTerm]) -> str:
+    """A structure in words, with a number before each term: "a*z' + b*sin(z)"."""
+    parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
+    return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
+
+
 def complexity(expression: sympy.Expr) -> int:
     """Numbers, symbols and operations of an expression: the nodes of its tree."""
     import sympy

@@ -120,9 +120,7 @@ def parameters_of(scene: Scene) -> dict[str, float]:
             f"the scene {quoted(scene.name)} has no piston with a mass under gravity, so nothing "
             "falls; give it piston.mass"
         )
-    from granular.run.summary import effect_names
-
-    others = sorted(set(effect_names(scene)) - _SHAPED)
+    others = sorted({one.key for one in scene.effects.all} - _SHAPED)
     if others or piston.friction or "dipole" not in present:
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(

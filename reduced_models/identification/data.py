@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 from granular.run.record import PistonRecord
 from reduced_models.falls.data import Falls
 from reduced_models.identification.comparison_table import Comparison
+from reduced_models.identification.elliptic_words import elliptic_of, elliptic_words
 from reduced_models.identification.engineering import Quantity, engineering
 from reduced_models.identification.price import checked_price_text
 from reduced_models.identification.residual_tests import ResidualTests
+from reduced_models.laws.elliptic_motion import EllipticMotion
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
 
@@ -108,6 +110,11 @@ class IdentificationData:
         return next((one for one in self.models if one.law.name == self.figures_law), self.best)
 
     @property
+    def elliptic(self) -> EllipticMotion | None:
+        """The elliptic motion of the fitted Duffing law; None where that is not the best law."""
+        return elliptic_of(self.comparison, self.record)
+
+    @property
     def engineering(self) -> tuple[Quantity, ...]:
         """Rest, frequency, damping, stiffness of the small swing, with intervals."""
         return engineering(self.shown, self.record.angle, self.mass)
@@ -117,6 +124,8 @@ class IdentificationData:
         """Of unseen falls, of the comparison, of an unseen lift, and of the residuals, in words."""
         words = [] if self.falls is None else [self.falls.verdict]
         words.append(self.comparison.verdict)
+        if one_motion := elliptic_words(self.comparison, self.record):
+            words.append(one_motion)
         if self.lift is not None:
             words.append(lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
@@ -133,6 +142,7 @@ class IdentificationData:
         return {
             "verdict": self.verdict,
             "best": self.best.law.name,
+            "elliptic": None if self.elliptic is None else self.elliptic._asdict(),
             "comparison": self.comparison.to_plain(),
             "models": [model.to_plain() for model in self.models],
             "figures": {name: dataclasses.asdict(figure) for name, figure in self.figures.items()},

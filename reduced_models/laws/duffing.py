@@ -1,4 +1,8 @@
-"""The Duffing oscillator: a linear spring with a cubic term (Duffing 1918)."""
+"""The Duffing oscillator: a linear spring with a cubic term (Duffing 1918).
+
+The linear stiffness may be negative: then the level of rest is the hump between two wells, and the
+motion goes through both, or stays in one.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +11,46 @@ import numpy as np
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
+_ACROSS, _WITHIN = 0.2, 0.1  # shares of the starts with two wells
+_FEW = 4  # starts, from which each kind has one
+
 
 def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    omega = guesses.frequencies(random, count)
-    return {
+    k = guesses.frequencies(random, count) ** 2
+    found = {
         "lam": guesses.decays(random, count),
-        "omega": omega,
+        "k": k,
         "rest": guesses.levels(random, count),
-        "beta": (omega / guesses.amplitude) ** 2 * random.uniform(-0.2, 0.5, count),
+        "beta": k / guesses.amplitude**2 * random.uniform(-0.2, 0.5, count),
     }
+    return _with_two_wells(found, guesses, random)
+
+
+def _with_two_wells(
+    found: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Some of the starts, the last ones, moved to a spring that pushes away from its rest."""
+    count = len(found["k"])
+    least = int(count >= _FEW)
+    across, within = (max(least, round(share * count)) for share in (_ACROSS, _WITHIN))
+    wide, narrow = slice(count - across, None), slice(count - across - within, count - across)
+    square = found["k"].copy()  # of the frequency that is seen
+    # Through both wells: k + 3/4 beta a^2 is that square, by harmonic balance.
+    found["k"][wide] = -square[wide] * random.uniform(0.0, 0.5, across)
+    found["beta"][wide] = (square - found["k"])[wide] / (0.75 * guesses.amplitude**2)
+    # Within one: the well is at sqrt(-k/beta) from the hump, and its own stiffness is -2 k.
+    apart = guesses.amplitude * random.uniform(1.0, 2.0, within)
+    found["k"][narrow] = -0.5 * square[narrow]
+    found["beta"][narrow] = 0.5 * square[narrow] / apart**2
+    found["rest"][narrow] += np.where(random.uniform(size=within) < 0.5, -1.0, 1.0) * apart
+    return found
 
 
 DUFFING = Law(
     name="duffing",
-    equation="z'' + 2*lam*z' + omega**2*(z - rest) + beta*(z - rest)**3 = 0",
+    equation="z'' + 2*lam*z' + k*(z - rest) + beta*(z - rest)**3 = 0",
     start=_start,
-    positive=("lam", "omega"),
-    units={"lam": "1/s", "omega": "rad/s", "rest": "m", "beta": "1/(m^2 s^2)"},
+    positive=("lam",),
+    units={"lam": "1/s", "k": "1/s^2", "rest": "m", "beta": "1/(m^2 s^2)"},
     source="G. Duffing 1918; I. Kovacic, M. J. Brennan, doi:10.1002/9780470977859",
 )

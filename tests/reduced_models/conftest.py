@@ -16,7 +16,7 @@ TRUE = {
     "linear": ({"lam": 0.05, "omega": 1.05, "g0": -1.0}, 1.0),
     "van-der-pol-like": ({"alpha": 0.17, "omega": 1.05, "g0": -1.0}, 1.0),
     "van-der-pol": ({"mu": 0.5, "rest": 0.3, "width": 1.0, "omega": 1.05}, 0.5),
-    "duffing": ({"lam": 0.05, "omega": 1.05, "rest": 0.5, "beta": 0.8}, 2.0),
+    "duffing": ({"lam": 0.05, "k": 1.1025, "rest": 0.5, "beta": 0.8}, 2.0),
     "polynomial-spring": ({"lam": 0.05, "k1": 1.1, "rest": 0.5, "k2": -0.3, "k3": 0.3}, 2.5),
     "power-law-spring": ({"lam": 0.05, "weight": 1.0, "rest": 3.0, "power": 2.8}, 5.0),
     "quadratic-drag": ({"c": 0.1, "omega": 1.05, "g0": -1.0}, 1.5),

@@ -63,12 +63,12 @@ SYSTEMS = (
     # The frequency falls by 30 % in 150 periods.
     System(
         "hardening Duffing", "duffing",
-        {"lam": 0.0025, "omega": 1.0, "rest": 0.4, "beta": 1.0}, (1.4, 0.0), 880.0, 4000,
+        {"lam": 0.0025, "k": 1.0, "rest": 0.4, "beta": 1.0}, (1.4, 0.0), 880.0, 4000,
     ),
     # It rises by 30 %.
     System(
         "softening Duffing", "duffing",
-        {"lam": 0.0025, "omega": 1.0, "rest": -0.2, "beta": -0.6}, (0.75, 0.0), 960.0, 4000,
+        {"lam": 0.0025, "k": 1.0, "rest": -0.2, "beta": -0.6}, (0.75, 0.0), 960.0, 4000,
     ),
     System(
         "pendulum", "z'' + 2*lam*z' + k*sin(z - rest) = 0",

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, Scene, damper, simulate
+from reduced_models.falls.shaking import PUSHED, RESPONSE_ERROR, Pushed
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.solution import solution
@@ -152,3 +154,56 @@ def test_one_set_of_numbers_for_falls_lifts_and_sines(count: int) -> None:
     assert max(falls) <= 0.02
     assert max(lifts) <= 0.03
     assert all(abs(one - 1.0) <= 0.15 for one in losses)
+
+
+def pushed(
+    mass: float, values: list[float], hidden: list[float], rest: float, row: Pushed
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and heights of the law of a piston that is pushed from its rest."""
+    field = compiled_field(LAW.equation, (), "math")
+    omega = 2.0 * math.pi * row.frequency
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        z, v, *memory = map(float, state)
+        acceleration, *changes = field(z, v, *memory, *values)
+        return [v, acceleration + row.force / mass * math.sin(omega * t), *changes]
+
+    duration = cycles(row) / row.frequency
+    times = np.linspace(0.0, duration, round(400 * duration) + 1)
+    found = solve_ivp(
+        rates, (0.0, duration), [rest, 0.0, *hidden], "LSODA", times, rtol=1e-7, atol=1e-9,
+        max_step=0.02 / row.frequency,
+    )  # fmt: skip
+    return times, found.y[0]
+
+
+def cycles(row: Pushed) -> int:
+    return max(6, math.ceil(2.0 * row.frequency))
+
+
+def response(times: np.ndarray, heights: np.ndarray, frequency: float) -> float:
+    """Half the range of the last three cycles [m]."""
+    return 0.5 * float(np.ptp(heights[times > times[-1] - 3.0 / frequency - 1e-9]))
+
+
+def test_the_law_responds_to_a_push_as_the_table_says() -> None:
+    scene = damper()
+    for row in (PUSHED[0], PUSHED[7], PUSHED[12]):
+        # Level of rest and order of the simulated bed.
+        times, heights = pushed(7.5, numbers(scene, 0.05912), [0.00011, 0.9872], 0.05912, row)
+        found = response(times, heights, row.frequency) / scale(scene)
+        assert found == pytest.approx(row.by_law, rel=0.01)
+        assert abs(row.by_law / row.simulated - 1.0) <= RESPONSE_ERROR
+
+
+@pytest.mark.long  # quick: the law's side of it
+@pytest.mark.parametrize("row", PUSHED)
+def test_a_pushed_bed_responds_as_the_table_says(row: Pushed) -> None:
+    scene = damper(count=row.grains)
+    stage = {
+        "kind": "push", "name": "push", "amplitude": row.force, "frequency": row.frequency,
+        "duration": cycles(row) / row.frequency,
+    }  # fmt: skip
+    _, record = run(scene, 20.0, SETTLE, stage)
+    found = response(record.time, record.height, row.frequency) / scale(scene)
+    assert found == pytest.approx(row.simulated, rel=0.01)

@@ -39,7 +39,7 @@ def check_hard_spring(clean: PistonRecord, stiffening: float, share: float) -> N
         model = fit(PistonRecord(clean.time, height), "duffing")
     assert model.quality.residual < 1.05 * noise
     assert model.parameters["beta"] == pytest.approx(stiffening, rel=0.01)
-    assert model.parameters["omega"] == pytest.approx(1.0, rel=0.01)
+    assert model.parameters["k"] == pytest.approx(1.0, rel=0.01)
 
 
 @pytest.mark.long  # quick: to a sixteenth

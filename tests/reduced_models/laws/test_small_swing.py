@@ -17,7 +17,7 @@ CASES = {
     "bouc-wen": (LAWS["bouc-wen"], {"omega": 5.0, "friction": 12.0, "rho": 1.0, "sigma": 0.8,
                                     "g0": 1.0}),
     "a spring behind a dashpot": (MAXWELL, {"k": 4.0, "f": 1.0, "tau": 0.5, "g": 2.0}),
-    "duffing": (LAWS["duffing"], {"lam": 0.2, "omega": 3.0, "rest": 0.4, "beta": 2.0}),
+    "duffing": (LAWS["duffing"], {"lam": 0.2, "k": 9.0, "rest": 0.4, "beta": 2.0}),
 }  # fmt: skip
 
 

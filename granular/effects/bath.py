@@ -1,0 +1,168 @@
+"""A Langevin bath: each grain is slowed down and kicked so that all have one temperature.
+
+    m dv = F dt - m g v dt + sqrt(2 m g T) dW
+
+with the rate g and the temperature T, an energy. A step is BAOAB (Leimkuhler and Matthews, Appl.
+Math. Res. Express 2013, 34, doi:10.1093/amrx/abs010): half a kick, half a drift, the
+Ornstein-Uhlenbeck process over the whole step, which is solved exactly,
+
+    v becomes exp(-g h) v + sqrt((1 - exp(-2 g h)) T/m) R,
+
+half a drift, half a kick. Places have the right distribution up to h^2, and in a harmonic field
+exactly.
+
+The normal numbers R are functions of the seed, the number of the step and the grain, by the
+counter-based generator Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405) and Box
+and Muller's transform: threads, the order of the grains and interruptions do not change them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from granular.compiled import compiled, entry
+from granular.effects.effect import Effect, Setting, in_joules
+from granular.engine.constants import Constants, value_of
+from granular.engine.state import LOSSES, STEPS, State
+from granular.pairs.vector import lane_sum
+from granular.scene.parts import Cell, Grains, Piston
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, quantity, whole
+
+LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
+_FIRST, _SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+_WEYL, _OTHER_WEYL = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
+_ROUNDS = 10
+_TOP, _REST = np.uint64(5), np.uint64(6)
+_SCALE = 1.0 / 2.0**53
+
+
+class Bath(Effect):
+    """A Langevin bath.
+
+    Attributes
+    ----------
+    temperature : float
+        T = k_B times the temperature [J]: the mean kinetic energy per degree of freedom is T/2.
+    rate : float
+        g, at which velocities are forgotten [1/s].
+    seed : int
+        Of the random numbers.
+    """
+
+    key = "bath"
+    damps = True
+    drifts = True
+    example: ClassVar[Any] = {"temperature": "2 uJ", "rate": "5 1/s"}
+    loss_record = in_joules("bath_heat", "heat given to the bath; negative where it heats")
+
+    temperature: float = quantity("J", least=0.0)
+    rate: float = quantity("1/s", above=0.0)
+    seed: int = whole(default=1)
+
+    def decay_rate(self, scales: Scales) -> float:
+        """The rate in natural units."""
+        return self.rate * scales.time
+
+    def greatest_speed(self, scales: Scales) -> float:
+        """Speed that a grain of a few hundred has now and then."""
+        return 4.0 * math.sqrt(self.temperature / scales.energy)
+
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        """Raise unless nothing rubs: a grain at rest would be kicked loose at each step."""
+        for other in others.values():
+            if other.dry:
+                raise FieldError(
+                    f"kicks grains that {other.key!r} holds at rest; leave one of them out",
+                    "effects", "bath",
+                )  # fmt: skip
+
+    def law(self, setting: Setting) -> BathLaw:
+        """The law in natural units."""
+        return BathLaw(
+            self.decay_rate(setting.scales), self.temperature / setting.scales.energy, self.seed
+        )
+
+
+class BathLaw(NamedTuple):
+    """The bath as the kernels take it.
+
+    Attributes
+    ----------
+    rate : float
+        [1/tau]
+    temperature : float
+        [F* D]
+    seed : int
+    """
+
+    rate: float
+    temperature: float
+    seed: int
+
+    @staticmethod
+    @compiled
+    def glide(
+        law: BathLaw, room: None, place: int, span: float, state: State, constants: Constants
+    ) -> int:
+        """Half a drift, the Ornstein-Uhlenbeck process over the span, half a drift."""
+        left = math.exp(-law.rate * span)
+        spread = -math.expm1(-2.0 * law.rate * span) * law.temperature
+        half, step = 0.5 * span, np.uint64(state.clock[STEPS])
+        seed = np.uint64(law.seed)
+        for i in range(constants.grains):
+            mass = value_of(constants.masses, i)
+            vx, vy = state.vx[i], state.vy[i]
+            along, across = normal_pair(seed, step, np.uint64(state.label[i]))
+            width = math.sqrt(spread / mass)
+            new_x, new_y = left * vx + width * along, left * vy + width * across
+            state.x[i] += half * (vx + new_x)
+            state.y[i] += half * (vy + new_y)
+            state.vx[i], state.vy[i] = new_x, new_y
+            state.scratch[i] = 0.5 * mass * (vx * vx + vy * vy - new_x * new_x - new_y * new_y)
+        state.ledger[LOSSES + place] += lane_sum(state.scratch)
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def returned(law: BathLaw, room: None, place: int, state: State) -> float:
+        """Twice what the bath has given: its entry then counts by its size in the turnover."""
+        return max(0.0, -2.0 * state.ledger[LOSSES + place])
+
+
+@compiled
+def _round(
+    a: np.uint64, b: np.uint64, c: np.uint64, d: np.uint64, k: np.uint64, m: np.uint64
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    first, second = _FIRST * a, _SECOND * c
+    return (second >> HALF) ^ b ^ k, second & LOW, (first >> HALF) ^ d ^ m, first & LOW
+
+
+@entry
+def philox(
+    seed: np.uint64, step: np.uint64, label: np.uint64
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    """Four words of 32 random bits of a step and a grain."""
+    a, b, c, d = step & LOW, step >> HALF, label & LOW, label >> HALF
+    k, m = seed & LOW, seed >> HALF
+    for _ in range(_ROUNDS):
+        a, b, c, d = _round(a, b, c, d, k, m)
+        k, m = (k + _WEYL) & LOW, (m + _OTHER_WEYL) & LOW
+    return a, b, c, d
+
+
+@entry
+def normal_pair(seed: np.uint64, step: np.uint64, label: np.uint64) -> tuple[float, float]:
+    """Two independent numbers of mean 0 and variance 1."""
+    a, b, c, d = philox(seed, step, label)
+    # Above 0 and up to 1, by 53 bits: 27 of one word, 26 of another.
+    first = (float((a >> _TOP) << np.uint64(26)) + float(b >> _REST) + 1.0) * _SCALE
+    second = (float((c >> _TOP) << np.uint64(26)) + float(d >> _REST)) * _SCALE
+    size, turn = math.sqrt(-2.0 * math.log(first)), 2.0 * math.pi * second
+    return size * math.cos(turn), size * math.sin(turn)

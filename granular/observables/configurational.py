@@ -1,0 +1,92 @@
+"""Configurational temperature: what the places of the grains say of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular.observables.interactions import moments_of, pair_interactions, wall_interactions
+from granular.observables.moduli import dipole_strength
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
+KNOWN = ("bath", "dipole", "drag", "eddy", "walls")
+_STEP = 1e-5
+
+
+def configurational_temperature(
+    scene: Scene, frames: np.ndarray, piston_height: float | None = None
+) -> float:
+    """<|grad U|^2>/<laplacian U> over frames, k_B times a temperature [J].
+
+    It equals the kinetic temperature in equilibrium (Rugh, Phys. Rev. Lett. 78, 772, 1997; Butler
+    et al., J. Chem. Phys. 109, 6519, 1998), and needs no velocities. U is that of dipoles and
+    walls.
+
+    Parameters
+    ----------
+    scene : Scene
+    frames : float (f, n, 2)
+        Positions [m].
+    piston_height : float, optional
+        [m]; the scene's where not given.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit, another effect has a potential, or there are no dipoles.
+    """
+    array = np.asarray(frames, dtype=np.float64)
+    if array.ndim != 3 or array.shape[2] != 2:
+        raise InputError(f"positions of frames have the shape {array.shape}; (f, n, 2) is wanted")
+    other = [one.key for one in scene.effects.all if one.key not in KNOWN]
+    if other or scene.effects.dipole is None:
+        raise InputError(
+            f"effects.{other[0] if other else 'dipole'}: only dipoles and walls are known here; "
+            "measure a scene of these"
+        )
+    square = bend = 0.0
+    for positions in array:
+        forces, laplacian = _of_pairs(scene, positions)
+        walls, more = _of_walls(scene, positions, piston_height)
+        square += float(np.nansum((forces + walls) ** 2))
+        bend += laplacian + more
+    return square / bend
+
+
+def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
+    """Forces, and the Laplacian of C/r^3, which is 9 C/r^5."""
+    from granular.scene.scales import Scales
+
+    scales = Scales.of(scene.grains)
+    strength = dipole_strength(scales.current * scales.length**2)
+    here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), moments_of(scene)
+    forces, laplacian = np.zeros_like(positions), 0.0
+    for some in pair_interactions(scene, positions):
+        forces[some.grains] = some.forces.sum(axis=1)
+        r = np.linalg.norm(some.branches, axis=2)
+        both = moments[some.grains][:, None] * moments[here][None]
+        with np.errstate(divide="ignore"):
+            laplacian += 9.0 * strength * float(np.where(r > 0.0, both / r**5, 0.0).sum())
+    return forces, laplacian
+
+
+def _of_walls(
+    scene: Scene, positions: np.ndarray, height: float | None
+) -> tuple[np.ndarray, float]:
+    """Forces, and minus their divergence by differences."""
+
+    def pushed(by: np.ndarray) -> np.ndarray:
+        found = wall_interactions(scene, positions + by, height)
+        total = np.zeros_like(positions)
+        total[found.grains] = found.forces.sum(axis=1)
+        return total
+
+    step = _STEP * scene.grains.species[0].diameter
+    divergence = 0.0
+    for axis, way in enumerate(step * np.eye(2)):
+        divergence += float((pushed(way) - pushed(-way))[:, axis].sum()) / (2.0 * step)
+    return pushed(np.zeros(2)), -divergence

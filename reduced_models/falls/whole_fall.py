@@ -1,0 +1,135 @@
+"""Figures of a whole fall from the scene alone, in milliseconds.
+
+The law of a fall is multiplied by the mass that moves, m = WEIGHT M g/weight (`theory`), to tell
+where the energy goes: the piston's drop M g (height - rest) and what it does against the bed. Of
+grains without friction all of it leaves as drag. The share of grains that follow the piston
+affinely is m 2 lam z'^2; the work of the shear stress, -m weight (rest/z)^power w z', is what
+grains lose beyond that, as they rearrange.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.shared.errors import InputError
+from reduced_models.falls.theory import LAW, WEIGHT, parameters_of
+from reduced_models.laws.equation import compiled_field
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
+SETTLED = 0.05
+"""Of the drop: a piston has settled that stays within this distance of its level of rest."""
+DURATION = 3.0
+"""Of a fall [s], times the fourth root of the grains over 368, as its period goes."""
+SAMPLES = 3001
+TOLERANCE = 1e-8
+
+
+class WholeFall(NamedTuple):
+    """Figures of a fall that was let go at rest.
+
+    Attributes
+    ----------
+    height, rest : float
+        Of the start, and where it ends [m].
+    settling_time : float
+        From which on the piston stays within 5 % of the drop about its level of rest [s]; infinite
+        where the fall is not followed for so long.
+    greatest_force : float
+        Of the bed on the piston [N].
+    deepest : float
+        Least height of the piston [m].
+    affine_loss : float
+        Energy that the drag of grains takes that follow the piston affinely [J].
+    excess_loss : float
+        Energy lost beyond that, by grains that rearrange [J].
+    """
+
+    height: float
+    rest: float
+    settling_time: float
+    greatest_force: float
+    deepest: float
+    affine_loss: float
+    excess_loss: float
+
+    @property
+    def excess(self) -> float:
+        """Energy lost, over that of grains that follow the piston affinely."""
+        return 1.0 + self.excess_loss / self.affine_loss
+
+    def __str__(self) -> str:
+        settled = (
+            f"settles in {self.settling_time:.3g} s" if math.isfinite(self.settling_time)
+            else "does not settle in the time that is followed"
+        )  # fmt: skip
+        return (
+            f"falls from {1e3 * self.height:.4g} mm to rest at {1e3 * self.rest:.4g} mm, and "
+            f"{settled}\n"
+            f"deepest at {1e3 * self.deepest:.4g} mm, greatest force {self.greatest_force:.4g} N\n"
+            f"lost to drag: {self.affine_loss:.4g} J as of affine motion, and "
+            f"{self.excess_loss:.4g} J as grains rearrange"
+        )
+
+
+def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
+    """What a fall does, by the law of `predict`: nothing is run, and nothing fitted.
+
+    Parameters
+    ----------
+    scene : Scene
+    height : float, optional
+        Of the start [m]; that of the scene's piston if not given.
+
+    Raises
+    ------
+    InputError
+        As `predict`; or if the height is not above the level of rest.
+    """
+    values = parameters_of(scene)
+    piston, gravity = scene.piston, scene.effects.gravity
+    assert piston is not None
+    assert piston.mass is not None
+    assert gravity is not None
+    start = piston.height if height is None else float(height)
+    if not values["rest"] < start < math.inf:
+        raise InputError(
+            f"the fall begins at {start:g} m, not above the level of rest, {values['rest']:g} m; "
+            "give a greater height"
+        )
+    duration = DURATION * (scene.grains.count / 368) ** 0.25
+    times = np.linspace(0.0, duration, SAMPLES)
+    z, v, w, affine, excess = _motion(values, start, times)
+    moved = WEIGHT * piston.mass * gravity.acceleration / values["weight"]
+    numbers = [values[name] for name in LAW.parameters]
+    acceleration = np.asarray(compiled_field(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
+    force = piston.mass * (gravity.acceleration + acceleration)
+    rest = values["rest"]
+    outside = np.flatnonzero(np.abs(z - rest) > SETTLED * (start - rest))
+    last = int(outside[-1]) + 1
+    return WholeFall(
+        start, rest, float(times[last]) if last < len(times) else math.inf, float(force.max()),
+        float(z.min()), moved * float(affine[-1]), moved * float(excess[-1]),
+    )  # fmt: skip
+
+
+def _motion(values: dict[str, float], start: float, times: np.ndarray) -> np.ndarray:
+    """z, z', w, and the two losses a mass that moves, at some times (5, n)."""
+    from scipy.integrate import odeint
+
+    lam, weight, rest, power = (values[name] for name in ("lam", "weight", "rest", "power"))
+    field = compiled_field(LAW.equation, (), "math")
+    numbers = [values[name] for name in LAW.parameters]
+
+    def rates(state: np.ndarray, _: float) -> tuple[float, ...]:
+        z, v, w = float(state[0]), float(state[1]), float(state[2])
+        acceleration, stress = field(z, v, w, *numbers)
+        drag = 2.0 * lam * v * v
+        return v, acceleration, stress, drag, -weight * (rest / z) ** power * w * v
+
+    found = odeint(rates, (start, 0.0, 0.0, 0.0, 0.0), times, rtol=TOLERANCE, atol=TOLERANCE)
+    return np.asarray(found.T)

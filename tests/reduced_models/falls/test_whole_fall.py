@@ -1,0 +1,71 @@
+"""What the law says of a whole fall, beside a simulation, and beside its own energy."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from granular import damper, simulate
+from granular.shared.errors import InputError
+from reduced_models import predict
+from reduced_models.__main__ import main
+from reduced_models.falls.whole_fall import whole_fall
+
+HEIGHT = 0.12
+
+
+def test_figures_are_those_of_the_predicted_motion() -> None:
+    """Solved by another solver."""
+    scene = damper()
+    found = whole_fall(scene, HEIGHT)
+    motion = predict(scene).simulate(np.linspace(0.0, 3.0, 3001), z0=HEIGHT, v0=0.0)
+    assert found.deepest == pytest.approx(motion.height.min(), rel=1e-5)
+    outside = np.abs(motion.height - found.rest) > 0.05 * (HEIGHT - found.rest)
+    assert found.settling_time == pytest.approx(motion.time[outside][-1], abs=2e-3)
+    assert found.greatest_force > 7.5 * 9.8
+
+
+def test_losses_are_what_the_fall_gives_up() -> None:
+    """The piston's drop less the work against the pressure, at rest; both losses are positive."""
+    scene = damper(drag=0.4)  # at rest in the time that is followed
+    found = whole_fall(scene, HEIGHT)
+    values = predict(scene).parameters
+    rest, power = values["rest"], values["power"]
+    moved = 1.046 * 7.5 * 9.8 / values["weight"]
+    against = (rest - rest**power * HEIGHT ** (1.0 - power)) / (power - 1.0)
+    given = moved * values["weight"] * (HEIGHT - rest - against)
+    assert found.affine_loss > 0.0
+    assert found.excess_loss > 0.0
+    assert found.affine_loss + found.excess_loss == pytest.approx(given, rel=0.02)
+
+
+@pytest.mark.long  # quick: the two above
+def test_a_simulation_says_the_same() -> None:
+    scene = damper()
+    changes = {
+        "output.record": None, "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
+    }  # fmt: skip
+    run = simulate(scene.replace(**changes), dt="auto*2", progress=False)
+    motion, found = run.piston(), whole_fall(scene)
+    assert motion.velocity is not None
+    assert motion.force is not None
+    lost = float(np.trapezoid(368 * 0.1 / 3.0 * motion.velocity**2, motion.time))
+    assert found.rest == pytest.approx(float(motion.height[-300:].mean()), rel=0.02)
+    assert found.deepest == pytest.approx(float(motion.height.min()), rel=0.05)
+    assert found.greatest_force == pytest.approx(float(motion.force.max()), rel=0.08)
+    assert found.affine_loss == pytest.approx(lost, rel=0.1)
+    whole = float(run.dataset["drag_loss"].values[-1])
+    assert found.affine_loss + found.excess_loss == pytest.approx(whole, rel=0.1)
+
+
+def test_a_start_below_rest_is_refused() -> None:
+    with pytest.raises(InputError, match="not above the level of rest"):
+        whole_fall(damper(), 0.05)
+
+
+def test_the_command_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["fall", "damper", "--height", "120 mm", "--json"])
+    said = json.loads(capsys.readouterr().out)
+    assert said == pytest.approx(whole_fall(damper(), HEIGHT)._asdict())

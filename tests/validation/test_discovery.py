@@ -1,0 +1,135 @@
+"""The benchmark of discovery: its systems, what counts as found, and what is kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+from granular.shared.errors import InputError
+from reduced_models import HeightMap
+from reduced_models.discovery.libraries import terms_named
+from reduced_models.discovery.symbols import symbols
+from validation.discovery import programme
+from validation.discovery.cases import NOISES, OURS, SEEDS, SINDY, Case, all_cases, measured
+from validation.discovery.guide import PAGE, ROOT, with_block
+from validation.discovery.judging import worth
+from validation.discovery.programme import discovery
+from validation.discovery.results import Results, committed, read
+from validation.discovery.systems import (
+    INPUT,
+    SYSTEMS,
+    law_of,
+    made_record,
+    right_structures,
+    system_named,
+)
+from validation.discovery.text import NOT_RUN, markdown, text
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=lambda one: one.name)
+def test_the_true_law_is_exact_and_in_its_library(system: Any) -> None:
+    found = worth(law_of(system), system)
+    assert found.exact
+    assert found.error == 0.0
+    column = INPUT if system.driven else None
+    library = {term.text for term in terms_named(system.library, (), 3, column)}
+    assert right_structures(system)[0] <= library
+
+
+def test_a_wrong_law_is_not_found() -> None:
+    z, v, _ = symbols()
+    system = system_named("hard Duffing")
+    linear = worth(-1.5 * z - sympy.Float(0.1) * v, system)
+    assert not linear.exact
+    assert not linear.usable
+    away = worth(sympy.Float(1.0) * z**3, system)
+    assert away.error is None
+
+
+def test_a_law_of_the_swing_about_a_level_is_judged_as_a_height() -> None:
+    z, v, _ = symbols()
+    system = system_named("linear")
+    moved = -1.1 * (z + sympy.Float(0.5)) - 0.1 * v
+    found = worth(moved, system, HeightMap(1.0, 2.0))  # z = (height - 1)/2
+    assert found.error == pytest.approx(0.0, abs=1e-6)
+    assert not found.exact
+
+
+def test_noise_is_as_said_and_repeats() -> None:
+    system = system_named("pendulum")
+    clean, noisy = made_record(system, 0.0, 0), made_record(system, 0.03, 1)
+    share = float((noisy.height - clean.height).std() / clean.height.std())
+    assert share == pytest.approx(0.03, rel=0.1)
+    np.testing.assert_array_equal(noisy.height, made_record(system, 0.03, 1).height)
+
+
+def test_one_per_cent_comes_first() -> None:
+    cases = all_cases()
+    assert len({case.key for case in cases}) == len(cases)
+    first = len(cases) // len(NOISES)
+    assert {case.noise for case in cases[:first]} == {0.01}
+    assert {case.seed for case in cases[:first]} == set(range(SEEDS))
+
+
+def test_a_peer_finds_a_linear_law() -> None:
+    row = measured(Case(SINDY, "linear", "named", 0.001, 0))
+    assert row["usable"]
+    assert "crash" not in row
+
+
+def test_what_breaks_down_is_a_crash_that_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def breaks(*_: object) -> None:
+        raise ZeroDivisionError("once")
+
+    monkeypatch.setattr("validation.discovery.cases._law", breaks)
+    row = measured(Case(OURS, "linear", "named", 0.01, 0))
+    assert row["crash"] == "ZeroDivisionError: once"
+    found = Results({Case(OURS, "linear", "named", 0.01, 0): row}, {})
+    assert found.rate(OURS, "named", 0.01).crashes == 1
+    assert "Crashes of `discover`: 1 in 1 runs" in text(found)
+
+
+def fake(stop: int | None = None) -> tuple[Callable[[Case], dict[str, Any]], list[Case]]:
+    """Cases that cost nothing, and an interrupt before one of them."""
+    run: list[Case] = []
+
+    def one(case: Case) -> dict[str, Any]:
+        if len(run) == stop:
+            raise KeyboardInterrupt
+        run.append(case)
+        plain = case._asdict() | {"exact": True, "usable": True, "error": 0.01}
+        return plain | {"seconds": 1.0, "equation": "z'' = -z"}
+
+    return one, run
+
+
+def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cases = len(all_cases(programme._QUICK, (0.01,), 1))
+    one, before = fake(stop=3)
+    monkeypatch.setattr(programme, "measured", one)
+    with pytest.raises(KeyboardInterrupt):
+        discovery(tmp_path, quick=True, progress=False)
+    assert len(read(tmp_path / "results.json").rows) == len(before) == 3
+    one, after = fake()
+    monkeypatch.setattr(programme, "measured", one)
+    found = discovery(tmp_path, quick=True, progress=False)
+    assert len(found.rows) == cases
+    assert not set(before) & set(after)
+    assert NOT_RUN in text(found)
+    assert json.loads((tmp_path / "results.json").read_text())["rows"]
+
+
+def test_an_unknown_system_is_refused() -> None:
+    with pytest.raises(InputError, match="there is no system 'nope'; the systems are 'linear'"):
+        discovery(systems=["nope"], progress=False)
+
+
+def test_the_guide_shows_the_committed_results() -> None:
+    page = (ROOT / PAGE).read_text(encoding="utf-8")
+    assert with_block(page, markdown(committed())) == page

@@ -1,0 +1,130 @@
+"""The cases of the benchmark, and what is measured of each."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from granular.shared.errors import GranularError
+from reduced_models.discovery.libraries import PHYSICAL
+from reduced_models.laws.height_map import HeightMap
+from validation.discovery.judging import worth
+from validation.discovery.peers import pyoperon_law, pysindy_law
+from validation.discovery.systems import INPUT, SYSTEMS, System, made_record, system_named
+
+if TYPE_CHECKING:
+    import sympy
+
+    from granular.run.record import PistonRecord
+
+NOISES = (0.001, 0.01, 0.03, 0.1)
+"""Standard deviations of the noise, over that of the motion."""
+SEEDS = 5
+OURS, SINDY, OPERON, TUNED = "discover", "PySINDy", "pyoperon", "PySINDy, tuned"
+METHODS = (OURS, SINDY, OPERON, TUNED)
+"""The last one with a window of smoothing that was tried out on these records."""
+LIBRARIES = ("named", "default")
+
+
+class Case(NamedTuple):
+    """One search.
+
+    Attributes
+    ----------
+    method : str
+        One of `METHODS`.
+    system : str
+    library : str
+        ``"named"``: the one that holds the law's terms; ``"default"``: that of no name.
+    noise : float
+    seed : int
+        Of the noise, and of the search.
+    """
+
+    method: str
+    system: str
+    library: str
+    noise: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """A name for its file."""
+        words = (self.method, self.system, self.library, f"{self.noise:g}", f"{self.seed}")
+        return "-".join(word.replace(" ", "_").replace(",", "") for word in words)
+
+
+def all_cases(
+    systems: Sequence[str] = (), noises: Sequence[float] = NOISES, seeds: int = SEEDS
+) -> list[Case]:
+    """All cases: those with 1 % of noise first, the others seed by seed from the least noise on."""
+    names = [one.name for one in SYSTEMS if not systems or one.name in systems]
+    first = [(noise, seed) for noise in noises if noise == 0.01 for seed in range(seeds)]
+    others = [(noise, seed) for seed in range(seeds) for noise in sorted(noises) if noise != 0.01]
+    return [
+        Case(method, name, library, noise, seed)
+        for noise, seed in (*first, *others)
+        for library in LIBRARIES
+        for name in names
+        for method in METHODS
+    ]
+
+
+def measured(case: Case) -> dict[str, Any]:
+    """What a case gives: worth, equation, seconds of the processor, or why there is no law.
+
+    Whatever else goes wrong in a search is a crash, which is told and counted.
+    """
+    system = system_named(case.system)
+    record = made_record(system, case.noise, case.seed)
+    begun = time.process_time()
+    found: dict[str, Any] = {**case._asdict(), "exact": False, "usable": False, "error": None}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is doubted is counted here
+            law, height_map = _law(case, system, record)
+    except GranularError as error:
+        seconds = time.process_time() - begun
+        return found | {"seconds": seconds, "equation": "", "failure": str(error)}
+    except Exception as error:
+        seconds = time.process_time() - begun
+        return found | {
+            "seconds": seconds,
+            "equation": "",
+            "crash": f"{type(error).__name__}: {error}",
+        }
+    seconds = time.process_time() - begun
+    judged = worth(law, system, height_map)
+    return found | {
+        "exact": judged.exact, "usable": judged.usable, "error": judged.error,
+        "seconds": seconds, "equation": _text(law, height_map),
+    }  # fmt: skip
+
+
+def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, HeightMap]:
+    named = case.library == "named"
+    if case.method in (SINDY, TUNED):
+        return pysindy_law(record, system, named, case.method == TUNED), HeightMap()
+    if case.method == OPERON:
+        return pyoperon_law(record, system, named, case.seed), HeightMap()
+    from reduced_models.discovery.discovering import discover
+
+    found = discover(
+        record,
+        library=system.library if named else PHYSICAL,
+        input=INPUT if system.driven else None,
+        seed=case.seed,
+    )
+    return found.expression, found.map
+
+
+def _text(law: sympy.Expr, height_map: HeightMap) -> str:
+    import sympy
+
+    from reduced_models.discovery.symbols import text_of
+
+    numbers = {one: sympy.Float(one, 4) for one in law.atoms(sympy.Float)}
+    text = f"z'' = {text_of(law.xreplace(numbers))}"
+    return text if height_map == HeightMap() else f"{text}, {height_map}"

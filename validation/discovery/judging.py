@@ -1,0 +1,69 @@
+"""What a discovered law is worth: is its structure the true one, and does it predict?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from reduced_models.discovery.terms import terms_of
+from reduced_models.laws.height_map import HeightMap
+from validation.discovery.systems import (
+    System,
+    right_structures,
+    solved,
+    unseen_motion,
+    unseen_push,
+)
+
+if TYPE_CHECKING:
+    import sympy
+
+USABLE = 0.05
+"""Greatest error of a free run from an unseen start, in standard deviations of the true motion."""
+
+
+class Worth(NamedTuple):
+    """What a law is worth.
+
+    Attributes
+    ----------
+    exact : bool
+        Whether its terms are those of the true law.
+    error : float or None
+        Root mean square of a free run less the true motion, in standard deviations of the latter;
+        None where the free run runs away.
+    """
+
+    exact: bool
+    error: float | None
+
+    @property
+    def usable(self) -> bool:
+        """Whether the free run is within `USABLE`."""
+        return self.error is not None and self.error <= USABLE
+
+
+def worth(
+    law: sympy.Expr,
+    system: System,
+    height_map: HeightMap = HeightMap(),  # noqa: B008  frozen
+) -> Worth:
+    """What a law z'' = f(z, v, u) is worth, where z is ``height_map`` of the height."""
+    return Worth(_is_exact(law, system, height_map), _free_run_error(law, system, height_map))
+
+
+def _is_exact(law: sympy.Expr, system: System, height_map: HeightMap) -> bool:
+    if height_map.shift != 0.0:
+        return False
+    terms = terms_of(law)
+    return terms is not None and frozenset(one.text for one in terms) in right_structures(system)
+
+
+def _free_run_error(law: sympy.Expr, system: System, height_map: HeightMap) -> float | None:
+    time, truth = unseen_motion(system.name)
+    height, velocity = system.unseen
+    start = float(height_map.to_law(height)), velocity / height_map.scale
+    found = height_map.shift + height_map.scale * solved(law, time, start, unseen_push)
+    error = float(np.sqrt(((found - truth) ** 2).mean()) / truth.std())
+    return error if np.isfinite(error) else None

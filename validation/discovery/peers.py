@@ -1,0 +1,191 @@
+"""Two peers, set up as their own guides do: PySINDy and pyoperon on smoothed derivatives.
+
+PySINDy's practical tips (https://pysindy.readthedocs.io/en/latest/tips.html) smooth a noisy record
+before it is differenced, begin with the default optimizer and scan its threshold; its feature
+overview judges by parts of the record that were not fitted. pyoperon's example
+(https://github.com/heal-research/pyoperon, example/operon-sklearn.py) gives the search's settings.
+Both are handed z', and pyoperon z'', from smoothed differences. Their window is PySINDy's own; a
+second row of PySINDy, and pyoperon, have one that was tried out on these very records.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared import algebra
+from granular.shared.grammar import parse
+from reduced_models.discovery.libraries import terms_named
+from reduced_models.discovery.symbols import symbols
+from reduced_models.discovery.terms import AnyTerm, sum_of
+from reduced_models.records.first_guesses import first_guesses
+from validation.discovery.systems import INPUT, System
+
+if TYPE_CHECKING:
+    import sympy
+
+_WINDOW = 11
+_THRESHOLDS = (0.01, 0.02, 0.05, 0.1, 0.2)
+_OBJECTIVES = ("r2", "length")
+PYSINDY = {
+    "differentiation": "SmoothedFiniteDifference as it comes, Savitzky-Golay of order 3",
+    "window in samples": _WINDOW,
+    "optimizer": "STLSQ, alpha 0.05",
+    "thresholds": _THRESHOLDS,
+    "threshold chosen by": "score of z'' on the last quarter, after a fit to the rest",
+    "library where none is named": "PolynomialLibrary, degree 3",
+}
+"""Settings of PySINDy."""
+TUNED_PERIODS = 0.2
+"""Window of the smoothing that was tried out, the best of 0.1, 0.2 and 0.3 periods."""
+PYOPERON = {
+    "allowed_symbols": "add,sub,mul,div,constant,variable",
+    "offspring_generator": "basic",
+    "reinserter": "keep-best",
+    "initialization_method": "btc",
+    "objectives": _OBJECTIVES,
+    "optimizer_iterations": 10,
+    "max_length": 50,
+    "max_evaluations": 100_000,
+    "epsilon": 1e-3,
+    "smoothing": f"that of the tuned PySINDy, {TUNED_PERIODS:g} periods",
+    "model": "of the least description length, as pyoperon chooses, told the noise of z''",
+}
+"""Settings of pyoperon."""
+FUNCTIONS = {
+    "trigonometric": "sin,cos",
+    "contact": "fmax",
+    "rational": "pow",
+    "dry friction": "abs",
+}
+"""What pyoperon is given more where the library is named."""
+_HELD_OUT = 0.25
+
+
+def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) -> sympy.Expr:
+    """The law that PySINDy finds, with the terms of the named library or with polynomials.
+
+    ``tuned`` has the window that was tried out.
+
+    Raises
+    ------
+    InputError
+        If it finds none.
+    """
+    import pysindy
+
+    samples = tuned_window(record) if tuned else _WINDOW
+    z, v, _ = smoothed(record, samples)
+    states = np.stack([z, v], axis=1)
+    drive = record.extra[INPUT][:, None] if system.driven else None
+    terms = terms_named(system.library, (), 3, INPUT if system.driven else None)
+    split = round((1.0 - _HELD_OUT) * len(z))
+
+    def fitted(threshold: float, rows: slice) -> Any:
+        library = _library(terms, system.driven) if named else pysindy.PolynomialLibrary(degree=3)
+        model = pysindy.SINDy(
+            optimizer=pysindy.STLSQ(threshold=threshold, alpha=0.05),
+            feature_library=library,
+            differentiation_method=_difference(samples),
+        )
+        inputs = None if drive is None else drive[rows]
+        return model.fit(states[rows], t=record.time[rows], u=inputs)
+
+    def score(threshold: float) -> float:
+        model = fitted(threshold, slice(0, split))
+        inputs = None if drive is None else drive[split:]
+        return float(model.score(states[split:], t=record.time[split:], u=inputs))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that a high threshold leaves nothing
+        best = max(_THRESHOLDS, key=score)
+        model = fitted(best, slice(None))
+    row = np.asarray(model.coefficients())[1]
+    if named:
+        kept = [(term, float(value)) for term, value in zip(terms, row, strict=True) if value]
+        return sum_of([term for term, _ in kept], [value for _, value in kept])
+    return _polynomial(model, row)
+
+
+def _difference(samples: int) -> Any:
+    import pysindy
+
+    settings = {"window_length": samples, "polyorder": 3}
+    return pysindy.SmoothedFiniteDifference(smoother_kws=settings)
+
+
+def tuned_window(record: PistonRecord) -> int:
+    """Samples of the window that was tried out, an odd number."""
+    samples = TUNED_PERIODS * first_guesses(record).period / float(np.diff(record.time).mean())
+    return max(5, 2 * math.floor(samples / 2.0) + 1)
+
+
+def smoothed(record: PistonRecord, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Z, z' and z'' (n,) each, by PySINDy's smoothed differences, one after the other."""
+    first = _difference(samples)
+    v = first._differentiate(record.height[:, None], record.time)
+    z = first.smoothed_x_[:, 0]
+    a = _difference(samples)._differentiate(v, record.time)
+    return np.asarray(z), np.asarray(v)[:, 0], np.asarray(a)[:, 0]
+
+
+def _library(terms: tuple[AnyTerm, ...], driven: bool) -> Any:
+    import pysindy
+
+    def column(term: AnyTerm) -> Any:
+        if driven:
+            return lambda z, v, u: term.values(np.asarray(z), np.asarray(v), np.asarray(u))
+        return lambda z, v: term.values(np.asarray(z), np.asarray(v), None)
+
+    return pysindy.CustomLibrary([column(term) for term in terms], interaction_only=True)
+
+
+def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
+    import sympy
+
+    powers = model.feature_library.powers_
+    return sympy.Add(
+        *(
+            sympy.Float(value)
+            * sympy.prod(one ** int(n) for one, n in zip(symbols(), each, strict=False))
+            for value, each in zip(row, powers, strict=True)
+            if value
+        )
+    )
+
+
+def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int) -> sympy.Expr:
+    """The law that pyoperon finds for the smoothed z'', with the functions of a named library.
+
+    Raises
+    ------
+    InputError
+        If it finds none that is finite.
+    """
+    import sympy
+    from pyoperon.sklearn import SymbolicRegressor
+
+    z, v, a = smoothed(record, tuned_window(record))
+    inputs = {"z": z, "v": v, "speed": np.abs(v), "direction": np.sign(v)}
+    if system.driven:
+        inputs["u"] = record.extra[INPUT]
+    settings = {
+        name: value for name, value in PYOPERON.items() if name not in ("model", "smoothing")
+    }
+    if named and system.library in FUNCTIONS:
+        settings["allowed_symbols"] = f"{settings['allowed_symbols']},{FUNCTIONS[system.library]}"
+    settings["objectives"] = list(_OBJECTIVES)
+    rough = np.diff(a, 4) / math.sqrt(70.0)
+    search = SymbolicRegressor(
+        **settings, n_threads=1, random_state=seed + 1, uncertainty=[float(rough.std())]
+    ).fit(np.stack(list(inputs.values()), axis=1), a)
+    text = search.get_model_string(search.model_, 12, list(inputs))
+    _, slope, _ = symbols()
+    named_symbols = {one.name: one for one in symbols()} | {
+        "speed": sympy.Abs(slope), "direction": sympy.sign(slope),
+    }  # fmt: skip
+    return algebra.expression(parse(text), named_symbols)

@@ -1,0 +1,98 @@
+"""`discovery`: run the cases that are wanted, and write what they give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from granular.shared.shelf import Shelf
+from validation.discovery.cases import NOISES, SEEDS, Case, all_cases, measured
+from validation.discovery.results import Results, made_now, read, write
+from validation.discovery.systems import system_named
+
+COMMAND = "python -m validation discovery"
+RESULTS = "results.json"
+_QUICK = ("linear", "pendulum", "quadratic drag")
+
+
+def discovery(
+    out: str | Path | None = None,
+    *,
+    quick: bool = False,
+    systems: Sequence[str] = (),
+    noises: Sequence[float] = NOISES,
+    seeds: int = SEEDS,
+    anew: bool = False,
+    progress: bool = True,
+) -> Results:
+    """How often `discover` and two peers find the laws of made systems.
+
+    Parameters
+    ----------
+    out : str or Path, optional
+        Keeps every case as soon as it is done, so that an interrupted run goes on where it was;
+        ``results.json`` is written there.
+    quick : bool
+        Three systems, 1 % of noise, one seed.
+    systems : sequence of str
+        Their names; all if empty.
+    noises : sequence of float
+        Of those of `NOISES`.
+    seeds : int
+        How many, from 0 on.
+    anew : bool
+        Run also what is kept.
+    progress : bool
+
+    Returns
+    -------
+    Results
+        Also of cases that earlier runs kept.
+
+    Raises
+    ------
+    InputError
+        If there is no such system.
+    StoreError
+        If the directory cannot be written.
+    """
+    for name in systems:
+        system_named(name)
+    if quick:
+        systems, noises, seeds = systems or _QUICK, (0.01,), 1
+    cases = all_cases(systems, noises, seeds)
+    shelf = None if out is None else Shelf(Path(out) / "cases")
+    if anew and shelf is not None:
+        for case in cases:
+            shelf.path(case.key).unlink(missing_ok=True)
+    try:
+        run = _run(cases, shelf, progress)
+    finally:
+        if out is not None and shelf is not None:
+            found = _kept(shelf, read(Path(out) / RESULTS))
+            write(found, Path(out) / RESULTS)
+    return Results(run, made_now(COMMAND)) if out is None else found
+
+
+def _run(cases: Sequence[Case], shelf: Shelf | None, progress: bool) -> dict[Case, dict[str, Any]]:
+    from granular.shared.progress import progress_bar
+
+    rows: dict[Case, dict[str, Any]] = {}
+    with progress_bar(total=len(cases), desc="searches", wanted=progress) as bar:
+        for case in cases:
+            bar.set_postfix_str(f"{case.method}, {case.system}, {100 * case.noise:g} %")
+            row = None if shelf is None else shelf.read(case.key)
+            if row is None:
+                row = measured(case)
+                if shelf is not None:
+                    shelf.keep(case.key, row)
+            rows[case] = row
+            bar.update()
+    return rows
+
+
+def _kept(shelf: Shelf, former: Results) -> Results:
+    """All cases of a directory, also those of earlier runs."""
+    rows = {case: row for case in all_cases() if (row := shelf.read(case.key)) is not None}
+    return Results({**former.rows, **rows}, made_now(COMMAND))

@@ -1,0 +1,153 @@
+"""What was run, as plain data: a row a case."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import json
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from granular.shared.errors import InputError
+from granular.shared.files import finite, write_text
+from validation.discovery.cases import LIBRARIES, METHODS, NOISES, SEEDS, Case
+from validation.discovery.peers import FUNCTIONS, PYOPERON, PYSINDY
+from validation.discovery.systems import DURATION, SAMPLES, SYSTEMS
+
+COMMITTED = Path(__file__).parent / "results.json"
+"""The results that come with the package."""
+
+Plain = dict[str, Any]
+_DIGITS = 3
+
+
+class Rate(NamedTuple):
+    """How many of some runs found the law.
+
+    Attributes
+    ----------
+    planned, run : int
+    exact : int
+        With the true structure.
+    usable : int
+        Whose free run is within the limit.
+    found : int
+        Either.
+    crashes : int
+    seconds : float or None
+        Median time of the processor.
+    """
+
+    planned: int
+    run: int
+    exact: int
+    usable: int
+    found: int
+    crashes: int
+    seconds: float | None
+
+    @property
+    def share(self) -> float | None:
+        """Found, of those run."""
+        return self.found / self.run if self.run else None
+
+
+@dataclasses.dataclass(frozen=True)
+class Results:
+    """Rows by case, and how they were made."""
+
+    rows: Mapping[Case, Plain]
+    made: Mapping[str, Any]
+
+    def rate(self, method: str, library: str, noise: float, systems: Sequence[str] = ()) -> Rate:
+        """Of a method with a library at a level of noise, over some systems, or over all."""
+        names = [one.name for one in SYSTEMS if not systems or one.name in systems]
+        rows = [
+            row
+            for name in names
+            for seed in range(SEEDS)
+            if (row := self.rows.get(Case(method, name, library, noise, seed))) is not None
+        ]
+        return Rate(
+            planned=len(names) * SEEDS,
+            run=len(rows),
+            exact=sum(row["exact"] for row in rows),
+            usable=sum(row["usable"] for row in rows),
+            found=sum(row["exact"] or row["usable"] for row in rows),
+            crashes=sum("crash" in row for row in rows),
+            seconds=statistics.median(row["seconds"] for row in rows) if rows else None,
+        )
+
+    def to_plain(self) -> Plain:
+        """For JSON."""
+        return {
+            "made": dict(self.made),
+            "setting": {
+                "systems": {one.name: {"law": one.law, "library": one.library} for one in SYSTEMS},
+                "record": f"{SAMPLES} samples over {DURATION:g} s",
+                "PySINDy": PYSINDY,
+                "pyoperon": {**PYOPERON, "more where the library is named": FUNCTIONS},
+            },
+            "rates": [
+                {"method": method, "library": library, "noise": noise}
+                | self.rate(method, library, noise)._asdict()
+                for noise in NOISES
+                for library in LIBRARIES
+                for method in METHODS
+            ],
+            "rows": [_rounded(row) for row in self.rows.values()],
+        }
+
+    @classmethod
+    def from_plain(cls, plain: Plain) -> Results:
+        """From what `to_plain` made."""
+        fields = Case._fields
+        rows = {Case(*(row[name] for name in fields)): row for row in plain["rows"]}
+        return cls(rows, plain["made"])
+
+
+def _rounded(row: Plain) -> Plain:
+    return {
+        name: float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+        for name, value in row.items()
+    }
+
+
+EMPTY = Results({}, {})
+
+
+def read(path: Path) -> Results:
+    """Results from a file; empty where there is none.
+
+    Raises
+    ------
+    InputError
+        If the file holds something else.
+    """
+    try:
+        return Results.from_plain(json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return EMPTY
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} holds no results ({error}); make it anew") from None
+
+
+def committed() -> Results:
+    """The results that come with the package."""
+    return read(COMMITTED)
+
+
+def write(results: Results, path: Path) -> None:
+    """Write results, one row a line, so that changes of the file can be read."""
+    text = json.dumps(finite(results.to_plain()), separators=(",", ":"))
+    write_text(path, text.replace('},{"', '},\n{"') + "\n")
+
+
+def made_now(command: str) -> dict[str, Any]:
+    """Command, date and machine."""
+    from validation.parts import machine
+
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
+    return {"command": command, "date": now, **machine()}

@@ -1,0 +1,214 @@
+"""Fourteen oscillators with known laws, records made of them, and motions from unseen starts.
+
+All is solved by SciPy, so that nothing of what is tested makes it.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared import algebra
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+from reduced_models.discovery.own_terms import read_terms
+from reduced_models.discovery.symbols import symbols
+from reduced_models.discovery.terms import terms_of
+
+if TYPE_CHECKING:
+    import sympy
+
+DURATION = 50.0
+"""Of a record, and of a free run [s]: about eight swings."""
+SAMPLES = 1000
+STEEPNESS = 1000.0
+"""sign(z') is solved as tanh(1000 z'): a solver steps across it, and no motion here tells."""
+INPUT = "push"
+_MOST_CALLS = 200_000
+_FAR = 1e3
+_SLOWLY = 0.05  # s: no step is longer, so that the input is seen
+
+Rates = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+class System(NamedTuple):
+    """An oscillator z'' = f(z, z', push).
+
+    Attributes
+    ----------
+    name : str
+    terms : mapping of str to float
+        Of f, with their coefficients.
+    library : str
+        The named library that holds them.
+    start : float
+        Height from which the recorded motion is let go [m].
+    unseen : tuple of float
+        Height and velocity of another start.
+    driven : bool
+        Whether it has an input.
+    same : tuple of frozenset of str
+        Other sums of terms that are the same function.
+    """
+
+    name: str
+    terms: Mapping[str, float]
+    library: str
+    start: float
+    unseen: tuple[float, float]
+    driven: bool = False
+    same: tuple[frozenset[str], ...] = ()
+
+    @property
+    def law(self) -> str:
+        """The equation."""
+        return "z'' = " + " ".join(f"{value:+g}*{term}" for term, value in self.terms.items())
+
+
+_BILINEAR = (
+    frozenset({"z'", "z", "max(0, -z)"}),
+    frozenset({"z'", "max(0, z)", "max(0, -z)"}),
+)
+
+SYSTEMS = (
+    System("linear", {"z": -1.1, "z'": -0.1}, "polynomial", 1.0, (0.3, 0.7)),
+    System(
+        "van der Pol", {"z": -1.0, "z'": 0.5, "z**2*z'": -0.5}, "polynomial", 0.5, (1.5, 0.5)
+    ),
+    System(
+        "hard Duffing", {"z": -1.0, "z**3": -0.5, "z'": -0.1}, "polynomial", 1.5, (-1.2, 0.3)
+    ),
+    System(
+        "soft Duffing", {"z": -1.0, "z**3": 0.3, "z'": -0.05}, "polynomial", 1.3, (-1.0, 0.3)
+    ),
+    System("two wells", {"z": 1.0, "z**3": -1.0, "z'": -0.1}, "polynomial", 1.8, (0.4, 0.0)),
+    System("pendulum", {"sin(z)": -2.0, "z'": -0.15}, "trigonometric", 2.5, (-2.0, 0.5)),
+    System("cubic drag", {"z": -1.0, "z'**3": -0.1}, "polynomial", 1.5, (1.0, 0.8)),
+    System("quadratic drag", {"z": -1.0, "abs(z')*z'": -0.1}, "dry friction", 1.5, (1.0, 0.8)),
+    System("Coulomb friction", {"z": -1.0, "sign(z')": -0.04}, "dry friction", 1.5, (1.0, 0.8)),
+    System("quintic spring", {"z": -1.0, "z**5": -0.5, "z'": -0.1}, "polynomial", 1.3, (-1.1, 0.3)),
+    System(
+        "power-law spring", {"1": -1.0, "z**-2.5": 1.0, "z'": -0.1}, "rational", 1.8, (0.75, 0.2)
+    ),
+    System(
+        "bilinear spring", {"z": -1.0, "max(0, z)": -1.5, "z'": -0.05}, "contact", 1.0, (0.5, 0.6),
+        same=_BILINEAR,
+    ),
+    System(
+        "parametric", {"z": -1.0, "z*u": -0.4, "z'": -0.1}, "driven", 1.0, (0.6, 0.6), driven=True
+    ),
+    System(
+        "driven Duffing", {"z": -1.0, "z**3": -0.5, "z'": -0.1, "u": 0.5}, "driven", 0.0,
+        (0.5, -0.5), driven=True,
+    ),
+)  # fmt: skip
+
+
+def system_named(name: str) -> System:
+    """The system of that name.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    for one in SYSTEMS:
+        if one.name == name:
+            return one
+    known = ", ".join(quoted(one.name) for one in SYSTEMS)
+    raise InputError(f"there is no system {quoted(name)}; the systems are {known}")
+
+
+def right_structures(system: System) -> tuple[frozenset[str], ...]:
+    """The sums of terms that are the law, by the texts that a candidate's terms have."""
+    forms = (frozenset(system.terms), *system.same)
+    return tuple(frozenset(text for one in form for text in _texts(one)) for form in forms)
+
+
+def _texts(term: str) -> list[str]:
+    found = terms_of(read_terms([term], INPUT)[0])
+    assert found is not None
+    return [one.text for one in found]
+
+
+def made_record(system: System, noise: float, seed: int) -> PistonRecord:
+    """A record of a system, with white noise of that share of the motion's standard deviation."""
+    time, height = recorded_motion(system.name)
+    place = [one.name for one in SYSTEMS].index(system.name)
+    random = np.random.default_rng([place, seed, round(1e6 * noise)])
+    noisy = height + random.normal(0.0, noise * height.std(), len(height))
+    extra = {INPUT: push(time)} if system.driven else {}
+    return PistonRecord(time, noisy, extra=extra)
+
+
+@functools.cache
+def recorded_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and heights of a record without noise."""
+    system = system_named(name)
+    time = np.linspace(0.0, DURATION, SAMPLES)
+    return time, solved(law_of(system), time, (system.start, 0.0), push)
+
+
+@functools.cache
+def unseen_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and heights of the motion from the unseen start, under an unseen input."""
+    system = system_named(name)
+    time = np.linspace(0.0, DURATION, SAMPLES)
+    return time, solved(law_of(system), time, system.unseen, unseen_push)
+
+
+def law_of(system: System) -> sympy.Expr:
+    """Z'' in the symbols of a discovered equation."""
+    import sympy
+
+    parts = zip(system.terms.values(), read_terms(list(system.terms), INPUT), strict=True)
+    return sympy.Add(*(sympy.Float(value) * term for value, term in parts))
+
+
+def push(time: np.ndarray) -> np.ndarray:
+    """The input of the records."""
+    return np.asarray(np.sin(0.9 * time) + 0.5 * np.sin(2.3 * time + 1.0))
+
+
+def unseen_push(time: np.ndarray) -> np.ndarray:
+    """The input of free runs."""
+    return np.asarray(np.sin(0.9 * time + 2.0) + 0.5 * np.sin(2.3 * time))
+
+
+def solved(
+    law: sympy.Expr,
+    time: np.ndarray,
+    start: tuple[float, float],
+    drive: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """Heights (n,) of a law's motion; NaN from where it runs away, or takes too long to solve."""
+    import sympy
+    from scipy.integrate import solve_ivp
+
+    z, v, u = symbols()
+    smooth = law.replace(sympy.sign, lambda inner: sympy.tanh(STEEPNESS * inner))
+    field = algebra.function_of((z, v, u), smooth)
+    calls = 0
+
+    def rates(t: float, state: np.ndarray) -> list[float]:
+        nonlocal calls
+        calls += 1
+        if calls > _MOST_CALLS or not np.abs(state).max() < _FAR:
+            raise FloatingPointError
+        with np.errstate(all="ignore"):
+            return [state[1], float(field(state[0], state[1], drive(np.asarray(t))))]
+
+    found = np.full(len(time), np.nan)
+    try:
+        motion = solve_ivp(
+            rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-10,
+            max_step=_SLOWLY,
+        )  # fmt: skip
+    except (FloatingPointError, OverflowError, ValueError, ZeroDivisionError, TypeError):
+        return found
+    found[: len(motion.t)] = motion.y[0]
+    return found

@@ -1,0 +1,139 @@
+"""What the benchmark found, in words and tables: on the console and for a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from validation.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, SEEDS
+from validation.discovery.judging import USABLE
+from validation.discovery.peers import PYOPERON, PYSINDY, TUNED_PERIODS
+from validation.discovery.results import Rate, Results
+from validation.discovery.systems import SYSTEMS
+from validation.table import TextTable, table
+
+SHOWN_NOISE = 0.01
+"""The level of which every system is shown."""
+NOT_RUN = "not run"
+_LIBRARY_WORDS = {"named": "named library", "default": "default library"}
+
+
+def text(found: Results) -> str:
+    """Both tables, and what they say."""
+    return "\n\n".join(
+        (rates_table(found).text(), systems_table(found).text(), words(found), settings())
+    )
+
+
+def markdown(found: Results) -> str:
+    """The same for a page."""
+    made = found.made
+    parts = [words(found), _markdown(rates_table(found)), systems_words(), _markdown(
+        systems_table(found)), settings()]  # fmt: skip
+    if made:
+        parts.append(f"Made by `{made.get('command', '')}` on {made.get('date', '')}, "
+                     f"{made.get('processor', '')}.")  # fmt: skip
+    return "\n\n".join(parts)
+
+
+def summary(found: Results) -> dict[str, Any]:
+    """Rates and rows as plain data."""
+    return found.to_plain()
+
+
+def rates_table(found: Results) -> TextTable:
+    """Rates of each method by noise and library, over all systems."""
+    header = ["noise", "library", *METHODS, "usable: " + METHODS[0], "median CPU s"]
+    rows = []
+    for noise in NOISES:
+        for library in LIBRARIES:
+            rates = [found.rate(method, library, noise) for method in METHODS]
+            rows.append([
+                f"{100 * noise:g} %", library, *map(rate_words, rates),
+                NOT_RUN if not rates[0].run else f"{rates[0].usable} of {rates[0].run}",
+                ", ".join("—" if one.seconds is None else f"{one.seconds:.2g}" for one in rates),
+            ])  # fmt: skip
+    return table(header, rows)
+
+
+def systems_table(found: Results) -> TextTable:
+    """Of every system at `SHOWN_NOISE`: runs that found it, and how many exactly."""
+    header = ["system", *(f"{method}, {library}" for library in LIBRARIES for method in METHODS)]
+    rows = [
+        [
+            one.name,
+            *(
+                rate_words(found.rate(method, library, SHOWN_NOISE, [one.name]))
+                for library in LIBRARIES
+                for method in METHODS
+            ),
+        ]
+        for one in SYSTEMS
+    ]
+    return table(header, rows)
+
+
+def rate_words(rate: Rate) -> str:
+    """Such as "66 of 70 (60 exact)"; how many were not run is told."""
+    if not rate.run:
+        return NOT_RUN
+    words = f"{rate.found} of {rate.run} ({rate.exact} exact)"
+    left = rate.planned - rate.run
+    return f"{words}, {left} {NOT_RUN}" if left else words
+
+
+def words(found: Results) -> str:
+    """Which share is found at `SHOWN_NOISE`, beside the better peer; crashes; what was not run."""
+    sentences = []
+    for library in LIBRARIES:
+        ours, *peers, tuned = (found.rate(method, library, SHOWN_NOISE) for method in METHODS)
+        if ours.share is None:
+            continue
+        sentence = (
+            f"With {SHOWN_NOISE * 100:g} % of noise and the {_LIBRARY_WORDS[library]}, `discover` "
+            f"finds the law in {100 * ours.share:.0f} % of {ours.run} runs"
+        )
+        known = [(one.share, name) for one, name in zip(peers, METHODS[1:-1], strict=True)
+                 if one.share is not None]  # fmt: skip
+        if known:
+            share, name = max(known)
+            sentence += f", the better peer, {name}, in {100 * share:.0f} %"
+        if tuned.share is not None:
+            sentence += f"; {METHODS[-1]} to these records, in {100 * tuned.share:.0f} %"
+        sentences.append(sentence + ".")
+    ours_rows = [row for case, row in found.rows.items() if case.method == OURS]
+    crashes = sum("crash" in row for row in ours_rows)
+    sentences.append(f"Crashes of `discover`: {crashes} in {len(ours_rows)} runs.")
+    planned = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
+    if len(found.rows) < planned:
+        sentences.append(f"{planned - len(found.rows)} of {planned} runs were {NOT_RUN}.")
+    return " ".join(sentences)
+
+
+def systems_words() -> str:
+    """What "found" means."""
+    return (
+        f"A law is found where its structure is exact, or where a free run from an unseen start "
+        f"stays within {100 * USABLE:g} % (rms, of the motion's standard deviation). Every system "
+        f"with {100 * SHOWN_NOISE:g} % of noise, {SEEDS} seeds:"
+    )
+
+
+def settings() -> str:
+    """How the peers are set up."""
+    tuned = f"a window of {TUNED_PERIODS:g} periods, the best of three that were tried here"
+    return f"PySINDy: {_setting(PYSINDY)}. PySINDy, tuned: {tuned}. pyoperon: {_setting(PYOPERON)}."
+
+
+def _setting(found: Mapping[str, object]) -> str:
+    return "; ".join(f"{name} {_plain(value)}" for name, value in found.items())
+
+
+def _plain(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, Sequence) and not isinstance(
+        value, str) else str(value)  # fmt: skip
+
+
+def _markdown(shown: TextTable) -> str:
+    lines = [shown.header, ("---",) * len(shown.header), *shown.rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
