@@ -18,7 +18,7 @@ class Gravity(Effect):
     Attributes
     ----------
     acceleration : float
-        g [m/s^2]; 9.8 is the source's value [D, Table 4.3].
+        g [m/s^2]; 9.8 is de Paula's value [D, Table 4.3].
     """
 
     key = "gravity"

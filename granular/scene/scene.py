@@ -253,6 +253,13 @@ class Scene(Section):
         ------
         SceneError
             For an unknown key or an unfit value.
+
+        Examples
+        --------
+        >>> from granular import load_scene
+        >>> scene = load_scene("bed").replace(**{"grains.count": 92, "cell.width": "30 D"})
+        >>> scene.grains.count, scene.cell.width
+        (92, 0.18)
         """
         plain = self.to_plain()
         for key, value in changes.items():
@@ -303,6 +310,16 @@ class Scene(Section):
         ------
         InputError
             If it cannot be written; what was there before still stands.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from granular import load_scene
+        >>> path = Path(tempfile.mkdtemp()) / "my-bed.toml"
+        >>> load_scene("bed").save(path)
+        >>> load_scene(path).grains.count
+        368
         """
         write_text(Path(path), self.to_toml())
 
