@@ -26,6 +26,7 @@ from granular.shared.messages import quoted
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
     from granular.effects.friction import Friction
+    from granular.effects.host import Host
     from granular.effects.shaking import Shaking
     from granular.effects.walls import Walls
 
@@ -44,6 +45,7 @@ class Effects(Section):
         walls: Walls | None
         friction: Friction | None
         shaking: Shaking | None
+        host: Host | None
 
     def __init__(self, **given: Any) -> None:
         object.__setattr__(self, "_given", _read_effects(given, None))
