@@ -32,6 +32,44 @@ class SectionKeys(griffe.Extension):
         cls.docstring.value = with_limits(cls.docstring.value, words)
 
 
+class DefaultValues(griffe.Extension):
+    """Show the number or text of a default that is written as the name of a constant."""
+
+    def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
+        show_defaults(pkg)
+
+
+def show_defaults(place: griffe.Module | griffe.Class) -> None:
+    """Do so for all functions of a module or class, and of what is in it."""
+    for member in place.members.values():
+        if isinstance(member, (griffe.Module, griffe.Class)):
+            show_defaults(member)
+        elif isinstance(member, griffe.Function):
+            for parameter in member.parameters:
+                value = constant(str(parameter.default), member.module)
+                if is_plain(value):
+                    parameter.default = value
+
+
+def constant(name: str, module: griffe.Module) -> str:
+    """The source text of a module's constant, also of one that it imports; empty for others."""
+    known = module.members.get(name)
+    try:
+        found = known.final_target if isinstance(known, griffe.Alias) else known
+    except griffe.GriffeError:
+        return ""
+    return str(found.value) if isinstance(found, griffe.Attribute) else ""
+
+
+def is_plain(source: str) -> bool:
+    """Whether a source text is a number or a text, or a few of them."""
+    try:
+        ast.literal_eval(source)
+    except (SyntaxError, ValueError):
+        return False
+    return True
+
+
 def limits_in_words(declaration: str) -> str:
     """Default and limits of a key, from the call that declares it; empty for other values."""
     try:

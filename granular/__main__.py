@@ -11,6 +11,7 @@ from granular.commands import (
     methods,
     observe,
     render,
+    response,
     run,
     scenes,
     schema,
@@ -40,6 +41,7 @@ COMMANDS = {
     "export": export,
     "render": render,
     "sweep": sweep,
+    "response": response,
     "warm-up": warm_up,
 }
 

@@ -21,17 +21,23 @@
 
 # %%
 # %matplotlib inline
-# %config InlineBackend.print_figure_kwargs = {"dpi": 80, "bbox_inches": "tight"}
+# %config InlineBackend.figure_format = "retina"
+# %config InlineBackend.print_figure_kwargs = {"dpi": 144, "bbox_inches": "tight"}
+import tempfile
 import warnings
+from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
+from IPython.display import Image
 
 from granular import Trajectory, damper, simulate
-from granular.render import still
+from granular.render import movie, still
 from reduced_models import compare, discover, fit, roll_out
 
-QUICK = True  # False: the source's damper of 368 grains; far longer
+plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+warnings.simplefilter("ignore")  # what they say is printed where it matters
+
+QUICK = True  # False: the full damper of 368 grains; far longer
 
 COUNT = 92 if QUICK else 368
 DIAMETER = 6e-3
@@ -67,6 +73,16 @@ print("\n".join(said))
 still(runs[0.2], time=runs[0.2].stage("drop").end)
 
 # %% [markdown]
+# The same as a movie, in real time: the first 1.2 seconds of the fall, with the piston's curve.
+
+# %%
+short = simulate(
+    damper(count=COUNT).replace(**{"output.frames": "5 ms"}), t_end=1.2, progress=False
+)
+folder = Path(tempfile.mkdtemp())
+Image(movie(short, folder / "fall.gif", colour="speed", fps=20.0, width=760, progress=False))
+
+# %% [markdown]
 # The whole course: the fall with its rebounds, a long settling until nothing moves any more, the
 # lift, and the release (behind the line).
 
@@ -86,11 +102,11 @@ rest_height = run.stage("drop").height / DIAMETER
 print(f"rest: after {run.stage('drop').end:.1f} s, at {rest_height:.3f} D")
 
 # %% [markdown]
-# ## The source's law, and others
+# ## The published law, and others
 #
-# The source fits a Van der Pol-like law, z″ + 2α(z² − 2z)z′ + ω²z = g₀. Here it is fitted to the
-# small lift, beside three others. `fit` says how well the law describes the record, what it makes
-# of the last third which it has not seen, and what the data leave open.
+# De Paula (2025) fits a Van der Pol-like law, z″ + 2α(z² − 2z)z′ + ω²z = g₀. Here it is fitted to
+# the small lift, beside three others. `fit` says how well the law describes the record, how well it
+# predicts the last third, which it has not seen, and what the data leave open.
 
 # %%
 record = run.piston()
@@ -207,15 +223,19 @@ for name, error in fall_errors.items():
 winner = ranked[0]
 source_error = errors["van-der-pol-like"]
 gain = source_error / errors["polynomial-spring"]
-assert errors["sindy"] < 0.02
-assert errors["polynomial-spring"] < 0.02
-assert source_error > 0.5 * errors["linear"]
-assert min(fall_errors.values()) > 0.2
-assert np.isfinite(gain)
 print(f"The held-out lift is predicted best by {winner}, to {100 * errors[winner]:.2g} %.")
-print(f"The source's Van der Pol-like law is off by {100 * source_error:.3g} %, the linear")
+print(f"The published Van der Pol-like law is off by {100 * source_error:.3g} %, the linear")
 print(f"oscillator by {100 * errors['linear']:.3g} %; a spring that stiffens as the bed is")
 print(f"squeezed, polynomial with drag, is {gain:.0f} times better.")
 print(
     f"None of them predicts the fall: the best is off by {100 * min(fall_errors.values()):.0f} %."
 )
+
+# %% [markdown]
+# ## Exercises
+#
+# 1. Fit the Van der Pol-like law to a damper with ten times the drag
+#    (`damper(count=92).replace(**{"effects.drag.coefficient": "1 kg/s"})`). Is it still no
+#    better than the linear law?
+# 2. Fit `power-law-spring` to the fall itself instead of the lift. Which exponent comes out,
+#    and how large is the error on a fall from another height?

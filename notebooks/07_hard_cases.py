@@ -22,7 +22,8 @@
 
 # %%
 # %matplotlib inline
-# %config InlineBackend.print_figure_kwargs = {"dpi": 80, "bbox_inches": "tight"}
+# %config InlineBackend.figure_format = "retina"
+# %config InlineBackend.print_figure_kwargs = {"dpi": 144, "bbox_inches": "tight"}
 import warnings
 
 import matplotlib.pyplot as plt
@@ -32,6 +33,8 @@ from granular import GranularError, Scene, damper, load_scene, simulate
 from validation import catalogue, energy_change, energy_trend, head_on, near_limit, outcome
 from validation.exact.oscillation import harmonic_period
 from validation.exact.oscillation import problem as wide_swing
+
+plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 
 QUICK = True  # False: longer runs, and the whole catalogue
 
@@ -272,13 +275,6 @@ for name, trend in trends.items():
 # ## What came out
 
 # %%
-assert not silent
-assert len(refused) == len(impossible)
-assert type(stopped).__name__ in ("EnergyError", "OutsideError", "NotFiniteError")
-assert trends["stormer-verlet"].verdict() == "none"
-assert trends["runge-kutta-4"].verdict() == "loses"
-assert variable_steps < equal_steps
-assert heavy_ledger < 1e-4
 step_saving = equal_steps / variable_steps
 stop_error = type(stopped).__name__
 verlet_verdict = trends["stormer-verlet"].verdict()
@@ -289,3 +285,11 @@ print(
 )
 print(f"Beyond the stability limit the run ends in an {stop_error}. Verlet's energy has no trend;")
 print(f"that of Runge and Kutta {control_verdict} {-trends['runge-kutta-4'].drift:.1e} of itself.")
+
+# %% [markdown]
+# ## Exercises
+#
+# 1. Let the two grains collide ten times faster. How near do they come, and how many variable
+#    steps does it take?
+# 2. Find the longest step with which `stormer-verlet` keeps the energy of the small bed, to 10
+#    %. Compare it with the step that `auto` chooses.

@@ -21,7 +21,8 @@
 
 # %%
 # %matplotlib inline
-# %config InlineBackend.print_figure_kwargs = {"dpi": 80, "bbox_inches": "tight"}
+# %config InlineBackend.figure_format = "retina"
+# %config InlineBackend.print_figure_kwargs = {"dpi": 144, "bbox_inches": "tight"}
 import math
 import warnings
 
@@ -30,6 +31,9 @@ import numpy as np
 
 from granular import GranularError, damper, effect, evaluate, load_scene, quantity, simulate
 from reduced_models import FirstGuesses, Law, compare, fit
+
+plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
+warnings.simplefilter("ignore")  # what they say is printed where it matters
 
 QUICK = True  # False: the damper of 368 grains, and longer runs of the own effect
 
@@ -361,21 +365,7 @@ print(f"the piston is on its path to {wave_error:.1e} m")
 # ## What came out
 
 # %%
-assert own_gradient < 1e-7
-assert ways_differ < 1e-12
-assert pull_error < 1e-12
-assert abs(energy_order - 2.0) < 0.1
-assert balance < 1e-3
-assert len(formula_refusals) == 3
-assert "asks for" in wrong_force
-assert mud_loss > 0.0
-assert mud_residual < 1e-4
-assert min(lost.values()) > 0.0
-assert wave_error < 1e-11
 own_error, fixed_error = errors["squeezed-drag"], errors["known-weight"]
-assert weight_is_g
-assert rise_may_be_none
-assert fixed_error < 1.2 * own_error < errors["linear"]
 print(
     f"The own laws predict to {100 * own_error:.2g} % (free weight) and {100 * fixed_error:.2g} % ",
     end="",
@@ -384,3 +374,11 @@ print(f"(weight g); the linear one to {100 * errors['linear']:.2g} %.")
 print(f"The own effect is a gradient to {own_gradient:.0e}, keeps its energy to order ", end="")
 print(f"{energy_order:.2f},")
 print(f"and its pull is carried by the walls to {balance:.0e}.")
+
+# %% [markdown]
+# ## Exercises
+#
+# 1. Write the law of a pendulum that rubs, `theta'' + 2*c*theta' + f*tanh(20*theta') +
+#    k*sin(theta) = 0`, and fit it to a record that you make yourself.
+# 2. Give the effect of this notebook a parameter of your own, with a unit and a limit, and try
+#    a value beyond the limit. What does the error say?

@@ -92,7 +92,7 @@ def parser(prog: str = PROG) -> Parser:
     add_output(add("laws", "list the laws that can be fitted by their names"))
     _add_fit(add("fit", "fit one law to one record, or to several at once"))
     _add_discover(add("discover", "find the structure of the law in a record, or in several"))
-    _add_compare(add("compare", "judge laws on held-out stretches and records"))
+    _add_compare(add("compare", "judge laws by their hold-out errors"))
     _add_calibrate(add("calibrate", "fit numbers of a scene to a record, by simulations"))
     _add_design(add("design", "choose mass, grains and drag for a wanted frequency and damping"))
     _add_fall(add("fall", "predict a whole fall from the scene alone"))

@@ -20,6 +20,7 @@ from granular.shared.messages import quoted
 from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, shown
 
 if TYPE_CHECKING:
+    from reduced_models.discovery.result import Discovery
     from reduced_models.laws.height_map import HeightMap
 
 _MOST_SAMPLES = 10**7
@@ -157,11 +158,23 @@ def discover_source(options: Any) -> None:
     text = str(found)
     if found.best.model is not None:
         text += f"\n\n{found.model}"
-    if options.out is not None:
-        found.model.save(options.out)
+    model = found.best.model
+    if options.out is not None and model is not None:
+        model.save(options.out)
         text += f"\nmodel: {options.out}"
-    model = None if found.best.model is None else found.model.to_plain()
-    emit({**found.to_plain(), "method": options.method, "model": model}, text, options.json)
+    plain = {
+        **found.to_plain(),
+        "method_asked_for": options.method,
+        "model": None if model is None else model.to_plain(),
+    }
+    emit(plain, text, options.json)
+    if options.out is not None and model is None:
+        raise InputError(f"no model was written to {options.out}: {_why_no_model(found)}")
+
+
+def _why_no_model(found: Discovery) -> str:
+    """The reason in one line."""
+    return found.best.note or "the choice was not polished; see the other candidates"
 
 
 def _height_map(text: str) -> HeightMap:

@@ -39,7 +39,7 @@ METHOD_REPORT = "out/method"
 _PARTS = {
     "glance": "what accuracy and effects cost in the packaged damper and in a compression",
     "convergence": "orders of convergence against exact solutions",
-    "source-experiment": "the source's test of its method, with and without rounding",
+    "source-experiment": "de Paula's test of its method, with and without rounding",
     "energy": "energy over long runs, tested for trends",
     "work-precision": "error against wall time",
     "stability": "the catalogue of hard cases",
@@ -96,7 +96,7 @@ def parser(prog: str = PROG) -> Parser:
     for name, words in _PARTS.items():
         _add_measuring(add(name, words), None)
     _add_benchmark(add("benchmark", "speed, side by side"))
-    add_published(add("published", "the source's published values beside ours, with verdicts"))
+    add_published(add("published", "de Paula's published values beside ours, with verdicts"))
     _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
     add_discovery(add("discovery", "how often are laws discovered? beside PySINDy and pyoperon"))
     _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))

@@ -102,7 +102,7 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     """The runs of the report.
 
     Every method on a grain that swings above the wall, at steps at which the controls' trend is
-    still within what the ledger lets pass; in full also 1e8 steps of the source's bouncing grain
+    still within what the ledger lets pass; in full also 1e8 steps of de Paula's bouncing grain
     and 1e6 of the frictionless bed, with the controls beside them.
     """
     swings = tuple(

@@ -160,6 +160,12 @@ def convergence(
         If the method is unknown.
     RunError
         If a run fails; a step that is too coarse for the problem is the caller's choice.
+
+    Examples
+    --------
+    >>> from validation import convergence, exact_problem
+    >>> round(convergence(exact_problem("oscillation"), "stormer-verlet").fit.value, 2)
+    2.0
     """
     from granular.methods import method_named
 

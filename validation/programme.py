@@ -73,7 +73,7 @@ def _converge(name: str, method: str, full: bool) -> Plain:
     from validation.outside import ORDERS, solver
 
     outside = method in ORDERS
-    # Methods of order one would need too many steps for all of the source's 2 s; those of high
+    # Methods of order one would need too many steps for all of de Paula's 2 s; those of high
     # order have too few steps that are short enough for every turn and still clear of rounding.
     short = not full or outside or _is_shown_briefly(method)
     problem = exact_problem(name)
@@ -92,7 +92,7 @@ def _is_shown_briefly(method: str) -> bool:
     return one.order == 1 or one.order >= HIGH_ORDER or one.tableau is not None
 
 
-# The source's experiment ------------------------------------------------------------------------
+# De Paula's experiment ------------------------------------------------------------------------
 
 
 def source_pieces(full: bool) -> list[Piece]:
@@ -131,7 +131,7 @@ def energy_piece(run: EnergyRun, **more: Any) -> Piece:
 
 
 def compression_scene() -> Scene:
-    """A quarter of the source's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
+    """A quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
     return load_scene("bed").replace(
         **{
             "name": "compression",
@@ -216,7 +216,7 @@ SUMS: tuple[dict[str, Any], ...] = (
     *({"pairs.method": "cut-off", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
     *({"pairs.method": "verlet-list", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
 )
-"""Ways of summing pairs, and the radii of the source's list about its own 11.26 D [D, 5.2]."""
+"""Ways of summing pairs, and the radii of de Paula's list about its own 11.26 D [D, 5.2]."""
 
 
 def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[Any], dict[str, Any]]:

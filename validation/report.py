@@ -141,7 +141,7 @@ def _convergence_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
 
 def _source_verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     slopes = [SourceExperiment.from_plain(one).slope(COMPENSATED) for one in results]
-    words = f"the source's test has the slope {', '.join(f'{one:.4f}' for one in slopes)}"
+    words = f"de Paula's test has the slope {', '.join(f'{one:.4f}' for one in slopes)}"
     return words, all(abs(one - 2.0) <= 0.01 for one in slopes)
 
 

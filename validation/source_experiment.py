@@ -1,7 +1,7 @@
-"""The source's own test of its method [D, 2.3.4], in full, and what of it is rounding.
+"""De Paula's own test of its method [D, 2.3.4], in full, and what of it is rounding.
 
 One grain of 5 mm falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to
-1e-8 s. The source integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), judges
+1e-8 s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), judges
 the error at the end against its finest step, and prints a greatest difference of two peaks of
 6.8e-9 m. Errors relative to the finest step h_f fall like h^2 - h_f^2, which bends the line a
 little. In the position form h^2 a is added to a number 1e10 times as large, so most of its digits
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 STEPS = (1e-6, 5e-7, 2e-7, 1e-7, 5e-8, 2e-8, 1e-8)
 PLAIN, COMPENSATED, TOOLKIT = "position form", "compensated increments", "toolkit, compensated"
 PRINTED_PEAKS = 6.8e-9
-"""Greatest difference of two peaks as the source prints it [m]."""
+"""Greatest difference of two peaks as de Paula prints it [m]."""
 
 _PEAKS = 16
 _SAMPLES = 200
@@ -141,7 +141,7 @@ class SourceExperiment:
         return _slope([one.step for one in runs], [one.error for one in runs])
 
     def slope_to_finest(self, form: str) -> float:
-        """Slope of the error against the finest step's height: the source's figure."""
+        """Slope of the error against the finest step's height: de Paula's figure."""
         *runs, last = self.of(form)
         return _slope([one.step for one in runs], [abs(one.end - last.end) for one in runs])
 
@@ -234,7 +234,7 @@ class SourceExperiment:
             axes.semilogy(1 + np.arange(len(away)), np.where(away > 0.0, away, np.nan), "o",
                           color=colour, label=form)  # fmt: skip
         axes.axhline(PRINTED_PEAKS, color="#333333", linewidth=0.8, linestyle=":")
-        axes.annotate("printed by the source", (0.99, PRINTED_PEAKS),
+        axes.annotate("printed by de Paula", (0.99, PRINTED_PEAKS),
                       xycoords=("axes fraction", "data"), xytext=(0, 3),
                       textcoords="offset points", ha="right", fontsize=8)  # fmt: skip
         axes.set_xlabel("bounce")

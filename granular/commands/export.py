@@ -28,7 +28,7 @@ def add_options(one: Parser) -> None:
         "--format",
         required=True,
         choices=("gsd", "extxyz", "vtk", "csv", "parquet", "source", "lammps"),
-        help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of the source's "
+        help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of de Paula's "
         "program, or a LAMMPS input deck",
     )
     one.add_argument(

@@ -52,6 +52,9 @@ def add_options(one: Parser) -> None:
         help="seconds of the run in a second of the movie (1: real time); 'frames' for a picture a "
         "frame of the run",
     )  # fmt: skip
+    one.add_argument(
+        "--width", type=int, metavar="PIXELS", help="width of the movie, 760 to 960 (960)"
+    )
     one.add_argument("--force", action="store_true", help="replace the file if it is there")
     add_import(one)
     add_output(one)
@@ -73,10 +76,10 @@ def _render_still(options: Any) -> None:
     from granular.render import save, still
     from granular.scene.units import si_value
 
-    if (options.stage, options.fps, options.speed) != (None, None, None):
+    if (options.stage, options.fps, options.speed, options.width) != (None, None, None, None):
         raise InputError(
-            "--stage, --fps and --speed are for movies (-o bed.mp4); choose a still's frame with "
-            "--frame or --time"
+            "--stage, --fps, --speed and --width are for movies (-o bed.mp4); choose a still's "
+            "frame with --frame or --time"
         )
     if options.frame is not None and options.time is not None:
         raise InputError("--frame and --time name two frames; give one of them")
@@ -89,6 +92,7 @@ def _render_still(options: Any) -> None:
 
 def _render_movie(options: Any) -> None:
     from granular.render import movie
+    from granular.render.movie import WIDTH
 
     if options.frame is not None or options.time is not None:
         raise InputError("--frame and --time are for stills; choose a movie's part with --stage")
@@ -99,6 +103,7 @@ def _render_movie(options: Any) -> None:
         fps=25.0 if options.fps is None else options.fps,
         speed=_speed(options.speed),
         stage=options.stage,
+        width=WIDTH if options.width is None else options.width,
         overwrite=options.force,
         progress=not options.quiet,
     )

@@ -1,6 +1,6 @@
 """Viscous drag: the force -gamma v on a grain of the first species [D, eq. 4.4].
 
-The source scales gamma with the mass ratio [D, eq. 4.16], so that the acceleration is
+De Paula scales gamma with the mass ratio [D, eq. 4.16], so that the acceleration is
 -(gamma/m) v for every species.
 
 Drag dissipates and is not smuggled into a kick as one more force, which would cost the second

@@ -29,12 +29,22 @@ not, and what is not there costs nothing; ``law, room, place`` stand before the 
     Enter in ``state.ledger[WORK]`` what a force that depends on time does.
 ``lift(..., time) -> float``
     Upward acceleration of all that has a mass, the piston too.
+``kick_all(..., span, state, constants, motion, time, start, opening) -> int``
+    Kick all that moves, instead of grains and piston one after the other; the last effect that has
+    one gives it.
+``held_back(..., state, constants) -> float``
+    Force that a free piston feels less of.
+``drift(..., span, state) -> int``
+    Move what is its own at its present velocity.
+``record(..., state, constants, time, values) -> int``
+    Enter its ``records``, from ``Setting.first_records`` on.
 ``collision(..., speed, constants) -> float``
     Greatest stiffness over mass that a grain of this speed meets.
 ``against_piston(..., state, constants, slopes) -> int``
     Add each grain's stiffness against the piston over its mass.
 
-``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``.
+``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``;
+what stands in its field ``kept``, if it has one, is of the run's state.
 The file's own test aside, nothing else has to be touched: `granular.effects.registry` finds it.
 """
 
@@ -82,6 +92,9 @@ class Setting:
         All that act.
     places : mapping of str to int
         Of each effect in the tuple of laws.
+    piston : Piston or None
+    first_records : mapping of str to int
+        Place of each effect's first own record among those of all.
     """
 
     grains: Grains
@@ -90,6 +103,8 @@ class Setting:
     species: np.ndarray
     effects: Mapping[str, Any]
     places: Mapping[str, int]
+    piston: Piston | None = None
+    first_records: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
 class Effect(Section):
@@ -133,6 +148,11 @@ class Effect(Section):
     def parts(self) -> tuple[Effect, ...]:
         """The effects that it is made of, each with a law."""
         return (self,)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """What it records, besides its energy and what it takes."""
+        return ()
 
     @property
     def sources(self) -> tuple[str, ...]:

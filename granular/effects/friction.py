@@ -14,7 +14,7 @@ Two schemes. ``velocity`` (default) solves kick and friction while the positions
 exactly where the grain is fast, and together where it creeps: a sliding grain loses mu_d N/m of its
 speed per time until it stops, a grain at rest stays at rest, to the last bit, while the force on it
 is at most mu_s N.
-``regularised`` is the source's law [D, eq. 4.5], a force: minus the other forces below a
+``regularised`` is de Paula's law [D, eq. 4.5], a force: minus the other forces below a
 threshold speed and mu_s N, otherwise mu_d N against the velocity. It does positive work below the
 threshold, and chatters unless the step is very small.
 """
@@ -48,7 +48,7 @@ class Friction(Effect):
     scheme : str
         ``"velocity"`` or ``"regularised"``.
     threshold : float
-        Threshold speed of the regularised law [m/s]; the source's 1e-6 D/T is 1.5e-10 m/s for its
+        Threshold speed of the regularised law [m/s]; de Paula's 1e-6 D/T is 1.5e-10 m/s for its
         compression of 39.6 s.
     load : float
         A constant normal force on every grain, besides the torque's [N].

@@ -259,7 +259,7 @@ def _kick_regularised(
     law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
     masses: Array | None, threshold: float,
 ) -> None:  # fmt: skip
-    """The source's law: friction as one more force, from the velocity before the kick."""
+    """De Paula's law: friction as one more force, from the velocity before the kick."""
     assert state.load is not None
     decay, gain, a, b, c = drag.flow(rate, span)
     for i in range(constants.grains):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
@@ -13,12 +13,12 @@ from granular.scene.schema import quantity
 
 
 class Gravity(Effect):
-    """Uniform gravity, downwards.
+    """Uniform gravity, downwards; towards the piston, where a host carries it below the cell.
 
     Attributes
     ----------
     acceleration : float
-        g [m/s^2]; 9.8 is the source's value [D, Table 4.3].
+        g [m/s^2]; 9.8 is de Paula's value [D, Table 4.3].
     """
 
     key = "gravity"
@@ -32,7 +32,10 @@ class Gravity(Effect):
 
     def law(self, setting: Setting) -> GravityLaw:
         """The law in natural units."""
-        return GravityLaw(self.pull(setting.scales))
+        host: Any = setting.effects.get("host")
+        upside_down = host is not None and host.mount == "piston"
+        pull = self.pull(setting.scales)
+        return GravityLaw(-pull if upside_down else pull)
 
 
 class GravityLaw(NamedTuple):

@@ -6,7 +6,7 @@ the slab's two ends (both positive above the slab), the energy is
     q / (4 w^2) [a / sqrt(w^2 + a^2) + b / sqrt(w^2 + b^2)].
 
 Its normal force is [D, eq. 3.17] (there for a and b positive; [D, eq. 3.16] misprints a power).
-The source gives the normal force only; the slab also pushes along itself, by
+De Paula gives the normal force only; the slab also pushes along itself, by
 (q/4) [(w^2 + b^2)^-3/2 - (w^2 + a^2)^-3/2] towards the end that a is counted from, without which
 energy would not be conserved. It tends to the infinite wall as the slab grows.
 

@@ -60,6 +60,9 @@ def _kept(state: State) -> dict[str, np.ndarray]:
     """The arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
     kept = {IN_FILES.get(name, name): getattr(state, name) for name in names}
+    for place, room in enumerate(state.rooms):
+        if hasattr(room, "kept"):
+            kept[f"room_{place}"] = room.kept
     far = state.far_forces
     if far is not None and far.held is not None:
         kept["far_held"] = far.held

@@ -27,7 +27,7 @@ COLUMNS = (
 grains, that of the pairs and of the piston; work from outside, and what the piston loses; the least
 distance of two grains, the greatest speed, and the bound of the highest angular frequency that the
 bed can meet; the number of grains; the energy turned over so far. Behind them stand the energy of
-each law, and what each of them took. In natural units."""
+each law, what each of them took, and the laws' own records. In natural units."""
 
 # Kernels take whole numbers, not texts; a test holds both lists together.
 (
@@ -54,10 +54,16 @@ ENERGIES = len(COLUMNS)
 """Where the energies of the laws begin."""
 
 
-def all_columns(laws: int) -> tuple[str, ...]:
-    """Every column of a record, with that many laws."""
+def all_columns(laws: int, own: int = 0) -> tuple[str, ...]:
+    """Every column of a record, with that many laws, and as many records of their own."""
     places = range(laws)
-    return (*COLUMNS, *map(energy_column, places), *map(loss_column, places))
+    known = (*COLUMNS, *map(energy_column, places), *map(loss_column, places))
+    return (*known, *map(own_column, range(own)))
+
+
+def own_column(place: int) -> str:
+    """Column of that one of the laws' own records."""
+    return f"own {place}"
 
 
 def energy_column(place: int) -> str:
@@ -71,7 +77,7 @@ def loss_column(place: int) -> str:
 
 
 def width(laws: int) -> int:
-    """Columns of a record, with that many laws."""
+    """Columns of a record, with that many laws: those that the energy ledger reads."""
     return ENERGIES + 2 * laws
 
 

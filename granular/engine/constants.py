@@ -35,7 +35,7 @@ class Acting(NamedTuple):
     cut : CutOff or None
         Where pairs end; with None for this and the next, all pairs are summed.
     listing : Listing or None
-        Of the source's Verlet list.
+        Of de Paula's Verlet list.
     far : FarField or None
         What is beyond the radius where pairs end smoothly.
     """

@@ -14,8 +14,8 @@ WRONG = 1e-2
 DOUBTFUL = 1e-4
 """Residual beyond which a run is called degraded."""
 COARSE_FACTOR = 10.0
-"""With the source's regularised friction, or its list of pairs under friction, the first limit is
-this much wider, and the second `COARSE_DOUBT`: the source's beds are run at the source's steps.
+"""With de Paula's regularised friction, or its list of pairs under friction, the first limit is
+this much wider, and the second `COARSE_DOUBT`: de Paula's beds are run at de Paula's steps.
 
 Of 119 random runs of these kinds, with at most 12 grains, 18 were off by more than 1e-4. Most often
 it was the step: a quarter of it left a sixteenth, with any list, skin and threshold speed. Not so
@@ -30,7 +30,7 @@ begun to move from rest has a large relative error of no consequence."""
 
 
 def is_coarse(scene: Scene) -> bool:
-    """Whether grains rub by the source's regularised friction, or with its list of pairs."""
+    """Whether grains rub by de Paula's regularised friction, or with its list of pairs."""
     friction = scene.effects.friction
     return friction is not None and (
         friction.scheme == "regularised" or scene.pair_method == "verlet-list"

@@ -85,6 +85,9 @@ class Watch(NamedTuple):
     floor: float
 
 
+_record = sum_over("record", "state constants time values")
+
+
 @compiled
 def measure(
     time: float,
@@ -118,6 +121,10 @@ def measure(
         row[columns.FASTEST], state, constants, motion, measurement
     )
     row[columns.GRAINS] = constants.grains
+    _record(
+        constants.acting.laws, state.rooms, state, constants, time,
+        row[columns.ENERGIES + 2 * laws :],
+    )  # fmt: skip
 
 
 @compiled
@@ -164,11 +171,10 @@ class Window(NamedTuple):
 
 
 @compiled
-def _turned_over(watch: Watch, row: Array) -> float:
+def _turned_over(watch: Watch, laws: int, row: Array) -> float:
     """Energy turned over since the start; see `granular.engine.ledger.Ledger`."""
     c = columns
     potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
-    laws = (row.size - c.ENERGIES) // 2
     for law in range(laws):
         potential += row[c.ENERGIES + law]
         lost += row[c.ENERGIES + laws + law]
@@ -285,7 +291,7 @@ def _advance(
 ) -> tuple[int, int, int]:  # fmt: skip
     if window.ticks == 0:
         return _look(window, state, constants, motion, measurement, rows[0]), 0, 0
-    kept = 0
+    kept, laws = 0, state.ledger.size - LOSSES
     for tick in range(window.first, window.first + window.ticks):
         outside = _make_tick(
             plan.fraction,
@@ -306,7 +312,9 @@ def _advance(
         measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
-        turned = _turned_over(watch, row) + _returned(constants.acting.laws, state.rooms, state)
+        turned = _turned_over(watch, laws, row) + _returned(
+            constants.acting.laws, state.rooms, state
+        )
         watch.seen[TURNED] = max(watch.seen[TURNED], turned)
         row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)

@@ -25,6 +25,9 @@ from granular.protocol.motion import TABLE, Motion, outer_force, path
 lift = sum_over("lift", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 
+held_back = sum_over("held_back", "state constants", 0.0)
+"""Force that a free piston feels less of [F*]."""
+
 enter_work = sum_over("work", "span state constants time")
 """Enter the work that forces which depend on time do in ``span``, at a time [tau]."""
 
@@ -150,7 +153,7 @@ def kick_piston(
         outer = outer_force(motion, time)
         force = (
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
-        )
+        ) - held_back(constants.acting.laws, state.rooms, state, constants)
         before = state.piston[SPEED]
         _free_kick(constants.resistance, force, span, constants.piston_mass, state, opening)
         state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[SPEED])

@@ -63,7 +63,7 @@ class State(NamedTuple):
     stripes : Stripes or None
         Grains in stripes, and their partners, where pairs end at a distance.
     verlet_list : VerletList or None
-        The source's list of pairs.
+        De Paula's list of pairs.
     far_forces : FarForces or None
         The far field, and its forces.
     rooms : tuple

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import last_with
+from granular.compiled.dispatch import last_with, sum_over
 from granular.engine.compensation import compensated_sum
 from granular.engine.constants import Constants
 from granular.engine.forces import compute_forces, measure_forces
@@ -66,6 +66,20 @@ def drift_grains(rounding: Array | None, span: float, state: State, count: int) 
 
 
 @compiled(inline=True)
+def _kick_apart(
+    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
+    opening: bool,
+) -> int:  # fmt: skip
+    kick_grains(span, state, constants, opening)
+    kick_piston(span, state, constants, motion, time, start, opening)
+    return 0
+
+
+_kick = last_with("kick_all", "span state constants motion time start opening", _kick_apart)
+_drift = sum_over("drift", "span state")
+
+
+@compiled(inline=True)
 def _drift_freely(span: float, state: State, constants: Constants) -> int:
     drift_grains(state.rounding, span, state, constants.grains)
     return 0
@@ -111,13 +125,16 @@ def make_step(
                 if kicks[k] != 0.0:
                     opening = 2 * k + part < stages + parts - 1
                     span = kicks[k] * h / parts
-                    kick_grains(span, state, constants, opening)
-                    kick_piston(span, state, constants, motion, stage, start, opening)
+                    _kick(
+                        constants.acting.laws, state.rooms, span, state, constants, motion, stage,
+                        start, opening,
+                    )  # fmt: skip
             if k < stages:
                 span = drifts[k] * h
                 stage += span
                 _glide(constants.acting.laws, state.rooms, span, state, constants)
                 drift_piston(span, state, constants, motion, stage, start)
+                _drift(constants.acting.laws, state.rooms, span, state)
                 last = k == stages - 1
                 if last and measuring:
                     outside += measure_forces(state, constants, start + stage, measurement)

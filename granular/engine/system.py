@@ -16,7 +16,6 @@ from granular.pairs.direct import padded_values
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
 from granular.pairs.section import SPLIT_RADIUS
 from granular.pairs.stripes import CutOff
-from granular.scene.parts import Piston
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -90,7 +89,7 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
         width=scene.cell.width / scales.length,
         piston_mass=piston_mass,
         piston_weight=piston_weight,
-        resistance=_resistance(scene.piston, scales),
+        resistance=_resistance(scene, scales),
         exit=EXIT if walls is not None and walls.has_gap else -np.inf,
         acting=acting,
         threaded=None if threads == 1 else True,
@@ -124,7 +123,11 @@ def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
     effects = scene.effects.laws
     places = {effect.key: place for place, effect in enumerate(effects)}
     acting = {effect.key: effect for effect in scene.effects.all}
-    return Setting(scene.grains, scene.cell, scales, species, acting, places)
+    first, firsts = 0, {}
+    for effect in effects:
+        firsts[effect.key] = first
+        first += len(effect.records)
+    return Setting(scene.grains, scene.cell, scales, species, acting, places, scene.piston, firsts)
 
 
 @contextlib.contextmanager
@@ -188,13 +191,17 @@ def _far_every(scene: Scene, method: Method | None) -> int | None:
 def _piston_mass(scene: Scene, scales: Scales, gravity: float) -> tuple[float, float]:
     if scene.piston is None or scene.piston.mass is None:
         return np.inf, 0.0
-    mass = scene.piston.mass / scales.mass
-    return mass, mass * gravity
+    mass, host = scene.piston.mass / scales.mass, scene.effects.host
+    if host is None:
+        return mass, mass * gravity
+    weight = host.weight_on_piston(scene.grains, scales, gravity)
+    mass = host.mass_of_piston(scene.piston.mass) / scales.mass
+    return mass, mass * gravity if weight is None else weight
 
 
-def _resistance(piston: Piston | None, scales: Scales) -> Resistance | None:
+def _resistance(scene: Scene, scales: Scales) -> Resistance | None:
+    piston, host = scene.piston, scene.effects.host
     if piston is None or piston.mass is None or not (piston.drag or piston.friction):
         return None
-    return Resistance(
-        rate=piston.drag * scales.time / piston.mass, force=piston.friction / scales.force
-    )
+    mass = piston.mass if host is None else host.mass_of_piston(piston.mass)
+    return Resistance(rate=piston.drag * scales.time / mass, force=piston.friction / scales.force)

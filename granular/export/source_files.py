@@ -1,12 +1,12 @@
-"""The ``.dat`` files of the source's program [D, Appendix B], at its cadences.
+"""The ``.dat`` files of de Paula's program [D, Appendix B], at its cadences.
 
-The source's text names the files and how often each is written; everything else is chosen here:
+The thesis names the files and how often each is written; everything else is chosen here:
 
-- All numbers are dimensionless, as in the source's computations: lengths in D, times in T, masses
+- All numbers are dimensionless, as in de Paula's computations: lengths in D, times in T, masses
   in m, forces in m D/T^2. ``charUnits.dat`` holds these units in SI: D, T, m, D/T, m D/T^2.
 - T is the duration of the compression, stroke/V_c; a run without compression has T = 1 s, as the
   source's single particle.
-- The source's step is 1e-6 T, so that "every 250 time steps" is every 2.5e-4 T. Nothing is
+- De Paula's step is 1e-6 T, so that "every 250 time steps" is every 2.5e-4 T. Nothing is
   interpolated: for each such instant the nearest recorded frame is written, once. A run recorded
   more coarsely has all of its frames in the files.
 - Particle files have a line a grain, in the order of the scene; a comment with number and time
@@ -17,7 +17,7 @@ The source's text names the files and how often each is written; everything else
   sum of the magnitudes of the forces of all other grains and of the walls, whose distribution the
   source finds to have two modes [D, Figs. 4.22 and 5.3]. It is left out, with ``comPart_norm``,
   where an effect acts between grains by a law of its own, whose forces are known in sum alone.
-- ``piston`` has the columns time and height, ``avgDis`` time and mean distance, in the source's
+- ``piston`` has the columns time and height, ``avgDis`` time and mean distance, in de Paula's
   convention: half of the mean over all pairs.
 - The files with ``_0`` (every 10 steps) cover the whole run, and are left out where they would only
   repeat those without.
@@ -42,14 +42,14 @@ from granular.scene.scales import Scales
 from granular.shared.files import replacing_together
 
 STEPS_PER_TIME = 10**6
-"""Steps of the source in its unit of time T [D, 2.3.2]."""
+"""Steps of de Paula in its unit of time T [D, 2.3.2]."""
 
 USUAL, FINE, COARSE = 250, 10, 1000
-"""Steps of the source from record to record: of most files, of those with _0, of averages."""
+"""Steps of de Paula from record to record: of most files, of those with _0, of averages."""
 
 
 class SourceCadence(NamedTuple):
-    """The source's clock for a run.
+    """De Paula's clock for a run.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class SourceCadence(NamedTuple):
 
 
 def source_cadence(run: Trajectory) -> SourceCadence:
-    """The source's units of time for a run: T, its step, and its interval of frames.
+    """De Paula's units of time for a run: T, its step, and its interval of frames.
 
     T is the duration of the first stage that lowers the piston at constant speed, stroke/V_c
     [D, 2.3.2, 4.13], as the scene prescribes it; 1 s where there is none.
@@ -87,10 +87,10 @@ def to_source_files(
     run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False,
     progress: bool = False,
 ) -> tuple[Path, ...]:  # fmt: skip
-    """Write the files of the source's program; see the module's text for what each holds.
+    """Write the files of de Paula's program; see the module's text for what each holds.
 
     All files appear together when the last one is complete. A warning tells where the run was
-    recorded more coarsely than the source's files.
+    recorded more coarsely than de Paula's files.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def _warn_of_coarse_frames(run: Trajectory, cadence: SourceCadence) -> None:
     interval = (times[-1] - times[0]) / max(1, len(times) - 1)
     if interval > 1.01 * cadence.frames:
         warnings.warn(
-            f"the run has a frame every {interval:.3g} s, the source every {cadence.frames:.3g} s "
+            f"the run has a frame every {interval:.3g} s, de Paula every {cadence.frames:.3g} s "
             f"({USUAL} steps of 1e-6 T); all frames are written, for more lower output.frames",
             stacklevel=3,
         )
 
 
 def _nearest(times: np.ndarray, cadence: SourceCadence, every: int) -> list[int]:
-    """Indices of the records nearest to every so many steps of the source, each once."""
+    """Indices of the records nearest to every so many steps of de Paula, each once."""
     interval = every * cadence.step
     instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
     after = np.clip(np.searchsorted(times, instants), 1, max(1, len(times) - 1))

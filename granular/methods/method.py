@@ -22,8 +22,10 @@ MOST_STAGES = 64
 class Method:
     """An integration method, built in or a user's own.
 
+    >>> from granular import Method
     >>> leapfrog = Method("my-leapfrog", 2, kicks=(0.5, 0.5), drifts=(1.0,))
-    >>> run = simulate(scene, method=leapfrog)
+    >>> leapfrog.order
+    2
 
     Attributes
     ----------

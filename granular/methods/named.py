@@ -27,6 +27,12 @@ def method_of(method: str | Method | Mapping[str, Any]) -> Method:
     ------
     InputError
         If there is none of that name, a table is no method, or takes the name of one built in.
+
+    Examples
+    --------
+    >>> from granular.methods import method_of
+    >>> method_of("stormer-verlet").name
+    'stormer-verlet'
     """
     if isinstance(method, str):
         return method_named(method)
@@ -55,6 +61,12 @@ def method_named(name: str) -> Method:
     ------
     InputError
         If there is none; the nearest name is given.
+
+    Examples
+    --------
+    >>> from granular.methods import method_named
+    >>> method_named("blanes-moan-4").order
+    4
     """
     word = str(name)
     plain = word.removesuffix(COMPENSATED)

@@ -47,6 +47,18 @@ def area_fraction_profile(
     ------
     InputError
         If shapes do not fit, the edges do not increase, or the width is not above 0 m.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import area_fraction_profile
+    >>> strips = np.array([0.0, 0.03, 0.06])
+    >>> print(area_fraction_profile(places, np.full(100, 0.006), 0.09, strips).round(2))
+    [0.39 0.4 ]
     """
     positions = checked_positions(positions)
     diameters = values_of_grains("diameters", diameters, len(positions))

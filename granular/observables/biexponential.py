@@ -61,6 +61,15 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     InputError
         If the shapes differ, there are fewer than five samples or different x, or a value is not
         finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import biexponential_fit
+    >>> x = np.linspace(0.0, 1.0, 20)
+    >>> found = biexponential_fit(x, 2.0 * np.exp(-3.0 * x) + np.exp(0.5 * x))
+    >>> print(found.amplitudes.round(3), found.rates.round(3))
+    [2. 1.] [-3.   0.5]
     """
     x, y = _checked(x, y)
     start, span = float(x.min()), float(np.ptp(x))

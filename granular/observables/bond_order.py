@@ -35,6 +35,17 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     ------
     InputError
         If the positions have another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import local_psi6
+    >>> float(np.nanmax(np.abs(local_psi6(places))).round(3))
+    1.0
     """
     positions = checked_positions(positions)
     cells = voronoi_cells(positions) if cells is None else cells
@@ -55,6 +66,17 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
 
     1 for a perfect hexagonal arrangement, whatever its orientations. NaN without interior cells.
     The arguments are those of `local_psi6`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import psi6
+    >>> round(psi6(places), 3)
+    1.0
     """
     cells = voronoi_cells(positions) if cells is None else cells
     sizes = np.abs(local_psi6(positions, cells)[cells.interior])
@@ -66,6 +88,17 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
 
     Its size is 1 only where all hexagons have the same orientation. NaN without interior cells. The
     arguments are those of `local_psi6`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import global_psi6
+    >>> round(abs(global_psi6(places)), 3)
+    1.0
     """
     cells = voronoi_cells(positions) if cells is None else cells
     values = local_psi6(positions, cells)[cells.interior]

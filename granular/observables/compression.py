@@ -21,7 +21,7 @@ def compressive_forces(
 ) -> np.ndarray:
     """Sum of the magnitudes of all forces of other grains and of walls on each grain.
 
-    The source writes it apart from the resulting force (``comPart`` and ``forPart``) and draws its
+    De Paula writes it apart from the resulting force (``comPart`` and ``forPart``) and draws its
     distribution [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resulting force is what
     friction holds, some hundredths of it.
 

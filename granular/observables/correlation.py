@@ -45,6 +45,14 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
     ------
     InputError
         If the shapes differ, or fewer than three samples are left.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import pearson_correlation
+    >>> first = np.arange(10.0)
+    >>> round(pearson_correlation(first, 2.0 * first)[0], 3)
+    1.0
     """
     from scipy.special import stdtr
 

@@ -37,6 +37,17 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
     """Charge of each grain, 6 minus the number of its neighbours, int (n,).
 
     Pentagons have the charge 1 and heptagons -1; grains without an interior cell have 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import disclination_charges, voronoi_cells
+    >>> int(np.nansum(np.abs(disclination_charges(voronoi_cells(places)))))
+    0
     """
     return np.where(cells.interior, 6 - cells.sides, 0)
 

@@ -44,6 +44,14 @@ def dip_test(values: np.ndarray) -> DipTest:
     ------
     InputError
         If there are fewer than `LEAST_VALUES`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import dip_test
+    >>> two = np.concatenate([np.linspace(0, 1, 50), np.linspace(4, 5, 50)])
+    >>> dip_test(two).p < 0.01  # not one mode
+    True
     """
     known = np.asarray(values, dtype=np.float64).ravel()
     known = np.sort(known[np.isfinite(known)])

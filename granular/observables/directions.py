@@ -39,6 +39,14 @@ def direction_order(vectors: np.ndarray) -> Directions:
     ------
     InputError
         If no vector is left, or the shape is another one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import direction_order
+    >>> found = direction_order(np.array([[1.0, 0.0]] * 20))
+    >>> found
+    Directions(polar=1.0, axial=1.0, polar_p=0.0, axial_p=0.0, vectors=20)
     """
     array = np.asarray(vectors, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:

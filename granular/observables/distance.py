@@ -34,6 +34,17 @@ def mean_pair_distance(positions: np.ndarray) -> float:
     ------
     InputError
         If the positions have another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import mean_pair_distance
+    >>> round(mean_pair_distance(places), 4)  # [m]
+    0.0441
     """
     points = present_positions(positions)
     count = len(points)
@@ -43,10 +54,21 @@ def mean_pair_distance(positions: np.ndarray) -> float:
 
 
 def source_pair_distance(positions: np.ndarray) -> float:
-    """Half of `mean_pair_distance`: the convention of the source's tables and figures.
+    """Half of `mean_pair_distance`: the convention of de Paula's tables and figures.
 
-    The source's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
+    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
     N (N - 1), while its eq. 2.1 sums over all i and j.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import source_pair_distance
+    >>> round(source_pair_distance(places), 4)  # [m]
+    0.0221
     """
     return 0.5 * mean_pair_distance(positions)
 

@@ -55,6 +55,13 @@ def knuth_bins(values: np.ndarray) -> int:
     ------
     InputError
         If there is no value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import knuth_bins
+    >>> knuth_bins(np.random.default_rng(1).normal(size=1000))
+    16
     """
     from scipy.special import gammaln
 
@@ -85,6 +92,14 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     ------
     InputError
         If there is no value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import knuth_histogram
+    >>> found = knuth_histogram(np.random.default_rng(1).normal(size=1000))
+    >>> len(found.edges) - 1
+    16
     """
     values = _known(values)
     counts, edges = np.histogram(values, knuth_bins(values))
@@ -96,7 +111,7 @@ def force_distribution_of_run(
 ) -> dict[str, Histogram]:
     """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
 
-    Only grains with an interior Voronoi cell count, as in the source's pictures of forces.
+    Only grains with an interior Voronoi cell count, as in de Paula's pictures of forces.
 
     Parameters
     ----------

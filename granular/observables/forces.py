@@ -18,7 +18,15 @@ _WALLS = ("left", "right", "bottom", "piston")
 
 
 def force_magnitudes(forces: np.ndarray) -> np.ndarray:
-    """Magnitudes (..., n) [N] of forces (..., n, 2) [N]; NaN for absent grains."""
+    """Magnitudes (..., n) [N] of forces (..., n, 2) [N]; NaN for absent grains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import force_magnitudes
+    >>> print(force_magnitudes(np.array([[3.0, 4.0], [0.0, 2.0]])))
+    [5. 2.]
+    """
     return np.asarray(np.linalg.norm(np.asarray(forces, dtype=np.float64), axis=-1))
 
 

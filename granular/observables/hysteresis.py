@@ -47,6 +47,15 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     ------
     InputError
         If there are fewer than three samples, or the shapes differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import hysteresis_energy
+    >>> height = np.array([2.0, 1.0, 1.0, 2.0, 2.0])  # down at a force of 3, up at 1
+    >>> force = np.array([3.0, 3.0, 1.0, 1.0, 3.0])
+    >>> float(hysteresis_energy(height, force))
+    2.0
     """
     height = np.asarray(height, dtype=np.float64)
     force = np.asarray(force, dtype=np.float64)
@@ -73,6 +82,14 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
         A piston that starts upwards, or ends downwards, makes no cycle there. Reversals by less
         than `LEAST_STROKE` of the whole range are passed over. Where the piston rests at a highest
         place, the rest belongs to no cycle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import cycle_bounds
+    >>> height = np.concatenate([np.linspace(2, 1, 50), np.linspace(1, 2, 50)])
+    >>> len(cycle_bounds(height))
+    1
     """
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)

@@ -82,6 +82,12 @@ def observable_named(name: str, own: Mapping[str, Observable] | None = None) -> 
     ------
     InputError
         If there is none, or the distribution's cannot be loaded.
+
+    Examples
+    --------
+    >>> from granular.observables import observable_named
+    >>> observable_named("mean_distance").unit
+    'm'
     """
     every = {**OBSERVABLES, **(own or {})}
     if name in every:

@@ -36,6 +36,13 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
     ------
     InputError
         If width or a height is not above 0 m.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import packing_fraction
+    >>> print(packing_fraction(np.full(368, 0.006), width=0.36, height=0.12).round(3))
+    0.241
     """
     _check_above_zero("width", width)
     _check_above_zero("height", height)

@@ -38,6 +38,17 @@ def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
     ------
     InputError
         If the positions have another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import least_piston_distance
+    >>> round(least_piston_distance(places, piston_height=0.08), 4)  # [m]
+    0.0099
     """
     points = present_positions(positions)
     return float(piston_height - points[:, 1].max()) if len(points) else np.nan

@@ -47,7 +47,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
     """Interior Voronoi cells in the colours of [D, 4.2.3.4], and the grains' centres.
 
     Five sides or fewer are grey, hexagons green (the darker, the more regular), seven or more
-    purple: the source has red, which some eyes do not tell from green.
+    purple: de Paula has red, which some eyes do not tell from green.
     """
     from matplotlib import colormaps
     from matplotlib.collections import PolyCollection

@@ -63,6 +63,18 @@ def radial_distribution(
     InputError
         If the edges do not increase or reach beyond the shorter side of the box, a grain lies
         outside of the box, or there are fewer than two grains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import radial_distribution
+    >>> found = radial_distribution(places)
+    >>> bool(found.g.max() > 1.0)
+    True
     """
     points = present_positions(positions)
     if len(points) < 2:

@@ -84,6 +84,16 @@ def frequency_response(
     InputError
         If the shapes differ, fewer than `LEAST_PERIODS` whole periods are left, or there are too
         few samples in a period for the harmonics.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import frequency_response
+    >>> time = np.linspace(0.0, 10.0, 5000)
+    >>> drive = np.sin(2 * np.pi * 3.0 * time)
+    >>> found = frequency_response(time, drive, 0.5 * np.roll(drive, 10), 3.0)
+    >>> round(float(np.ravel(found.ratio)[0]), 2)
+    0.5
     """
     time, drive, answer = (np.asarray(one, dtype=np.float64) for one in (time, drive, answer))
     if time.ndim != 1 or not time.shape == drive.shape == answer.shape or not len(time):

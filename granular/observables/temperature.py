@@ -38,6 +38,13 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     ------
     InputError
         If shapes do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import kinetic_temperature
+    >>> kinetic_temperature(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([2.0, 2.0]))
+    1.0
     """
     velocities = np.asarray(velocities, dtype=np.float64)
     if velocities.ndim != 2 or velocities.shape[1] != 2:

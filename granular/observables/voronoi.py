@@ -98,6 +98,18 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     The corners of the Voronoi cells are the circumcentres of the Delaunay triangles
     [D, 4.2.3.1]; the Delaunay triangulation is that of Qhull (Barber, Dobkin, Huhdanpaa, ACM Trans.
     Math. Software 22, 469, 1996).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import voronoi_cells
+    >>> cells = voronoi_cells(places)
+    >>> int(cells.interior.sum())
+    64
     """
     positions = checked_positions(positions)
     present = np.flatnonzero(np.isfinite(positions).all(axis=1))
@@ -126,7 +138,19 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 
 
 def cell_shares(cells: VoronoiCells) -> CellShares:
-    """Shares of pentagons, hexagons, heptagons and all others among the interior cells."""
+    """Shares of pentagons, hexagons, heptagons and all others among the interior cells.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import cell_shares, voronoi_cells
+    >>> float(cell_shares(voronoi_cells(places)).hexagons)
+    1.0
+    """
     sides = cells.sides[cells.interior]
     if not len(sides):
         return CellShares(np.nan, np.nan, np.nan, np.nan, 0)
@@ -137,7 +161,20 @@ def cell_shares(cells: VoronoiCells) -> CellShares:
 
 
 def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
-    """The corners of every interior cell, counter-clockwise, as float (k, 2) [m] by grain."""
+    """The corners of every interior cell, counter-clockwise, as float (k, 2) [m] by grain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import cell_polygons, voronoi_cells
+    >>> corners = cell_polygons(voronoi_cells(places))
+    >>> {len(one) for one in corners.values()}
+    {6}
+    """
     around: dict[int, list[int]] = {int(i): [] for i in np.flatnonzero(cells.interior)}
     for triangle, grains in enumerate(cells.triangles.tolist()):
         for grain in grains:

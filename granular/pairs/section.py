@@ -30,14 +30,14 @@ class Pairs(Section):
         all pairs within a radius, and a smooth far field on a mesh, at a cost linear in the number
         of grains and with an error below the tolerance; ``"cut-off"``: pairs within a radius
         alone, which takes some 2 % off the piston force at 368 grains and 10 % at 5888;
-        ``"verlet-list"``: the source's list, which also misses pairs that come closer before it is
+        ``"verlet-list"``: de Paula's list, which also misses pairs that come closer before it is
         made anew [D, 5.1]; ``"auto"``: the mesh from 1500 grains on in a closed cell, else the
         direct sum.
     cut_off : float or None
         Radius [m] within which pairs are summed, or listed; 11.26 diameters if not given, as in
-        the source, and for the mesh what the tolerance needs.
+        de Paula, and for the mesh what the tolerance needs.
     skin : float or None
-        Way of a grain [m] after which the source's list is made anew; 4.13 diameters if not given.
+        Way of a grain [m] after which de Paula's list is made anew; 4.13 diameters if not given.
         The other paths find their own.
     tolerance : float
         Of the mesh: greatest error of a grain's force over the rms of sum_j abs(f_ij), in a bed as
@@ -92,7 +92,7 @@ class Pairs(Section):
         return None
 
     def listing(self, diameter: float) -> Listing:
-        """The source's list in units of the first species' diameter [m]."""
+        """De Paula's list in units of the first species' diameter [m]."""
         skin = SKIN if self.skin is None else self.skin / diameter
         return Listing(self._radius(diameter, RADIUS), skin)
 

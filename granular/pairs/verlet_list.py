@@ -1,9 +1,9 @@
-"""The source's Verlet list [D, 5.1], for comparison with the source.
+"""De Paula's Verlet list [D, 5.1], for comparison with de Paula.
 
 A list holds the pairs that are closer than the radius where it is made. From then on all of them
 act, at whatever distance, and no others; the list is made anew once a grain has moved by the skin
 [D, Algorithm 5.1 without its lines 20 to 22]. Pairs that come closer meanwhile are missed: this is
-the source's approximation, with its bias. `granular.pairs.stripe_lists` misses none.
+de Paula's approximation, with its bias. `granular.pairs.stripe_lists` misses none.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from granular.effects.dipole import ENERGY, pair_energy, pair_force
 from granular.pairs.cells import ClosePairs, find_close_pairs
 
 RADIUS, SKIN = 11.26, 4.13
-"""Of the source, in diameters of the first species."""
+"""Of de Paula, in diameters of the first species."""
 
 _MOST_PARTNERS = 512
 """Pairs that there is room for, per grain: the densest bed of discs has 230 within 11.26 D."""

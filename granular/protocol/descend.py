@@ -1,4 +1,4 @@
-"""The piston comes down slowly at first and faster later, as in the source's relaxation."""
+"""The piston comes down slowly at first and faster later, as in de Paula's relaxation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Descend(Stage):
 
         H(t) = H_s - (H_s - to) (e^(k t/duration) - 1) / (e^k - 1)
 
-    from the present height H_s, with k = 5: the source's relaxation of 5 T under exp(t/T - 5).
+    from the present height H_s, with k = 5: de Paula's relaxation of 5 T under exp(t/T - 5).
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ class Move(Stage):
         How long it takes [s]; one of speed and duration is given.
     until_force : float or None
         Stop before, as soon as the grains push the piston with this force [N]; the experiments of
-        the source stop at 110 N.
+        de Paula stop at 110 N.
     """
 
     to: float = quantity("m", above=0.0)

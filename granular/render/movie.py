@@ -15,6 +15,7 @@ import numpy as np
 from granular.export.frames import BedFrame, bed_frames, opened
 from granular.render.colourings import colouring
 from granular.render.moments import bed_at, movie_times
+from granular.render.page import DPI, LEFT, RIGHT
 from granular.render.picture import BedPicture, colour_limits, highest
 from granular.render.selection import stage_frames
 from granular.run.trajectory import Trajectory
@@ -22,6 +23,11 @@ from granular.shared.errors import InputError
 from granular.shared.files import check_target, replacing
 from granular.shared.messages import quoted
 from granular.shared.stops import Stop, deferred_stop
+
+WIDTH = 960
+"""Pixels of a movie; it may be narrower, not wider."""
+NARROWEST = 760
+"""A narrower movie has no room for its letters."""
 
 
 def movie(
@@ -32,6 +38,7 @@ def movie(
     fps: float = 25.0,
     speed: float | None = 1.0,
     stage: str | None = None,
+    width: int = WIDTH,
     overwrite: bool = False,
     progress: bool = True,
 ) -> Path:
@@ -58,6 +65,8 @@ def movie(
         None for a picture a frame of the run, with nothing in between.
     stage : str, optional
         Only the frames of this stage.
+    width : int
+        Of the movie [pixels]; letters keep their size, and the bed takes what is left.
     overwrite : bool
         Whether a file of that name may be replaced.
     progress : bool
@@ -76,8 +85,8 @@ def movie(
     Raises
     ------
     InputError
-        If the run cannot be read, has no such stage, the colour or the format is unknown, ``fps``
-        or ``speed`` is not possible, the file exists or cannot be written, or the library
+        If the run cannot be read, has no such stage, the colour or the format is unknown, ``fps``,
+        ``speed`` or ``width`` is not possible, the file exists or cannot be written, or the library
         ``imageio-ffmpeg`` that an MP4 needs is missing.
     KeyboardInterrupt
         After Ctrl-C, when the file is complete.
@@ -89,6 +98,8 @@ def movie(
         raise InputError(
             f"speed {speed:g} is not above 0; give 1 for real time, or None for a picture a frame"
         )
+    if not NARROWEST <= width <= WIDTH:
+        raise InputError(f"width {width} is not within {NARROWEST} to {WIDTH} pixels")
     run = opened(run)
     numbers = stage_frames(run, stage)
     check_target(path, overwrite)
@@ -97,7 +108,8 @@ def movie(
         times = movie_times(times, speed, fps)
     top = highest(run, bed_frames(run, numbers))
     limits = colour_limits(run, colour, bed_frames(run, numbers))
-    picture = BedPicture(run, colour, limits, top, (float(times[0]), float(times[-1])))
+    span = float(times[0]), float(times[-1])
+    picture = BedPicture(run, colour, limits, top, span, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
     beds = bed_frames(run, numbers, bar) if speed is None else bed_at(run, numbers, times, bar)
     with replacing(path, overwrite) as part, deferred_stop() as stop:

@@ -31,17 +31,19 @@ CURVE = 1.5
 """Height of what stands below the bed in a movie, with its labels [inch]."""
 
 
-def new_page(scene: Scene, top: float, below: float = 0.0) -> tuple[Figure, Axes, Axes]:
+def new_page(
+    scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
+) -> tuple[Figure, Axes, Axes]:
     """A figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes beside it.
 
-    ``below`` is left free under the bed [inch]. The figure's width and height are even
-    numbers of pixels at 120 an inch, as movies want them.
+    ``below`` is left free under the bed, which is at most ``widest`` wide [inch]. The figure's
+    width and height are even numbers of pixels at 120 an inch, as movies want them.
     """
     from matplotlib.figure import Figure
 
     edge = 1.5 * wall_thickness(scene)
     width, height = 1e3 * scene.cell.width + 2.0 * edge, 1e3 * top + 2.0 * edge
-    inch = min(WIDEST / width, TALLEST / height)
+    inch = min(widest / width, TALLEST / height)
     size = [
         2.0 * round((start + length * inch + end) * DPI / 2.0) / DPI
         for start, length, end in ((LEFT, width, RIGHT), (BOTTOM + below, height, TOP))

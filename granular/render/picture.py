@@ -11,7 +11,15 @@ from granular.export.frames import BedFrame
 from granular.observables.voronoi import cell_polygons, voronoi_cells
 from granular.render.colourings import View, classes, colouring
 from granular.render.curve import PistonCurve
-from granular.render.page import CURVE, INK, axes_below, draw_walls, new_page, wall_thickness
+from granular.render.page import (
+    CURVE,
+    INK,
+    WIDEST,
+    axes_below,
+    draw_walls,
+    new_page,
+    wall_thickness,
+)
 from granular.run.trajectory import Trajectory
 from granular.shared.plotting import plain_label
 
@@ -29,7 +37,8 @@ ENDS = (1.0, 99.0)
 class BedPicture:
     """A figure of the bed, for one frame after the other.
 
-    With a span of time [s] it has the piston's height over it below the bed.
+    With a span of time [s] it has the piston's height over it below the bed, which is at most
+    ``widest`` wide [inch].
 
     Attributes
     ----------
@@ -43,6 +52,7 @@ class BedPicture:
         limits: tuple[float, float],
         top: float,
         span: tuple[float, float] | None = None,
+        widest: float = WIDEST,
     ) -> None:
         import matplotlib as mpl
 
@@ -54,7 +64,9 @@ class BedPicture:
         self._forces = run.dataset["piston_force"].values if "piston_force" in run.dataset else None
         with mpl.rc_context({"font.size": 9.0, "font.family": "DejaVu Sans"}):
             curve = span is not None and "piston_height" in run.dataset
-            self.figure, self._axes, side = new_page(run.scene, top, CURVE if curve else 0.0)
+            self.figure, self._axes, side = new_page(
+                run.scene, top, CURVE if curve else 0.0, widest
+            )
             self._curve = None
             if span is not None and curve:
                 self._curve = PistonCurve(run, *span, axes_below(self.figure, self._axes))

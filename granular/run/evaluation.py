@@ -66,6 +66,15 @@ def evaluate(
     ------
     InputError
         If the shapes do not fit, or a grain stands behind a wall, on another grain, or nowhere.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular import evaluate, load_scene
+    >>> scene = load_scene("bed").replace(**{"grains.count": 2})
+    >>> places = np.array([[0.170, 0.06], [0.182, 0.06]])  # [m]
+    >>> print(evaluate(scene, places, piston_height=0.12).force[:, 0].round(3))  # [N]
+    [-0.111  0.111]
     """
     system = natural_system(scene)
     scales, constants = system.scales, system.constants

@@ -49,6 +49,15 @@ class PistonRecord:
     RecordError
         For fewer than two samples, lengths that differ, values that are not finite, or times that
         do not increase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from reduced_models import PistonRecord
+    >>> time = np.linspace(0.0, 2.0, 2000)
+    >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    >>> len(record), float(record.time[-1])
+    (2000, 2.0)
     """
 
     time: np.ndarray
@@ -113,7 +122,17 @@ class PistonRecord:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """All columns as a table of pandas; units of its own ones in ``attrs``."""
+        """All columns as a table of pandas; units of its own ones in ``attrs``.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from reduced_models import PistonRecord
+        >>> time = np.linspace(0.0, 2.0, 2000)
+        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+        >>> list(record.to_dataframe().columns)
+        ['time', 'height']
+        """
         import pandas
 
         table = pandas.DataFrame(self.columns)
@@ -195,6 +214,16 @@ class PistonRecord:
         ------
         RecordError
             If it is no table, or holds no record.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from reduced_models import PistonRecord
+        >>> time = np.linspace(0.0, 2.0, 2000)
+        >>> columns = {"time": time, "height": 0.06 + 1e-3 * np.cos(9.0 * time)}
+        >>> record = PistonRecord.from_table(columns)
+        >>> len(record)
+        2000
         """
         from granular.readers.frames import sheet_of
         from granular.readers.meaning import meaning_of
@@ -306,7 +335,17 @@ class PistonRecord:
         return cls(**own, extra=extra)  # type: ignore[arg-type]  # by its names
 
     def between(self, start: float, stop: float) -> PistonRecord:
-        """The samples with start <= time <= stop [s]."""
+        """The samples with start <= time <= stop [s].
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from reduced_models import PistonRecord
+        >>> time = np.linspace(0.0, 2.0, 2000)
+        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+        >>> float(record.between(0.5, 1.5).time[0].round(2))
+        0.5
+        """
         return self._chosen((self.time >= start) & (self.time <= stop))
 
     def first(self, count: int) -> PistonRecord:
@@ -314,11 +353,31 @@ class PistonRecord:
         return self._chosen(slice(count))
 
     def from_zero(self) -> PistonRecord:
-        """The same record with times that start at 0."""
+        """The same record with times that start at 0.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from reduced_models import PistonRecord
+        >>> time = np.linspace(0.0, 2.0, 2000)
+        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+        >>> float(record.between(0.5, 1.5).from_zero().time[0])
+        0.0
+        """
         return dataclasses.replace(self, time=self.time - self.time[0])
 
     def mapped(self, shift: float, scale: float) -> PistonRecord:
-        """The record of (height - shift)/scale."""
+        """The record of (height - shift)/scale.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from reduced_models import PistonRecord
+        >>> time = np.linspace(0.0, 2.0, 2000)
+        >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+        >>> float(record.mapped(0.05, 1.0).height[0].round(4))  # heights above 0.05 m
+        0.011
+        """
         velocity = None if self.velocity is None else self.velocity / scale
         return dataclasses.replace(self, height=(self.height - shift) / scale, velocity=velocity)
 

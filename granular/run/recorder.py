@@ -82,7 +82,8 @@ class Recorder:
 
     def table(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""
-        empty = np.empty((0, width(len(self.effects))))
+        own = sum(len(one.records) for one in self.effects)
+        empty = np.empty((0, width(len(self.effects)) + own))
         return (
             np.concatenate([empty, *self.rows]),
             np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),

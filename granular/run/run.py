@@ -90,18 +90,22 @@ class Run(Standing):
     def _open_ledger(self) -> None:
         if self.ledger is None:
             row = self.look(PLACE)
-            self.ledger = Ledger.opened(row, coarse=is_coarse(self.scene))
+            self.ledger = Ledger.opened(row[: self._entered], coarse=is_coarse(self.scene))
 
     def _jump(self, by: float) -> None:
-        before = columns.energy(self.look(PLACE))
+        before = self.energy(PLACE)
         self.state.piston[HEIGHT] += by
         moved = f"stage {self.stage.name!r} sets the piston into the bed; let it end higher"
-        self.state.ledger[WORK] += columns.energy(self.look(moved)) - before
+        self.state.ledger[WORK] += self.energy(moved) - before
 
     def _take_hold(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
         mass, piston = self.constants.piston_mass, self.state.piston
-        if math.isfinite(mass):
+        if self.scene.effects.host is not None:  # which has a share in the piston's momentum
+            before = self.energy(PLACE)
+            piston[SPEED] = speed
+            self.state.ledger[WORK] += self.energy(PLACE) - before
+        elif math.isfinite(mass):
             self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[SPEED] ** 2)
         piston[SPEED] = speed
 
@@ -179,9 +183,9 @@ class Run(Standing):
 
     def _let_go(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = columns.energy(self.look(self.shorter))
+        before = self.energy(self.shorter)
         self.constants = take_out(self.state, self.constants)
-        self.state.ledger[WORK] += columns.energy(self.look(self.shorter)) - before
+        self.state.ledger[WORK] += self.energy(self.shorter) - before
 
     def _short_tick(self, left: float) -> None:
         """The rest of a stage that is no whole tick, in steps that are a little shorter."""
@@ -275,7 +279,7 @@ class Run(Standing):
         if not len(rows):
             return
         assert self.ledger is not None
-        wrong = self.ledger.check(rows)
+        wrong = self.ledger.check(rows[:, : self._entered])
         self.progress.closest = min(self.progress.closest, float(rows[:, columns.CLOSEST].min()))
         self.progress.last = float(rows[-1, columns.TIME])
         good = len(rows) if wrong is None else wrong[0] + 1

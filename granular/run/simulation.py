@@ -105,6 +105,13 @@ def simulate(
     Interrupted
         On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds what
         was computed.
+
+    Examples
+    --------
+    >>> from granular import damper, simulate
+    >>> run = simulate(damper(count=92), t_end=0.1, progress=False)
+    >>> run.dataset["piston_height"].attrs["units"], len(run.dataset["frame_time"])
+    ('m', 2)
     """
     told: dict[str, Any] = {}
     if accuracy is not None:

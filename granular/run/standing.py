@@ -53,7 +53,9 @@ class Standing:
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: Ledger | None = None
         self.motion = Motion()
-        self._columns = columns.width(len(system.effects))
+        self._entered = columns.width(len(system.effects))
+        """Columns that the energy ledger reads."""
+        self._columns = self._entered + sum(len(one.records) for one in system.effects)
         self._row = np.zeros(self._columns)
 
     @property
@@ -164,6 +166,10 @@ class Standing:
         if outside:
             raise self.misplaced(remedy)
         return self._row
+
+    def energy(self, remedy: str) -> float:
+        """Energy of the present moment [F* D]; see `look`."""
+        return columns.energy(self.look(remedy)[: self._entered])
 
     def misplaced(self, remedy: str) -> RunError:
         scales = self.system.scales

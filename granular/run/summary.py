@@ -42,7 +42,14 @@ def effect_names(scene: Scene) -> tuple[str, ...]:
 
 
 def scene_text(scene: Scene) -> str:
-    """A scene for people to read."""
+    """A scene for people to read.
+
+    Examples
+    --------
+    >>> from granular import load_scene, scene_text
+    >>> print(scene_text(load_scene("bed")).splitlines()[0])
+    scene bed
+    """
     scales = Scales.of(scene.grains)
     counts, shares = scene.grains.counts(), scene.grains.shares()
     lines = [f"scene {scene.name}"]

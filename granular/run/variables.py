@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.effects.effect import Record
 from granular.effects.wall_side import SIDES
-from granular.engine.columns import all_columns, energy_column, loss_column
+from granular.engine.columns import all_columns, energy_column, loss_column, own_column
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 
@@ -96,7 +96,9 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     chosen += _summed((loss_column(place), one.loss_record) for place, one in laws)
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
-    chosen += [_WORK] if scene.piston is not None or effects.shaking else []
+    chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
+    own = [record for one in effects.laws for record in one.records]
+    chosen += [_variable(record, own_column(place)) for place, record in enumerate(own)]
     chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
     chosen += [one for one in _STATE if one.column != "closest" or effects.dipole]
     return tuple(chosen)
@@ -129,7 +131,8 @@ def run_variables(scene: Scene) -> tuple[Variable, ...]:
 
 def columns_of(scene: Scene) -> tuple[str, ...]:
     """Every column of a scene's records."""
-    return all_columns(len(scene.effects.laws))
+    laws = scene.effects.laws
+    return all_columns(len(laws), sum(len(one.records) for one in laws))
 
 
 def si_column(

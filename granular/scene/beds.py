@@ -1,4 +1,4 @@
-"""The beds of the source with its scaling: mono-disperse, bidisperse, and the damper.
+"""The beds of de Paula with its scaling: mono-disperse, bidisperse, and the damper.
 
 >>> from granular import mono_bed, simulate
 >>> run = simulate(mono_bed(92, relaxation=0.5, speed=0.033))
@@ -21,9 +21,9 @@ WIDTH, START, END = 60.0, 75.0, 20.0
 [D, Table 2.1]; for N grains all of them times sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
 """A bed that has settled under its weight is about 40 D high, whatever its width: narrower beds
-start from here [D], as the source's 92 grains start higher (it does not say from where)."""
+start from here [D], as de Paula's 92 grains start higher (it does not say from where)."""
 HEADROOM = 1.2
-"""Height of the piston before the relaxation, over that before the compression; the source prints
+"""Height of the piston before the relaxation, over that before the compression; de Paula prints
 none."""
 
 BIDISPERSE_COUNT = 400
@@ -110,6 +110,13 @@ def mono_bed(
     ------
     InputError
         If an argument does not fit.
+
+    Examples
+    --------
+    >>> from granular import mono_bed
+    >>> scene = mono_bed(92)
+    >>> round(scene.cell.width, 3), round(scene.piston.height, 3)  # [m]
+    (0.18, 0.36)
     """
     base = load_scene("bed")
     diameter = base.grains.species[0].diameter
@@ -155,7 +162,7 @@ def bidisperse(
     big : float
         Diameter of the big grains [m].
     mixing : str
-        ``"interspersed"`` or the source's ``"every-kth"``; see `Grains`.
+        ``"interspersed"`` or de Paula's ``"every-kth"``; see `Grains`.
     speed, relaxation, seed
         As in `mono_bed`.
 
@@ -163,6 +170,13 @@ def bidisperse(
     ------
     InputError
         If an argument does not fit.
+
+    Examples
+    --------
+    >>> from granular import bidisperse
+    >>> scene = bidisperse(aspect=0.6, ratio=0.5)
+    >>> [(kind.name, kind.diameter) for kind in scene.grains.species]  # [m]
+    [('big', 0.005), ('small', 0.003)]
     """
     _check("aspect", aspect, "", most=1.0)
     _check("big", big, "m")
@@ -194,7 +208,7 @@ def bidisperse(
 
 
 def _reference_height(big: float) -> float:
-    """Final height without small grains [m], at the packing fraction of the source."""
+    """Final height without small grains [m], at the packing fraction of de Paula."""
     return BIDISPERSE_END * (big / 0.005) ** 2
 
 
@@ -227,6 +241,13 @@ def damper(
     ------
     InputError
         If an argument does not fit.
+
+    Examples
+    --------
+    >>> from granular import damper
+    >>> scene = damper(mass=9.0, lift=0.5)
+    >>> [stage.name for stage in scene.protocol]
+    ['drop', 'lift', 'release']
     """
     base = load_scene("damper")
     for name, value, unit in (

@@ -21,7 +21,14 @@ def _is_file(path: Path) -> bool:
 
 
 def scene_names() -> tuple[str, ...]:
-    """Names of the packaged scenes."""
+    """Names of the packaged scenes.
+
+    Examples
+    --------
+    >>> from granular import scene_names
+    >>> scene_names()
+    ('bed', 'damper', 'damper-source', 'single-particle')
+    """
     return tuple(sorted(path.stem for path in SCENES.glob("*.toml")))
 
 
@@ -32,6 +39,13 @@ def load_scene(source: str | Path) -> Scene:
     ------
     SceneError
         If there is no such scene, the file is not TOML, or the scene is not valid.
+
+    Examples
+    --------
+    >>> from granular import load_scene
+    >>> scene = load_scene("damper").replace(**{"piston.mass": "6.5 kg"})
+    >>> scene.piston.mass, scene.grains.count
+    (6.5, 368)
     """
     path = Path(source)
     if str(source) in scene_names():

@@ -52,12 +52,12 @@ class Grains(Section):
         Residual magnetisation Br [T].
     spread : float
         Standard deviation of the single grains' moments about their species', over it, cut at three
-        of it. The source's author explains an asymmetry of the experiment by such a spread.
+        of it. De Paula explains an asymmetry of the experiment by such a spread.
     seed : int
         Of the random numbers of the spread.
     mixing : str
         How the species follow each other in the initial grid, row by row: ``"interspersed"``,
-        each evenly, in the numbers that their shares give; or ``"every-kth"``, the source's rule
+        each evenly, in the numbers that their shares give; or ``"every-kth"``, de Paula's rule
         for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
         share R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It makes
         other shares than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.

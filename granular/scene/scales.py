@@ -27,6 +27,14 @@ class Scales:
         D [m], m [kg], F* [N].
     current : float
         mu/D^2 [A], with the moment mu of a grain of the first species.
+
+    Examples
+    --------
+    >>> from granular import load_scene
+    >>> from granular.scene import Scales
+    >>> scales = Scales.of(load_scene("bed").grains)
+    >>> round(scales.force, 3), scales.length  # [N], [m]
+    (2.377, 0.006)
     """
 
     length: float

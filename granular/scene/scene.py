@@ -26,6 +26,7 @@ from granular.shared.messages import quoted
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
     from granular.effects.friction import Friction
+    from granular.effects.host import Host
     from granular.effects.shaking import Shaking
     from granular.effects.walls import Walls
 
@@ -44,6 +45,7 @@ class Effects(Section):
         walls: Walls | None
         friction: Friction | None
         shaking: Shaking | None
+        host: Host | None
 
     def __init__(self, **given: Any) -> None:
         object.__setattr__(self, "_given", _read_effects(given, None))
@@ -251,6 +253,13 @@ class Scene(Section):
         ------
         SceneError
             For an unknown key or an unfit value.
+
+        Examples
+        --------
+        >>> from granular import load_scene
+        >>> scene = load_scene("bed").replace(**{"grains.count": 92, "cell.width": "30 D"})
+        >>> scene.grains.count, scene.cell.width
+        (92, 0.18)
         """
         plain = self.to_plain()
         for key, value in changes.items():
@@ -301,6 +310,16 @@ class Scene(Section):
         ------
         InputError
             If it cannot be written; what was there before still stands.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from granular import load_scene
+        >>> path = Path(tempfile.mkdtemp()) / "my-bed.toml"
+        >>> load_scene("bed").save(path)
+        >>> load_scene(path).grains.count
+        368
         """
         write_text(Path(path), self.to_toml())
 

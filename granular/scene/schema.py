@@ -280,7 +280,23 @@ def quantity(
     most: float | None = None,
     optional: bool = False,
 ) -> Any:
-    """A number in an SI unit, also given as text with a unit of the same dimension."""
+    """A number in an SI unit, also given as text with a unit of the same dimension.
+
+    Examples
+    --------
+    >>> from granular import effect, quantity
+    >>> @effect
+    ... class Wind:
+    ...     strength: float = quantity("N/kg", above=0.0)
+    ...     @staticmethod
+    ...     def energy(p, grain, time):
+    ...         return -p.strength * grain.mass * grain.x
+    ...     @staticmethod
+    ...     def force(p, grain, time):
+    ...         return p.strength * grain.mass, 0.0
+    >>> Wind.__name__
+    'Wind'
+    """
     kind = Quantity(optional, unit=unit, above=above, least=least, below=below, most=most)
     return declare(kind, default)
 

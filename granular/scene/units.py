@@ -71,6 +71,12 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
     ------
     SceneError
         If the unit is unknown or cannot be read.
+
+    Examples
+    --------
+    >>> from granular.scene import unit_size
+    >>> unit_size("mm")[0]
+    0.001
     """
     size, total = 1.0, [0, 0, 0, 0]
     for place, text in enumerate(unit.replace("·", " ").split("/")):
@@ -124,6 +130,12 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     ------
     SceneError
         If the text is no quantity, or has another dimension than ``unit``.
+
+    Examples
+    --------
+    >>> from granular.scene import si_value
+    >>> si_value("8.33 mm/s", "m/s"), si_value("20 D", "m", diameter=0.006)
+    (0.00833, 0.12)
     """
     match = _QUANTITY.fullmatch(text)
     if match is None:

@@ -55,6 +55,12 @@ class Candidate(NamedTuple):
         gamma of a large grain [kg/s].
     small_share : float
         Share of grains of 0.6 D.
+
+    Examples
+    --------
+    >>> from reduced_models import Candidate
+    >>> Candidate(mass=4.0, grains=184, drag=0.1, small_share=0.3).grains
+    184
     """
 
     mass: float

@@ -169,6 +169,13 @@ def damper_maps(path: Path = COMMITTED) -> DamperMaps:
     ------
     InputError
         If the file cannot be read, or holds no study.
+
+    Examples
+    --------
+    >>> from reduced_models import Candidate, damper_maps
+    >>> said = damper_maps().predict(Candidate(mass=7.5, grains=368, drag=0.1))
+    >>> round(said.frequency, 2), round(said.damping_ratio, 3)  # [Hz]
+    (3.46, 0.038)
     """
     import pandas
 

@@ -19,6 +19,7 @@ from reduced_models.discovery.polishing import polished
 from reduced_models.discovery.proposal import AUTO, proposed
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.selection import scored
+from reduced_models.discovery.soundness import fault
 from reduced_models.discovery.structures import (
     Search,
     candidate_of,
@@ -27,11 +28,16 @@ from reduced_models.discovery.structures import (
 )
 from reduced_models.discovery.symbolic import has_operon
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import WeakForm, is_tame, weak_form
+from reduced_models.discovery.weak_form import WeakForm, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
 Method = Literal["auto", "sindy", "operon", "pysr"]
+_NO_OPERON = (
+    "pyoperon is not installed, so sparse regression alone proposes structures: "
+    "pip install 'granular-damper[discover]'"
+)
+_GREATEST_SEED = 2**32 - 1
 METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
@@ -88,7 +94,9 @@ def discover(
         error falls.
     terms : sequence of str
         Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
-        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Numbers in them stay as they are.
+        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
+        numbers within it stay as they are. A sum is taken apart, and each of its terms gets a
+        coefficient of its own, in place of the number that stands before it.
     functions : sequence of str
         What symbolic regressions may use beside sums, differences and products:
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
@@ -121,6 +129,8 @@ def discover(
         If an option is out of its range, or a program that the method needs is not installed.
     """
     _check(method, form, target, degree, polish, ensemble, effort)
+    _check_kinds(library, map, seed)
+    terms, functions = _texts(terms), _texts(functions)
     automatic = library in (AUTO, (AUTO,), [AUTO])
     known = () if automatic else terms_named(library, terms, degree, input)
     allowed = functions_named(functions, method)
@@ -129,6 +139,9 @@ def discover(
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
+    lacking = method == "auto" and not has_operon()
+    if lacking and functions:
+        raise InputError(f"functions need symbolic regression, but {_NO_OPERON}")
     if method == "pysr":
         from reduced_models.discovery.julia import require_julia
 
@@ -150,7 +163,7 @@ def discover(
     supports: list[np.ndarray] = []
     if method in ("auto", "sindy"):
         supports, inclusion = sindy_supports(weak, known, form, ensemble, seed)
-    if method == "sindy" or (method == "auto" and not has_operon()):
+    if method == "sindy" or lacking:
         method = "sindy"
         ranked, judge = scored(weak, known, known, supports)
         candidates = [candidate_of(one) for one in ranked]
@@ -166,7 +179,12 @@ def discover(
         judge,
     )
     sure = evidence(front[chosen], candidates, judge, seed)
-    notes = (proposal_note, *notes_on(front[chosen], judge), "" if sure is None else sure.note)
+    notes = (
+        proposal_note,
+        *notes_on(front[chosen], judge),
+        "" if sure is None else sure.note,
+        _NO_OPERON if lacking else "",
+    )
     return Discovery(
         _words(method, form, ensemble),
         tuple(front),
@@ -204,15 +222,36 @@ def _check(
         )
 
 
+def _check_kinds(library: object, height_map: object, seed: object) -> None:
+    names = [library] if isinstance(library, str) else library
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"library = {quoted(library)}; give a name, or several in a list")
+    if not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
+        raise InputError(f"seed = {quoted(seed)}; give a whole number from 0 to {_GREATEST_SEED}")
+    if isinstance(height_map, HeightMap):
+        if not (math.isfinite(height_map.shift) and 0.0 < abs(height_map.scale) < math.inf):
+            raise InputError(
+                f"map has the shift {height_map.shift:g} and the scale {height_map.scale:g} m; "
+                "give finite ones, and a scale that is not zero"
+            )
+    elif height_map != "auto":
+        raise InputError(f"map = {quoted(height_map)}; give 'auto' or HeightMap(shift, scale)")
+
+
+def _texts(texts: str | Sequence[str]) -> Sequence[str]:
+    """Texts, or a single one, in a sequence."""
+    return (texts,) if isinstance(texts, str) else texts
+
+
 def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
     for motion in weak.motions:
         for term in terms:
-            if not is_tame(motion, term):
+            wrong = fault(motion, term)
+            if wrong:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(
-                    f"the term {quoted(term.text)} is not finite for all z from {low:.3g} to "
-                    f"{high:.3g}, or has a pole there; leave it out, or give "
-                    "map=HeightMap(shift, scale)"
+                    f"the term {quoted(term.text)} {wrong} for z from {low:.3g} to "
+                    f"{high:.3g}; leave it out, or give map=HeightMap(shift, scale)"
                 )
 
 

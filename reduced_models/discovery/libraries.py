@@ -35,8 +35,8 @@ LIBRARIES = MappingProxyType(
             "friction, of constant force or of one that grows with the swing",
         ),
         "contact": (
-            ("1", "z", "z'", "z**3", "max(0, z)", "max(0, -z)", "max(0, z)**1.5",
-             "max(0, -z)**1.5", "max(0, z)*z'", "max(0, -z)*z'"),
+            ("1", "z", "z'", "z**3", "max(0, z)", "max(0, z)**1.5", "max(0, -z)**1.5",
+             "max(0, z)*z'", "max(0, -z)*z'"),
             "springs and stops that act on one side of z = 0",
         ),
         "driven": (

@@ -17,6 +17,8 @@ from reduced_models.discovery.symbols import INPUT, symbols, text_of
 if TYPE_CHECKING:
     import sympy
 
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+
 
 @dataclasses.dataclass(frozen=True)
 class OwnTerm:
@@ -52,34 +54,38 @@ class OwnTerm:
 
     @property
     def total(self) -> bool:
-        """Whether it is the rate of a known function of z."""
-        return self._primitive is not None
+        """Whether it is the rate of a function of z."""
+        return self._factor is not None
 
     @functools.cached_property
-    def _primitive(self) -> sympy.Expr | None:
-        """G(z), of whose rate it is; None where it is none, or SymPy cannot tell."""
+    def _factor(self) -> sympy.Expr | None:
+        """G'(z), where the term is G'(z) z'; else None."""
         import sympy
 
-        z, v, u = symbols()
+        _, v, u = symbols()
         factor = sympy.cancel(self.expression / v)
-        if self.still or factor.has(v) or factor.has(u) or _has_edges(factor):
-            return None
-        found = sympy.integrate(factor, z)
-        return None if found.has(sympy.Integral) else found
+        return None if self.still or factor.has(v) or factor.has(u) else factor
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Of samples (n,)."""
         return _values(self.expression, z, v, u)
 
     def primitive(self, z: np.ndarray) -> np.ndarray:
-        """G(z), of whose rate a total term is."""
-        return _values(self._primitive, z, z, None)
+        """G(z), of whose rate a total term is, from the least of the samples on.
+
+        By quadrature: many a G has no formula, or one that takes minutes to find.
+        """
+        order = np.argsort(z)
+        steps = np.diff(z[order], prepend=z[order[:1]])
+        places = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0
+        areas = steps * (self.by_primitive(places) @ _WEIGHTS) / 2.0
+        found = np.empty(len(z))
+        found[order] = np.cumsum(areas)
+        return found
 
     def by_primitive(self, z: np.ndarray) -> np.ndarray:
         """G'(z)."""
-        import sympy
-
-        return _values(sympy.cancel(self.expression / symbols()[1]), z, z, None)
+        return _values(self._factor, z, z, None)
 
     def by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Its derivative by z."""
@@ -91,8 +97,27 @@ class OwnTerm:
 
 
 def own_term(expression: sympy.Expr) -> OwnTerm:
-    """A term of an exact expression in the symbols of `symbols`."""
-    return OwnTerm(expression)
+    """A term of an exact expression in the symbols of `symbols`; max(z, 0) is max(0, z)."""
+    return OwnTerm(expression.replace(_is_extreme, _in_order))
+
+
+def _is_extreme(expression: sympy.Basic) -> bool:
+    return type(expression).__name__ in ("max", "min")
+
+
+def _in_order(extreme: sympy.Expr) -> sympy.Expr:
+    """A maximum or minimum, each of its operands once, in one order."""
+    from sympy import default_sort_key
+
+    pair = type(extreme)
+    operands, open_ones = set(), list(extreme.args)
+    while open_ones:
+        one = open_ones.pop()
+        if type(one) is pair:
+            open_ones += one.args
+        else:
+            operands.add(one)
+    return functools.reduce(pair, sorted(operands, key=default_sort_key))
 
 
 def read_terms(texts: Sequence[str], column: str | None = None) -> list[sympy.Expr]:
@@ -102,7 +127,7 @@ def read_terms(texts: Sequence[str], column: str | None = None) -> list[sympy.Ex
     ----------
     texts : sequence of str
         Such as ``"sin(z)"``, ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``, ``"u*z"``. Numbers in
-        them stay as they are; each term gets a coefficient.
+        them stay as they are, but for one before a term.
     column : str, optional
         Name of the input, beside ``u``.
 
@@ -147,17 +172,6 @@ def _slope(expression: sympy.Expr, place: int) -> sympy.Expr:
     return sympy.diff(expression, symbols()[place]).replace(
         sympy.DiracDelta, lambda *_: sympy.Integer(0)
     )
-
-
-def _has_edges(expression: sympy.Expr) -> bool:
-    """Whether it holds functions that SymPy does not integrate."""
-    return any(type(one).__name__ in ("max", "min") for one in expression.atoms(_functions()))
-
-
-def _functions() -> Any:
-    import sympy
-
-    return sympy.Function
 
 
 @functools.lru_cache(maxsize=256)

@@ -12,8 +12,9 @@ from granular.run.record import PistonRecord
 from reduced_models.discovery.libraries import LIBRARIES, PHYSICAL, terms_named
 from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.selection import Judge, all_subsets, scored
+from reduced_models.discovery.soundness import fault
 from reduced_models.discovery.terms import AnyTerm, in_order, sum_text
-from reduced_models.discovery.weak_form import WeakForm, is_tame, weak_form
+from reduced_models.discovery.weak_form import WeakForm, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
@@ -86,7 +87,7 @@ def proposed(
         if name == "rational" and not all((one.z > 0.0).all() for one in own_weak.motions):
             continue
         terms = terms_named(name, (), 3, column)
-        if all(is_tame(motion, term) for motion in own_weak.motions for term in terms):
+        if not any(fault(motion, term) for motion in own_weak.motions for term in terms):
             proposals.append(Proposal(name, terms, own_map, own_weak, ""))
     return _chosen(proposals)
 

@@ -29,7 +29,6 @@ _POWER = 6  # of the bump (1 - s^2)^p
 _LEAST_BUMPS, _MOST_BUMPS = 24, 600
 _LEAST_SAMPLES = 8  # in a bump
 _RANK = 1e-10
-_SPIKE = 1e6  # times its median: a term that is greater at some moment has a pole there
 
 
 class SmoothedMotion(NamedTuple):
@@ -207,20 +206,6 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
         for part in parts
     )
     return Integrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
-
-
-def is_tame(motion: SmoothedMotion, term: AnyTerm) -> bool:
-    """Whether a term is finite all along a motion, and no moment outweighs the rest by far.
-
-    1/z of a motion through zero is finite at every sample, and says nothing but how near to zero
-    the nearest of them happens to be.
-    """
-    for z in (motion.z, motion.smooth):
-        sizes = np.abs(term.values(z, motion.velocity, motion.drive))
-        usual = float(np.median(sizes))
-        if not np.isfinite(sizes).all() or (usual > 0.0 and sizes.max() > _SPIKE * usual):
-            return False
-    return True
 
 
 def evaluated(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:

@@ -27,7 +27,7 @@ class FallRow:
         None where the fit failed.
     errors : tuple of float
         Of each unseen fall: rms difference of the heights over the height of the drop; infinite
-        where the law blows up.
+        where the law diverges.
     failure : str
         Why the fit failed.
     """
@@ -113,7 +113,7 @@ class Falls:
         if others:
             said = (
                 f"{row.name} {_percent(row.median)}" if math.isfinite(row.median)
-                else f"{row.name} blows up"
+                else f"{row.name} diverges"
                 for row in others
             )  # fmt: skip
             words += "; " + ", ".join(said)
@@ -157,4 +157,4 @@ class Falls:
 
 
 def _percent(value: float) -> str:
-    return "blows up" if math.isinf(value) else f"{100.0 * value:.2g} %"
+    return "diverges" if math.isinf(value) else f"{100.0 * value:.2g} %"

@@ -111,7 +111,7 @@ def _start(law: Law, scene: Scene | None) -> dict[str, float] | None:
 def fall_error(model: ReducedModel, fall: PistonRecord, level: float) -> float:
     """Rms error of a fall that a law predicts from the first height alone, over the drop.
 
-    Infinite where the law blows up.
+    Infinite where the law diverges.
     """
     first = float(fall.height[0])
     try:

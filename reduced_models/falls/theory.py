@@ -92,6 +92,14 @@ def predict(scene: Scene) -> PredictedLaw:
     ------
     InputError
         As `parameters_of`.
+
+    Examples
+    --------
+    >>> from granular import damper
+    >>> from reduced_models import predict
+    >>> law = predict(damper())  # nothing is run or fitted
+    >>> round(law.at_rest.height, 4), round(law.at_rest.damping_ratio, 3)  # [m]
+    (0.0587, 0.037)
     """
     values = parameters_of(scene)
     assert scene.piston is not None

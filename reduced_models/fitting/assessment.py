@@ -337,6 +337,6 @@ def _notes(quality: Quality, usual: float) -> tuple[str, ...]:
         )
     if quality.holdout == math.inf:
         notes.append(
-            "fitted to its training stretch only, the law blows up in the held-out stretch"
+            "fitted to its training stretch only, the law diverges in the held-out stretch"
         )
     return tuple(notes)

@@ -41,7 +41,7 @@ class Candidate(NamedTuple):
     samples, converged : int
         Of the training stretches; starts that led to this fit.
     cost : float
-        Sum of the squared training residuals; infinite where the solution blows up.
+        Sum of the squared training residuals; infinite where the solution diverges.
     coarse_cost : float
         The same of the means on the search's coarse grid.
     collocation : str
@@ -137,7 +137,7 @@ def _at_home(joint: JointRecords, case: Case, theta: np.ndarray) -> np.ndarray:
 
 
 def _cost(joint: JointRecords, case: Case, theta: np.ndarray) -> float:
-    """Of the training stretches; infinite where the solution blows up."""
+    """Of the training stretches; infinite where the solution diverges."""
     total = 0.0
     here = zip(joint.grids, joint.vector.places, case.samples, strict=True)
     for grid, place, size in here:

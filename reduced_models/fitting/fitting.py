@@ -199,6 +199,19 @@ def fit(
     UserWarning
         For each of the model's notes: where few starts agree, a parameter lies at its bound, or the
         law leaves over much more than the record's noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from reduced_models import PistonRecord
+    >>> time = np.linspace(0.0, 2.0, 2000)
+    >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    >>> from reduced_models import fit
+    >>> model = fit(record, law="linear")
+    >>> {name: round(value, 2) for name, value in model.parameters.items()}
+    {'lam': 0.8, 'omega': 21.81, 'g0': 28.55}
+    >>> round(model.at_rest.period, 4), round(model.at_rest.damping_ratio, 4)
+    (0.288, 0.0367)
     """
     records = records_of(record)
     check_options(starts, holdout, confidence, map, intervals, loss, input_interpolation)

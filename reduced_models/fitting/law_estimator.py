@@ -105,7 +105,7 @@ class LawEstimator:
         ------
         InputError
             Before a fit (for scikit-learn it is a NotFittedError too), for times before the record,
-            or where the motion blows up.
+            or where the motion diverges.
         """
         if not hasattr(self, "model_"):
             raise _not_fitted("the estimator has seen no data; call fit first")

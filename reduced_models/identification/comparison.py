@@ -1,8 +1,8 @@
 """`compare`: which law do the data speak for, and can they tell?
 
-Laws are ranked by their errors on what they have not seen: roll-outs over the held-out end of each
-record, and over held-out records. Laws whose errors are alike, or all down at the noise, are told
-apart by the Bayesian information criterion of their fits (Schwarz 1978,
+Laws are ranked by their errors on what they have not seen: simulations over the held-out end of
+each record, and over held-out records. Laws whose errors are alike, or all down at the noise, are
+told apart by the Bayesian information criterion of their fits (Schwarz 1978,
 doi:10.1214/aos/1176344136), which favours fewer parameters.
 """
 
@@ -70,6 +70,16 @@ def compare(
         If there is no law, an argument is out of its range, or no law can be fitted.
     RecordError
         If a record is too short or does not move.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from reduced_models import PistonRecord
+    >>> time = np.linspace(0.0, 2.0, 2000)
+    >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    >>> from reduced_models import compare
+    >>> compare(record, ["linear", "quadratic-drag"]).rows[0].name
+    'linear'
     """
     records = records_of(record)
     check_options(starts, holdout)
@@ -90,7 +100,7 @@ def judged_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison
     """A comparison whose models are judged on further records that no fit has seen.
 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one
-    that blows up there.
+    that diverges there.
     """
     rows = [_further(row, held_out) for row in table.rows if not row.failure]
     return _ranked([*rows, *(row for row in table.rows if row.failure)], rows)
@@ -170,7 +180,7 @@ def _ranked(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
     limit = max((1.0 + TIE) * least, NOISE_TIE * noise)
     alike = sorted((row for row in scored if row.error <= limit), key=lambda row: row.bic)
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
-    if not alike:  # every law blows up
+    if not alike:  # every law diverges
         alike, worse = sorted(worse, key=lambda row: row.bic), []
     at_rest = _at_rest(scored[0])
     verdict = _verdict(alike, worse, at_rest)
@@ -225,7 +235,7 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
     best = alike[0]
     words = (
         f"{best.name} is first: it predicts the held-out data to {percent(best.error)} of the rms "
-        f"swing (a piston that stays at rest: {percent(at_rest)})"
+        f"swing (baseline, a piston at rest: {percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so these data do not judge the laws"
@@ -242,7 +252,7 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
             words += f"; {row.name} predicts no better for its {extra} more parameters"
     for row in worse:
         if math.isinf(row.error):
-            words += f"; {row.name} blows up"
+            words += f"; {row.name} diverges"
         else:
             words += f"; {row.name} is {row.error / max(best.error, 1e-300):.3g} times worse"
     return words + "."

@@ -28,8 +28,8 @@ class Row:
     parameters : int
         Free numbers of the law and its map, the initial states not counted.
     stretches : tuple of float
-        Error of the roll-out over each record's held-out end, in rms swings of the record; infinite
-        where it blows up. Empty without a hold-out.
+        Error of the simulation over each record's held-out end, in rms swings of the record;
+        infinite where it diverges. Empty without a hold-out.
     records : tuple of RollOut
         One a held-out record.
     error : float
@@ -54,7 +54,7 @@ class Row:
 
     @property
     def blow_ups(self) -> int:
-        """Held-out stretches and records over which the law blows up."""
+        """Held-out stretches and records over which the law diverges."""
         errors = (*self.stretches, *(one.relative for one in self.records))
         return sum(math.isinf(error) for error in errors)
 
@@ -86,7 +86,7 @@ class Comparison:
     noise : float
         White noise of the records, in rms swings.
     at_rest : float
-        Held-out error of a piston that stays at rest.
+        Hold-out error of the baseline, a piston that stays at rest.
     """
 
     rows: tuple[Row, ...]
@@ -104,8 +104,8 @@ class Comparison:
         """Of `cells`."""
         held = len(self.rows[0].records)
         return (
-            "law", "parameters", "held-out stretch", *(f"record {k + 1}" for k in range(held)),
-            "AIC", "BIC", "blow-ups",
+            "law", "parameters", "hold-out error", *(f"record {k + 1}" for k in range(held)),
+            "AIC", "BIC", "diverged",
         )  # fmt: skip
 
     def cells(self) -> list[tuple[str, ...]]:
@@ -176,9 +176,9 @@ class Comparison:
         rows = [
             {
                 "law": row.name, "parameters": row.parameters, "error": row.error,
-                "held-out stretch": pooled(row.stretches) if row.stretches else math.nan,
+                "hold-out error": pooled(row.stretches) if row.stretches else math.nan,
                 **{f"record {k + 1}": one.relative for k, one in enumerate(row.records)},
-                "AIC": row.aic, "BIC": row.bic, "blow-ups": row.blow_ups, "failure": row.failure,
+                "AIC": row.aic, "BIC": row.bic, "diverged": row.blow_ups, "failure": row.failure,
             }
             for row in self.rows
         ]  # fmt: skip
@@ -197,7 +197,7 @@ class Comparison:
         ax.barh(range(len(sound)), values, color=COLOURS[0])
         ax.set_yticks(range(len(sound)), [plain_label(name) for name in names])
         for level, words, style in (
-            (self.at_rest, "a piston at rest", "--"),
+            (self.at_rest, "baseline: at rest", "--"),
             (self.noise, "noise", ":"),
         ):
             if level > 1e-3 * min(row.error for row in sound):
@@ -222,4 +222,4 @@ def pooled(errors: Sequence[float]) -> float:
 
 def percent(share: float) -> str:
     """An error as people read it."""
-    return "blows up" if math.isinf(share) else f"{number(100.0 * share, 3)} %"
+    return "diverges" if math.isinf(share) else f"{number(100.0 * share, 3)} %"

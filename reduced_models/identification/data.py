@@ -210,7 +210,7 @@ def lift_verdict(table: Comparison) -> str:
     if others:
         worse = [
             f"{other} is {error / max(best, 1e-300):.2g} times worse"
-            if math.isfinite(error) else f"{other} blows up"
+            if math.isfinite(error) else f"{other} diverges"
             for error, other in others
         ]  # fmt: skip
         words += "; " + ", ".join(worse)

@@ -75,8 +75,8 @@ def _table(page: Page, table: Comparison) -> None:
         header, cells = header[:-1], [row[:-1] for row in cells]
     page.table(header, cells)
     page.text(
-        "Errors are root mean squares of record minus roll-out over what the law has not seen, in "
-        f"rms swings; a piston that stays at rest would score {100 * table.at_rest:.3g} %, and the "
+        "Errors are root mean squares of record minus simulation over what the law has not seen, "
+        f"in rms swings; the baseline, a piston at rest, has {100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, of the fits to whole records, count "
         "from the least."
     )

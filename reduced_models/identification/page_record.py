@@ -148,7 +148,7 @@ def add_lift(page: Page, found: IdentificationData) -> None:
         ("law", "error [% of the rms swing]", "times the best"),
         [
             (name, number(100.0 * one.relative, 3), number(one.relative / max(best, 1e-300), 3))
-            if math.isfinite(one.relative) else (name, "blows up", "")
+            if math.isfinite(one.relative) else (name, "diverges", "")
             for name, one in judged
         ],
     )  # fmt: skip

@@ -42,6 +42,12 @@ def law_named(name: str) -> Law:
     ------
     InputError
         If there is none; the nearest name is given.
+
+    Examples
+    --------
+    >>> from reduced_models import law_named
+    >>> law_named("duffing").equation
+    "z'' + 2*lam*z' + omega**2*(z - rest) + beta*(z - rest)**3 = 0"
     """
     if name not in LAWS:
         raise InputError(unknown(str(name), tuple(LAWS), "law"))

@@ -16,6 +16,12 @@ class HeightMap:
         [m]
     fitted : bool
         Whether the map was fitted to the data, or given.
+
+    Examples
+    --------
+    >>> from reduced_models import HeightMap
+    >>> HeightMap(shift=0.05, scale=0.006)
+    HeightMap(shift=0.05, scale=0.006, fitted=False)
     """
 
     shift: float = 0.0

@@ -53,6 +53,13 @@ class Law:
         the start, is one wherever it is named.
     resolution : int
         How many times more steps a period a solution needs than one of a smooth law.
+
+    Examples
+    --------
+    >>> from reduced_models import Law
+    >>> law = Law("my-spring", "z'' + 2*lam*z' + k*(z - rest)**3 = 0", positive=("lam", "k"))
+    >>> law.parameters
+    ('lam', 'k', 'rest')
     """
 
     name: str

@@ -44,7 +44,7 @@ TOLERANCE = 1e-10
 STEP_BUDGETS = (2**14, 2**17)
 """Steps of an adaptive solution; the second budget is spent where the first does not suffice."""
 FAR = 1e9
-"""A solution that goes this many amplitudes away blows up."""
+"""A solution that goes this many amplitudes away diverges."""
 
 # J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964) 179:
 # seven stages, sixth order.

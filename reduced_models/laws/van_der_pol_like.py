@@ -1,4 +1,4 @@
-"""The source's Van der Pol-like law [D, eq. 5.12].
+"""De Paula's Van der Pol-like law [D, eq. 5.12].
 
 z'' + 2 alpha (z^2 - 2 z) z' + omega^2 z = g0. The damping 2 alpha ((z - 1)^2 - 1) is a parabola
 about z = 1, so the law takes another form when the height is shifted or scaled: it holds for

@@ -1,7 +1,7 @@
 """What a law's solution leaves over of a record: residuals and normal equations, compiled.
 
 All starts, with their sensitivities, go through the same compiled loop side by side. A solution
-that blows up costs no more than one that does not.
+that diverges costs no more than one that does not.
 """
 
 from __future__ import annotations

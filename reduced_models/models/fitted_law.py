@@ -47,6 +47,17 @@ class AtRest:
     damping_ratio: float
     intervals: Mapping[str, tuple[float, float]]
 
+    def __str__(self) -> str:
+        units = {"height": " m", "period": " s", "damping_ratio": ""}
+        lines = []
+        for name, unit in units.items():
+            line = f"{name.replace('_', ' ')}: {getattr(self, name):.4g}{unit}"
+            if name in self.intervals:
+                low, high = self.intervals[name]
+                line += f"  [{low:.4g}, {high:.4g}]"
+            lines.append(line)
+        return "\n".join(lines)
+
 
 class FittedLaw:
     """A law with numbers, as a `ReducedModel` has it; the attributes are those of the model.
@@ -189,7 +200,7 @@ class FittedLaw:
         Raises
         ------
         InputError
-            If the times do not increase, an input is missing, the solution blows up, or it is too
+            If the times do not increase, an input is missing, the solution diverges, or it is too
             stiff to follow.
         """
         from reduced_models.laws.solution import solution
@@ -254,7 +265,7 @@ def _incomplete(name: str, times: np.ndarray, found: Solution) -> str:
     reached = np.flatnonzero(np.isfinite(found.z))
     last = times[reached[-1]] if len(reached) else times[0]
     if found.ending == "blow-up":
-        cause = f"blows up behind t = {last:g} s"
+        cause = f"diverges behind t = {last:g} s"
     else:
         cause = (
             f"needs more than {STEP_BUDGETS[-1]} steps behind t = {last:g} s (it is stiff there, "

@@ -277,9 +277,10 @@ class ReducedModel(FittedLaw):
             lines.append(f"  small swing at rest: none, {self.no_swing}")
         quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
         if self.quality.holdout is not None:
-            quality += f", held-out stretch {100.0 * self.quality.holdout:.3g} %"
+            quality += f", hold-out error {100.0 * self.quality.holdout:.3g} %"
         if self.quality.holdout_at_rest is not None:
-            quality += f" (a piston at rest: {100.0 * self.quality.holdout_at_rest:.3g} %)"
+            at_rest = 100.0 * self.quality.holdout_at_rest
+            quality += f" (baseline, a piston at rest: {at_rest:.3g} %)"
         lines.append(quality)
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")

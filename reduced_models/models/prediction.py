@@ -146,4 +146,4 @@ def plot_left_over(motion: PistonRecord, record: PistonRecord, ax: Axes) -> None
     unit, factor = ("rad", 1.0) if record.angle else ("mm", 1e3)
     left = factor * (record.height - motion.height)
     ax.plot(record.time, left, color=COLOURS[1], linewidth=0.6)
-    ax.set(xlabel="time [s]", ylabel=f"left over [{unit}]")
+    ax.set(xlabel="time [s]", ylabel=f"residual [{unit}]")

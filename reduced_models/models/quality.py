@@ -54,8 +54,8 @@ class Quality:
     relative : float
         The same over the rms swing of the record.
     holdout : float or None
-        Rms error of the roll-out over the held-out stretch of a model that has not seen it, over
-        the rms swing of the whole record; infinite where that model blows up. To be compared with
+        Rms error of the simulation over the held-out stretch of a model that has not seen it, over
+        the rms swing of the whole record; infinite where that model diverges. To be compared with
         ``holdout_at_rest``.
     holdout_from : float or None
         Time since the record's start at which that stretch begins [s].

@@ -180,6 +180,12 @@ def forced_law(law: Law, name: str = "drive") -> Law:
     ------
     InputError
         If the law has something else of that name.
+
+    Examples
+    --------
+    >>> from reduced_models import forced_law, law_named
+    >>> forced_law(law_named("linear"), "force").equation
+    "(z'' - force) + 2*lam*z' + omega**2*z = g0"
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
         raise InputError(

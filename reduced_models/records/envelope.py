@@ -68,6 +68,17 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
     ------
     RecordError
         If fewer than five extremes stand out of the noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from reduced_models import PistonRecord
+    >>> time = np.linspace(0.0, 2.0, 2000)
+    >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    >>> from reduced_models.records.envelope import envelope
+    >>> found = envelope(record)
+    >>> float(np.mean(found.frequency).round(1))  # [rad/s]
+    21.8
     """
     smooth = derivatives(record, derivative)
     time, height, times_noise = _extremes(smooth)

@@ -279,6 +279,7 @@ BAD = [
     ("granular render {run} -o {here}/a.png --time '1 mm'", "a quantity in s is wanted"),
     ("granular render {run} -o {here}/a.png --time 0.1 --frame 1", "give one of them"),
     ("granular render {run} -o {here}/a.png --fps 25", "are for movies"),
+    ("granular render {run} -o {here}/a.png --width 800", "are for movies"),
     ("granular render {run} -o {here}/a.mp4 --frame 1", "are for stills"),
     ("granular render {run} -o {here}/a.mp4 --stage compress", "unknown stage"),
     ("granular render {run} -o {here}/a.mp4 --fps 0", "not above 0"),

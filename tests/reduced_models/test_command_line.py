@@ -9,13 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy
 
 from granular import PistonRecord, load_scene
 from granular.shared.console import BAD_INPUT, launch
 from granular.shared.files import finite
 from reduced_models.__main__ import main, parser
 from reduced_models.commands import bounds_from
+from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.laws import LAWS
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.look_command import reading_from
 
 
@@ -184,3 +187,21 @@ def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:
     assert launch(main, ["laws"]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert "linear             z'' + 2*lam*z' + omega**2*z = g0" in printed
+
+
+def test_a_discovery_without_a_model_is_shown_before_it_is_refused(
+    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its front took minutes; that none of it could be polished is no reason to lose it."""
+    z = sympy.Symbol("z", real=True)
+    candidate = CandidateEquation(-2 * z, 3, 1.0, 0.0, note="the fit failed")
+    found = Discovery("sindy", (candidate,), 0, HeightMap())
+    monkeypatch.setattr("reduced_models.discovery.discovering.discover", lambda *_, **__: found)
+    monkeypatch.chdir(files)
+    assert launch(main, ["discover", "lab.csv", "--json", "-o", "found.json"]) == BAD_INPUT
+    said = capsys.readouterr()
+    shown = json.loads(said.out)
+    assert shown["candidates"][0]["note"] == "the fit failed"
+    assert (shown["method"], shown["method_asked_for"]) == ("sindy", "auto")
+    assert said.err == "error: no model was written to found.json: the fit failed\n"
+    assert not Path("found.json").exists()

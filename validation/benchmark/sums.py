@@ -35,7 +35,7 @@ from validation.benchmark.timing import least_seconds
 _direct_sum = entry(direct_sum)
 
 DENSITY = 0.307
-"""Grains on a square diameter: packing fraction 0.241, as in the source's compressed bed."""
+"""Grains on a square diameter: packing fraction 0.241, as in de Paula's compressed bed."""
 
 SKIN = 1.0
 """Of the plain Verlet list [D]: a tenth of the radius, the usual choice."""
@@ -233,7 +233,7 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Pairs within the source's radius, lists made anew as grains move: time of a sum [s]."""
+    """Pairs within de Paula's radius, lists made anew as grains move: time of a sum [s]."""
     from scipy.spatial import cKDTree
 
     positions = arrangement(count)

@@ -26,6 +26,12 @@ def exact_problem(name: str) -> Problem:
     ------
     InputError
         If there is none; the nearest name is given.
+
+    Examples
+    --------
+    >>> from validation import exact_problem
+    >>> exact_problem("bounce").name
+    'bounce'
     """
     from granular.scene.schema import unknown
     from granular.shared.errors import InputError
@@ -38,5 +44,12 @@ def exact_problem(name: str) -> Problem:
 
 
 def exact_problems() -> tuple[Problem, ...]:
-    """All exact problems, in the order of `NAMES`."""
+    """All exact problems, in the order of `NAMES`.
+
+    Examples
+    --------
+    >>> from validation import exact_problems
+    >>> [problem.name for problem in exact_problems()][:3]
+    ['free-fall', 'bounce', 'oscillation']
+    """
     return tuple(exact_problem(name) for name in NAMES)

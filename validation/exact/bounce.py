@@ -1,6 +1,6 @@
 """One grain bouncing on the magnetic bottom wall under gravity, from rest.
 
-The source tests its method with it [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, some five bounces. In
+De Paula tests its method with it [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, some five bounces. In
 natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The
 motion is periodic; with the turning points a < b (b is the start) its period is
 
@@ -25,7 +25,7 @@ START = 40
 """Height at the start [D]."""
 
 TIME = 2.0
-"""The source's [s]."""
+"""De Paula's [s]."""
 
 SHORT = 0.205
 """Within the first turn at the wall [s], where no term of an error cancels by symmetry: over a

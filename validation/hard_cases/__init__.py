@@ -1,7 +1,7 @@
 """The catalogue of hard cases: what is hard, what counts as accurate, which errors may end it.
 
 Only coincident grains, overlapping starts without contact, numbers that are none or cannot be
-computed with, a piston started inside the bed, steps beyond the stability limit, and the source's
+computed with, a piston started inside the bed, steps beyond the stability limit, and de Paula's
 list of pairs, which misses some, may end in an error. All others run accurately with the default
 settings.
 """
@@ -35,7 +35,14 @@ COSTLY = (
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """All hard cases."""
+    """All hard cases.
+
+    Examples
+    --------
+    >>> from validation import catalogue
+    >>> len(catalogue()) > 10
+    True
+    """
     return (
         *piston_cases(), *collision_cases(), *start_cases(), *friction_cases(), *damping_cases(),
         *size_cases(), *step_cases(), *count_cases(), *sum_cases(), *extreme_cases(),

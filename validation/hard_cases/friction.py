@@ -22,7 +22,7 @@ def _loaded(load: float) -> Scene:
 
 
 def _slow(**changes: Any) -> Scene:
-    """The source's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
+    """De Paula's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
     return mono_bed(23, speed=8.33e-3, relaxation=0.1).replace(**changes)
 
 
@@ -32,7 +32,7 @@ def _strong() -> Scene:
 
 
 def _listed() -> Scene:
-    """The source's own way: regularised friction, and its list of pairs."""
+    """De Paula's own way: regularised friction, and its list of pairs."""
     return few_grains(
         "bed",
         **{
@@ -76,7 +76,7 @@ def friction_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "slow compression with friction of 0.8",
-            "static and dynamic friction alike, the torque to second order, the source's protocol",
+            "static and dynamic friction alike, the torque to second order, de Paula's protocol",
             _strong, ledger, LEDGER, FAIR, 0.5, 30.0,
         ),
         HardCase(
@@ -86,7 +86,7 @@ def friction_cases() -> tuple[HardCase, ...]:
             ledger, LEDGER, FAIR, 0.2, 2.0, dt=2e-6,
         ),
         HardCase(
-            "regularised friction with the source's list",
+            "regularised friction with de Paula's list",
             "forces jump where a list takes pairs in, and friction chatters", _listed,
             ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, may_degrade=True,
         ),

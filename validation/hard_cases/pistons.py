@@ -36,7 +36,7 @@ def _squeezed() -> Scene:
 
 
 def _inside() -> Scene:
-    """The source's N = 92, whose piston would start inside the bed [D, 3.3]."""
+    """De Paula's N = 92, whose piston would start inside the bed [D, 3.3]."""
     return load_scene("bed").replace(
         **{"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D",
            "arrangement.height": "12 D"}
@@ -61,7 +61,7 @@ def piston_cases() -> tuple[HardCase, ...]:
             lambda: _drop(**{"piston.mass": 100.0}), ledger, LEDGER, FAIR, 0.15, 3.0,
         ),
         HardCase(
-            "piston inside the bed", "the source's N = 92 [D, 3.3]",
+            "piston inside the bed", "de Paula's N = 92 [D, 3.3]",
             _inside, ledger, LEDGER, FAIR, 0.05, 0.2, errors=("SceneError",),
         ),
         HardCase(

@@ -1,4 +1,4 @@
-"""The source's published values beside the toolkit's own, with scatter and a verdict each.
+"""De Paula's published values beside the toolkit's own, with scatter and a verdict each.
 
 >>> from validation.published import published
 >>> found = published("out/published", "quick")

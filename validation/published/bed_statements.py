@@ -1,4 +1,4 @@
-"""Tests of what the source says without a number of beds of equal grains [D, chapter 3]."""
+"""Tests of what de Paula says without a number of beds of equal grains [D, chapter 3]."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def rough_down(results: Results) -> StatementCheck | None:
 
 
 def second_order(results: Results) -> StatementCheck | None:
-    """The source compares forces over their greatest."""
+    """De Paula compares forces over their greatest."""
     pair = means_of(results, "force", "starts", "second order")
     usual, second = (course_of(results, name) for name in ("starts", "second order"))
     if pair is None or usual is None or second is None:

@@ -20,10 +20,10 @@ _COARSE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 TIMED_SIZES = (368, 460, 552, 644, 736)
 SOURCE_RADIUS = 11.26
-"""Of the source's list [D]."""
+"""Of de Paula's list [D]."""
 
 OSCILLATOR_SPAN = 30.0
-"""Length of the record of the source's demonstration, which it does not print."""
+"""Length of the record of de Paula's demonstration, which it does not print."""
 
 
 def default_grain(_: bool) -> Numbers:
@@ -79,7 +79,7 @@ def final_heights(_: bool) -> Numbers:
 
 
 def single_particle(full: bool) -> Numbers:
-    """The source's test of its method; its finest steps only in full."""
+    """De Paula's test of its method; its finest steps only in full."""
     from validation.source_experiment import COMPENSATED, PLAIN, source_experiment
 
     found = source_experiment(full=full)
@@ -131,8 +131,8 @@ def oscillator(_: bool) -> Numbers:
 def loop_times(_: bool) -> Numbers:
     """Processor time of a sum over pairs [us], by the plain loop and by a plain list.
 
-    Positions of a bed at full compression; the list is the source's, 11.26 D. It is not made anew:
-    at the source's step grains need some hundred thousand steps for its skin.
+    Positions of a bed at full compression; the list is de Paula's, 11.26 D. It is not made anew:
+    at de Paula's step grains need some hundred thousand steps for its skin.
     """
     from validation.published.plain_loops import loop_times as times
 
@@ -158,7 +158,7 @@ def _held_bed(count: int) -> Scene:
 def symbolic(_: bool) -> Numbers:
     """What a symbolic regression finds of z(t) in the demonstration of [D, eq. 5.8].
 
-    pyoperon stands in for the source's PySR, which needs Julia; nothing where it is not installed.
+    pyoperon stands in for de Paula's PySR, which needs Julia; nothing where it is not installed.
     """
     from validation.published.symbolic import demonstration
 

@@ -73,7 +73,14 @@ FROM_DEVIATION = (
 
 @cache
 def entries() -> tuple[Entry, ...]:
-    """All entries, in the order of the source."""
+    """All entries, in the order of the source.
+
+    Examples
+    --------
+    >>> from validation.published import entries
+    >>> len(entries())
+    252
+    """
     return (
         *_constants(), *_single_grain(), *_independence(), *_distances(), *_forces(),
         *_list_forces(), *_times(), *_polygons(), *_mixtures(), *_orders(), *_biexponentials(),

@@ -32,7 +32,7 @@ class ChangedFigure(NamedTuple):
     ----------
     change, bed, figure, unit : str
     published : float or None
-        What the source prints for this bed.
+        What de Paula prints for this bed.
     without, with_it : Finding
     """
 
@@ -133,13 +133,13 @@ class Change(NamedTuple):
     figures: tuple[str, ...]
 
 
-_STEP, _FRICTION = "a third of the step", "the source's friction law at its step, 1e-6 T"
+_STEP, _FRICTION = "a third of the step", "de Paula's friction law at its step, 1e-6 T"
 HYSTERESIS_CHANGES = {
     "source's friction": _FRICTION,
     "wider cell": "a cell wider by 9 %",
     "loose start": "a loose start",
     "all together": "source's friction, wider cell and loose start together",
-    "half the friction": "half the coefficients of friction (none of the source's)",
+    "half the friction": "half the coefficients of friction (none of them printed by de Paula)",
 }
 """Changes by which the hysteresis was looked into, by the ends of the series' names."""
 MIXTURES = (mixture_name(0.6, 0.0), *(mixture_name(a, 0.5) for a in ASPECTS))
@@ -163,7 +163,7 @@ def changes() -> list[Change]:
         Change("drag instead of friction", "starts", "drag", _BED_FIGURES),
         *(Change("friction with the misprinted angle (42 times)", mixture_name(a, 0.5),
                  f"misprinted angle, a = {a:g}", _MIXTURE_FIGURES) for a in ASPECTS),
-        *(Change("the source's every-k-th mixing", mixture_name(0.6, r),
+        *(Change("de Paula's every-k-th mixing", mixture_name(0.6, r),
                  f"every k-th, a = 0.6, R = {r:g}", _MIXTURE_FIGURES) for r in OWN_RATIOS),
         *(Change("plain cut-off at 11.26 D", f"direct {n}", f"cut-off {n}", ("force",))
           for n in (368, 736)),
@@ -185,7 +185,7 @@ def comparisons(results: Results) -> list[ChangedFigure]:
             found += _changed(results, both, QUICK.name, PUBLISHED.name)
     for name in (*(f"direct {n}" for n in SIZES), *MIXTURES):
         figures = _WIDE if name.startswith("direct") else _MIXTURE_FIGURES
-        words = "the source's protocol instead of the quick one"
+        words = "de Paula's protocol instead of the quick one"
         found += _changed(results, Change(words, name, name, figures), QUICK.name, PUBLISHED.name)
     return [one for one in found if one is not None]
 
@@ -214,7 +214,7 @@ def _comparison(
 
 
 def published_figure(bed: str, figure: str) -> float | None:
-    """What the source prints of a figure of a bed, if anything."""
+    """What de Paula prints of a figure of a bed, if anything."""
     way, _, size = bed.partition(" ")
     if way == "direct" and int(size) in SIZES:
         place = SIZES.index(int(size))

@@ -1,4 +1,4 @@
-"""Tests of what the source says without a number of the damper, regression and experiment."""
+"""Tests of what de Paula says without a number of the damper, regression and experiment."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def symbolic(results: Results) -> StatementCheck | None:
     return StatementCheck(
         misfit < 1e-3,
         f"pyoperon finds an expression of {length:.0f} symbols that leaves {misfit:.1e} of the "
-        "motion; of PySR, which needs Julia, the source prints no settings",
+        "motion; of PySR, which needs Julia, de Paula prints no settings",
     )
 
 

@@ -33,9 +33,9 @@ class Rule(NamedTuple):
     Attributes
     ----------
     limit : str
-        ``""``; ``"most"`` or ``"least"`` where the source prints a bound.
+        ``""``; ``"most"`` or ``"least"`` where de Paula prints a bound.
     comparable : bool
-        False where the source's figure depends on something that it does not print, or on its
+        False where de Paula's figure depends on something that it does not print, or on its
         machine.
     constructed : bool
         True where ours was made from the published number, so that it cannot differ.
@@ -117,7 +117,7 @@ def verdict(
 
     The difference of two means is judged by Student's interval of 95 % with the standard errors of
     both (Welch 1947). A published mean without a deviation has half of its last printed digit for
-    an error, and nothing else: what its own scatter was the source does not say. Where ours has no
+    an error, and nothing else: what its own scatter was de Paula does not say. Where ours has no
     scatter, the printed digits decide.
 
     Parameters

@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from validation.published.causes import comparisons, gaps_at_the_end, verdict_on_hysteresis
-from validation.published.judging import Judged, judged, said
+from validation.published.entry import AGREES, DIFFERS
+from validation.published.judging import Judged, counts, judged, said
 from validation.published.page import FIRST, words_of
 from validation.published.plan import (
     ASPECTS,
@@ -25,6 +26,7 @@ from validation.published.statements import counted_statements
 WIDTH = 110
 ROOT = Path(__file__).parents[2]
 PAGES: Mapping[str, str] = {
+    "summary": "README.md",
     "counts": "docs/guide/verification.md",
     "figures": "docs/guide/verification.md",
     "packaged damper": "docs/guide/verification.md",
@@ -36,7 +38,7 @@ PAGES: Mapping[str, str] = {
 def blocks(results: Results) -> dict[str, str]:
     """The text of every block."""
     makers: Mapping[str, Callable[[Results], str]] = {
-        "counts": _counts, "figures": _figures, "damper law": _damper_law,
+        "summary": _summary, "counts": _counts, "figures": _figures, "damper law": _damper_law,
         "packaged damper": _packaged_damper,
     }  # fmt: skip
     return {name: make(results) for name, make in makers.items()}
@@ -66,6 +68,17 @@ def write_guide(results: Results, root: Path = ROOT) -> list[Path]:
         path.write_text(with_blocks(text, made), encoding="utf-8")
         written.append(path)
     return written
+
+
+def _summary(results: Results) -> str:
+    rows, made = judged(results), results.made
+    number = counts(rows)
+    return _wrapped(
+        f"- Of {len(rows)} numbers that de Paula (2025) prints, {number[AGREES]} agree, "
+        f"{number[DIFFERS]} differ and {number['not run']} are not run yet; the others hold by "
+        "construction or cannot be compared "
+        f"(`{made.get('command', '')}`, {made.get('date', '')})."
+    )
 
 
 def _counts(results: Results) -> str:
@@ -146,10 +159,10 @@ def _packaged_damper(results: Results) -> str:
 
 
 def _damper_law(results: Results) -> str:
-    """How the source's law follows the swing, over the drag."""
+    """How de Paula's law follows the swing, over the drag."""
     lines = [
-        "| drag of a grain | damping ratio | left over by the source's law | by the linear one | "
-        "alpha/omega in the source's scaling |",
+        "| drag of a grain | damping ratio | left over by de Paula's law | by the linear one | "
+        "alpha/omega in de Paula's scaling |",
         "|---|---|---|---|---|",
     ]
     for drag in GAMMAS:
@@ -166,11 +179,11 @@ def _damper_law(results: Results) -> str:
             )
     unit = results.sample(damper_name(MASSES[1], SOURCE_DRAG), "unit")
     if unit is None:
-        return _wrapped("The source's damper: its runs are not done.")
+        return _wrapped("De Paula's damper: its runs are not done.")
     tail = (
-        "The source's curve has alpha/omega = 0.162 and the damping ratio 0.427. It prints no drag "
-        f"for its damper, and no unit of time: one of {unit.values.mean():.3f} s would make omega "
-        "its 1.05."
+        "De Paula's curve has alpha/omega = 0.162 and the damping ratio 0.427. The thesis prints "
+        "no drag for its damper, and no unit of time: one of "
+        f"{unit.values.mean():.3f} s would make omega its 1.05."
     )
     return "\n".join([*lines, "", _wrapped(tail)])
 

@@ -44,7 +44,7 @@ class Judged(NamedTuple):
 
     @property
     def by_the_sources_protocol(self) -> bool:
-        """Whether ours rests on runs of the source's own protocol."""
+        """Whether ours rests on runs of de Paula's own protocol."""
         return self.found is not None and self.found.protocol == PUBLISHED.name
 
     def to_plain(self) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def strength(rows: Sequence[Judged]) -> dict[str, int]:
     """How many entries were judged by an interval that they could fail, and by whose protocol."""
     return {
         "could have failed": sum(row.verdict.can_fail for row in rows),
-        "rest on the source's own protocol": sum(row.by_the_sources_protocol for row in rows),
+        "rest on de Paula's own protocol": sum(row.by_the_sources_protocol for row in rows),
     }
 
 

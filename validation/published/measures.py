@@ -171,7 +171,7 @@ def time_saving(count: int) -> Measure:
 def first_inside(radii: Sequence[float], reference: str) -> Measure:
     """The least radius of the list whose mean force lies within a deviation of the direct sum's.
 
-    That is the source's own choice of its radius [D, Fig. 5.2].
+    That is de Paula's own choice of its radius [D, Fig. 5.2].
     """
 
     def measure(results: Results) -> Finding | None:
@@ -312,7 +312,7 @@ def biexponential(ratios: Sequence[float], names: Sequence[str], place: int) -> 
 
 @cache
 def _biexponential(pairs: tuple[tuple[float, float], ...]) -> list[tuple[float, float, float]]:
-    """A, lambda1, B, lambda2 (lambda1 < lambda2, as in the source's table) with their intervals."""
+    """A, lambda1, B, lambda2 (lambda1 < lambda2, as in de Paula's table) with their intervals."""
     from granular.observables import biexponential_fit
 
     x, y = np.array(pairs).T

@@ -1,4 +1,4 @@
-"""Tests of what the source says without a number of mixtures [D, chapter 4]."""
+"""Tests of what de Paula says without a number of mixtures [D, chapter 4]."""
 
 from __future__ import annotations
 

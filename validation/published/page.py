@@ -107,7 +107,7 @@ def _how_to_read(made: Page) -> None:
     made.text(
         "Ours is the mean over starts with its interval of 95 % (Student); the number in brackets "
         "says how many starts. Means agree unless Welch's interval of their difference, with both "
-        "standard errors and half of the last printed digit, leaves 0 out; where the source prints "
+        "standard errors and half of the last printed digit, leaves 0 out; where de Paula prints "
         "no deviation its number counts as exact to its digits, and where ours has none the digits "
         "decide. A comparison could fail if it allows less than a tenth of the published value. "
         "By construction: ours was made from the published number. Protocols: published is the "
@@ -193,7 +193,7 @@ def _unit(unit: str) -> str:
 
 def _statements(made: Page, results: Results) -> None:
     made.section("Statements")
-    made.text("What the source says without a number, tested on the runs.")
+    made.text("What de Paula says without a number, tested on the runs.")
     rows = []
     for one in statements():
         check = one.test(results)
@@ -209,7 +209,7 @@ def _causes(made: Page, found: Sequence[ChangedFigure]) -> None:
         "Student's interval of 95 % for the starts that were run; what explains brings it to the "
         "published number, within the interval of its mean. A bed without dissipation is left out: "
         "it stays a hot gas whose force depends on the start, so that no figure has a meaning. The "
-        "cell of 0.36 m contradicts the packing of 0.34 that the source prints."
+        "cell of 0.36 m contradicts the packing of 0.34 that de Paula prints."
     )
     if not found:
         made.text("Not run.")
@@ -236,7 +236,7 @@ def _state(made: Page, results: Results) -> None:
     made.text(f"{words_of(counted(results))}.")
     rows = [
         (key, "stale" if one.get("stale") else f"{len(one['done'])} of {len(one['seeds'])} starts",
-         one["step"] + (" (the source's scheme)" if one["coarse"] else ""),
+         one["step"] + (" (de Paula's scheme)" if one["coarse"] else ""),
          f"{worst_residual(one):.1e}" if one["done"] else "")
         for key, one in results.series.items()
         if not is_whole(one) or one["coarse"] or worst_residual(one) > 1e-4

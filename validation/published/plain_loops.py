@@ -1,4 +1,4 @@
-"""The source's two ways of summing pairs, as plainly as it writes them, to time them side by side.
+"""De Paula's two ways of summing pairs, as plainly as it writes them, to time them side by side.
 
 One loop over all pairs, one over a list of neighbours; no vectors, one thread.
 """

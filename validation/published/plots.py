@@ -110,7 +110,7 @@ def _losses(page: Page, results: Results) -> None:
                   color=COLOURS[1], label="published", **_PUBLISHED)  # fmt: skip
         axes.set(xlabel="number of grains", ylabel="list less every pair [%]")
         axes.legend()
-        page.figure(drawing, "What the source's list loses, in percent of its own force.")
+        page.figure(drawing, "What de Paula's list loses, in percent of its own force.")
 
 
 def _distance_over_size(page: Page, results: Results) -> None:
@@ -211,7 +211,7 @@ def _order_over_ratio(page: Page, results: Results) -> None:
         for axes, label in zip(both, ("share of hexagons", "Ψ₆"), strict=True):
             axes.set(xlabel="R", ylabel=label, ylim=(0.0, 1.0))
         both[1].legend(fontsize=8)
-        page.figure(drawing, "Order at full compression over the share of small grains. The source "
+        page.figure(drawing, "Order at full compression over the share of small grains. De Paula "
                     "draws these, and prints no numbers.")  # fmt: skip
 
 
@@ -270,7 +270,7 @@ def _grain_forces(page: Page, results: Results) -> None:
 
 
 def _force_modes(page: Page, results: Results) -> None:
-    """Distributions pooled over the starts, over the greatest force, as the source draws them."""
+    """Distributions pooled over the starts, over the greatest force, as de Paula draws them."""
     beds = {f"R = {r:g}": mixture_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
     found = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
     known = {label: one.sum(axis=0) for label, one in found.items() if one.ndim == 2}
@@ -313,8 +313,8 @@ def _dampers(page: Page, results: Results) -> None:
                     ylim=(0.0, None))  # fmt: skip
         both[0].legend(fontsize=8)
         both[1].legend(fontsize=8)
-        page.figure(drawing, "The source's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
-                    "its alpha/omega in the source's scaling, and what it and the linear law leave "
+        page.figure(drawing, "De Paula's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
+                    "its alpha/omega in de Paula's scaling, and what it and the linear law leave "
                     "over with shift and scale free.")  # fmt: skip
 
 
@@ -334,7 +334,7 @@ def _pressed(page: Page, results: Results) -> None:
         axes.set(xlabel="R", ylabel="share of hexagons at 110 N", ylim=(0.0, 1.0))
         axes.legend(fontsize=8)
         page.figure(drawing, "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
-                    "numbers the source does not print.")  # fmt: skip
+                    "numbers de Paula does not print.")  # fmt: skip
 
 
 def _variants(page: Page, results: Results) -> None:

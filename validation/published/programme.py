@@ -32,7 +32,7 @@ def published(
     workers: int | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Compare the source's published values with the toolkit's own.
+    """Compare de Paula's published values with the toolkit's own.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How long a bed relaxes, and how fast it is compressed: the source's protocol and shorter ones."""
+"""How long a bed relaxes, and how fast it is compressed: de Paula's protocol and shorter ones."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ SWING_SPAN, SWING_SAMPLES = 4.0, 801
 """Greatest length of a motion of the damper that is written down [s], and its samples."""
 
 PRESSED = 110.0
-"""Force on the piston up to which the source's experiment compresses [N] [D, 4.2.2]."""
+"""Force on the piston up to which de Paula's experiment compresses [N] [D, 4.2.2]."""
 
 
 @known_as("validation.published.records:bed_record, 2")

@@ -57,7 +57,7 @@ class Results:
     ----------
     series : mapping
         By ``"name | protocol"``: ``name``, ``protocol``, ``words``, ``step``, ``coarse`` (one of
-        the source's own schemes), ``seeds`` that are planned; of those that are done ``done``,
+        de Paula's own schemes), ``seeds`` that are planned; of those that are done ``done``,
         ``figures`` (lists over the starts by name), ``errors``, ``keys`` and ``versions``; the
         ``reference`` run, and whether the series is ``stale``.
     calculations : mapping

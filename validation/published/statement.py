@@ -1,4 +1,4 @@
-"""What the source says without a number: a statement, its test, and what tests share."""
+"""What de Paula says without a number: a statement, its test, and what tests share."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class StatementCheck(NamedTuple):
 
 
 class Statement(NamedTuple):
-    """A statement of the source.
+    """A statement of de Paula.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the source says without a number, tested on the runs."""
+"""What de Paula says without a number, tested on the runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from validation.published.statement import Statement
 
 
 def statements() -> tuple[Statement, ...]:
-    """All statements, in the order of the source."""
+    """All statements, in the order of de Paula."""
     return (
         Statement(
             "3.1",
@@ -108,7 +108,7 @@ def statements() -> tuple[Statement, ...]:
         Statement("4.3.5", "there are no chains of forces (Fig. 4.24)", mixture.no_chains),
         Statement(
             "4.3.1",
-            "two starts under the source's friction differ by at most 0.2 N",
+            "two starts under de Paula's friction differ by at most 0.2 N",
             mixture.source_pairs,
         ),
         Statement(
@@ -121,7 +121,7 @@ def statements() -> tuple[Statement, ...]:
         ),
         Statement(
             "5.3.1",
-            "at a drag of the grains that the source prints (0.1 kg/s)",
+            "at a drag of the grains that de Paula prints (0.1 kg/s)",
             damper.van_der_pol_printed,
         ),
         Statement(

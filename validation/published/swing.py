@@ -1,4 +1,4 @@
-"""The laws that are fitted to a damper's swing: the source's, and the linear one."""
+"""The laws that are fitted to a damper's swing: de Paula's, and the linear one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LAW = "z'' + 2*alpha*(z**2 - 2*z)*z' + omega**2*z = g0"
 """[D, eq. 5.12], in the height as it is given."""
 LINEAR = "z'' + 2*lam*z' + omega**2*z = g0"
 LENGTH = 1.0
-"""How long the swing is fitted [s]: at the source's damping it is at rest well before."""
+"""How long the swing is fitted [s]: at de Paula's damping it is at rest well before."""
 
 
 def source_height(heights: np.ndarray, rest: float) -> np.ndarray:
@@ -36,12 +36,12 @@ def swing_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``alpha``, ``omega`` [1/s] and ``g0`` of the source's law in its own scaling, from rest at
+        ``alpha``, ``omega`` [1/s] and ``g0`` of de Paula's law in its own scaling, from rest at
         z = 1; ``alpha_over_omega`` and ``g0_over_omega2``, which need no unit of time; ``unit``,
         the unit of time [s] in which omega is the printed one; ``misfit`` and ``linear_misfit``,
         what the laws leave over of the swing's rms there; ``free_misfit`` and
         ``free_linear_misfit``, with shift, scale and start fitted too; ``swing_z``, some of the
-        heights in the source's scaling.
+        heights in de Paula's scaling.
     """
     diameter = scene.grains.species[0].diameter
     times, heights = (np.array(record["swing"][name]) for name in ("times", "heights"))

@@ -1,4 +1,4 @@
-"""Symbolic regression of a motion z(t), as the source tries it with PySR [D, 5.2.1]."""
+"""Symbolic regression of a motion z(t), as de Paula tries it with PySR [D, 5.2.1]."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 SAMPLES = 600
 GENERATIONS = 200
 SYMBOLS = "add,sub,mul,div,sin,cos,exp,constant,variable"
-"""Those of the source's demonstration, whose result it prints with cos, exp, - and /."""
+"""Those of de Paula's demonstration, whose result it prints with cos, exp, - and /."""
 
 
 def demonstration(span: float) -> dict[str, float]:
@@ -16,7 +16,7 @@ def demonstration(span: float) -> dict[str, float]:
     Parameters
     ----------
     span : float
-        Length of the record, in the source's unit of time.
+        Length of the record, in de Paula's unit of time.
 
     Returns
     -------

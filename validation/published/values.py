@@ -32,6 +32,12 @@ def published_value(key: str) -> Any:
     ------
     InputError
         If there is none.
+
+    Examples
+    --------
+    >>> from validation.published import entries, published_value
+    >>> published_value(entries()[0].key) is not None
+    True
     """
     match = _PLACE.fullmatch(key)
     name, place = (match[1], int(match[2])) if match else (key, None)

@@ -1,4 +1,4 @@
-"""The source's test of its method."""
+"""De Paula's test of its method."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from validation.source_experiment import COMPENSATED, PLAIN, PRINTED_PEAKS, Sour
 
 def source_section(page: Page, results: Sequence[Plain]) -> None:
     """Errors over the step, and the peaks, with and without rounding."""
-    page.section("The source's test of its method")
+    page.section("De Paula's test of its method")
     note_failures(page, results)
     for one in map(SourceExperiment.from_plain, sound(results)):
         clean, plain = one.of(COMPENSATED)[-1], one.of(PLAIN)[-1]
@@ -23,13 +23,13 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
             f"{clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it is "
             f"{plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a plot "
             "of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
-            f"{plain.peak_difference:.1e} m there (the source prints {PRINTED_PEAKS:g} m) and "
+            f"{plain.peak_difference:.1e} m there (de Paula prints {PRINTED_PEAKS:g} m) and "
             f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same "
             "sequence: its heights, compensated, differ from those of the position form by "
             f"{one.agreement():.1g} m at most."
         )
         page.text(
-            "The source sees its points scatter about the line, and ascribes that to errors that "
+            "De Paula sees its points scatter about the line, and ascribes that to errors that "
             "are relative to the finest step. That alone makes a slope of "
             f"{one.slope_to_finest(COMPENSATED):.3f}, with points within "
             f"{one.scatter_to_finest(COMPENSATED):.0%} of the line, as the compensated sums show. "

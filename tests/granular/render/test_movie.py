@@ -70,6 +70,14 @@ def test_plays_in_the_wanted_time(short: Trajectory, tmp_path: Path) -> None:
         assert file.info["duration"] == pytest.approx(125.0, abs=10.0)
 
 
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_width_in_pixels(short: Trajectory, tmp_path: Path, ending: str) -> None:
+    """A wide bed becomes as narrow as is asked for, and keeps its proportions."""
+    path = tmp_path / f"bed.{ending}"
+    movie(short, path, fps=10.0, speed=None, width=760, progress=False)
+    assert pictures(path)[0].shape[1] == 760
+
+
 def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
     path = movie(short, tmp_path / "bed.gif", stage="compress", speed=None, progress=False)
     assert len(pictures(path)) == 5  # 0.0035, 0.004 ... 0.0055 s
@@ -118,6 +126,7 @@ def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> No
         ("bed.mp4", {"fps": float("nan")}, "fps nan"),
         ("bed.mp4", {"speed": 0.0}, "speed 0 is not above 0"),
         ("bed.mp4", {"speed": float("nan")}, "speed nan"),
+        ("bed.gif", {"width": 640}, "width 640 is not within 760 to 960 pixels"),
         ("bed.mp4", {"colour": "blue"}, "unknown colour 'blue'"),
         ("missing/bed.mp4", {}, "there is no directory"),
         ("there.gif", {}, "exists"),

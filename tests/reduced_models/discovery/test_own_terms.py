@@ -139,8 +139,30 @@ def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: f
     assert float(by_height[0]) == pytest.approx((at(h, 0) - at(-h, 0)) / (2 * h), abs=1e-6)
     assert float(by_speed[0]) == pytest.approx((at(0, h) - at(0, -h)) / (2 * h), abs=1e-6)
     if term.total:
-        slope = (term.primitive(here[0] + h) - term.primitive(here[0] - h)) / (2 * h)
-        assert float(slope[0] * v) == pytest.approx(at(0, 0), abs=1e-6)
+        low, high = term.primitive(np.array([z - h, z + h]))
+        assert (high - low) / (2 * h) * v == pytest.approx(at(0, 0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["z'*exp(-z**2)", "z'*sin(z**2)", "z'*sqrt(1+z**4)", "z'/(z-3)", "z'*sin(z)**2*exp(-z**2)",
+     "z'*exp(sin(z)*cos(z)**2)/(3+z**3)", "max(0, z)*z'"],
+)  # fmt: skip
+def test_the_primitive_needs_no_formula(text: str) -> None:
+    """The integrals of G'(z) z' against bumps are those of G, though G be in no table."""
+    z, v = np.cos(TIME), -np.sin(TIME)
+    (term,) = terms_of(read_terms([text])[0]) or ()
+    assert term.total
+    (part,) = weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
+    direct = part.bump @ term.values(z, v, None)
+    assert part.column(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
+
+
+def test_a_damping_over_negative_heights_is_found() -> None:
+    z = motion(lambda t, z, v: -(z + 3.0) + 0.4 * v / z, -2.0)
+    found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], polish=0)
+    values = {term.text: value for term, value in (found.best.terms or {}).items()}
+    assert values == pytest.approx({"1": -3.0, "z": -1.0, "z'/z": 0.4}, rel=1e-3)
 
 
 def test_noise_of_an_own_term_is_as_predicted() -> None:
@@ -167,7 +189,18 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
         ({"terms": ["sin(z"]}, r"cannot be read"),
         ({"terms": ["z - z"]}, r"is zero; leave it out"),
         ({"terms": ["__import__('os')"]}, r"cannot be read"),
-        ({"terms": ["log(z)"]}, r"the term 'log\(z\)' is not finite for all z from"),
+        ({"terms": ["log(z)"]}, r"the term 'log\(z\)' is not finite for z from"),
+        ({"terms": ["z'/z"]}, r"the term \"z'/z\" has a pole for z from"),
+        ({"terms": ["z**-2"]}, r"the term 'z\*\*\(-2\)' has a pole for z from"),
+        ({"terms": ["sqrt(max(0, z))"]}, r"has no finite slope for z from"),
+        ({"terms": "sin(w)"}, r"the term 'sin\(w\)' names w"),
+        ({"method": "operon", "functions": "gamma"}, r"the function 'gamma' is unknown"),
+        ({"library": None}, r"library = None; give a name"),
+        ({"library": 3}, r"library = 3; give a name"),
+        ({"seed": -1, "ensemble": True}, r"seed = -1; give a whole number from 0"),
+        ({"method": "operon", "seed": -3}, r"seed = -3; give a whole number from 0"),
+        ({"map": HeightMap(0.06, 0.0)}, r"scale 0 m; give finite ones"),
+        ({"map": "rest"}, r"map = 'rest'; give 'auto' or HeightMap"),
         ({"terms": [3]}, r"the term 3 is no text"),
         ({"library": "cubic"}, r"library = 'cubic'; give one or more of physical"),
         ({"library": "driven"}, r"needs an input"),
@@ -181,6 +214,34 @@ def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
     record = PistonRecord(TIME, np.round(np.cos(TIME), 2))
     with pytest.raises(InputError, match=words):
         discover(record, **{"method": "sindy", **options})  # type: ignore[arg-type]  # by name
+
+
+def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("reduced_models.discovery.discovering.has_operon", lambda: False)
+    record = PistonRecord(TIME, np.cos(TIME))
+    with pytest.raises(InputError, match="functions need symbolic regression"):
+        discover(record, functions=["sin"])
+    found = discover(record, library=(), terms=["z", "z'"], polish=0)
+    assert any("pyoperon is not installed" in note for note in found.notes)
+
+
+def test_the_terms_of_the_contact_library_are_independent() -> None:
+    z, v = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-2, 2, 20)))
+    terms = terms_named("contact", (), 3, None)
+    columns = np.stack([term.values(z, v, None) for term in terms], axis=1)
+    assert np.linalg.matrix_rank(columns) == len(terms)
+
+
+def test_operands_of_a_maximum_have_one_order() -> None:
+    texts = ["max(0, z)", "max(z, 0)", "max(z, 0, z)", "max(0, max(0, z))"]
+    assert len(terms_named((), texts, 3, None)) == 1
+
+
+def test_a_sum_is_taken_apart() -> None:
+    texts = [term.text for term in terms_named((), ["sin(z) + 0.1*z**3"], 3, None)]
+    assert texts == ["z**3", "sin(z)"]
 
 
 def test_own_terms_are_of_the_height_itself() -> None:

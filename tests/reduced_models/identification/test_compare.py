@@ -41,7 +41,7 @@ def test_the_true_law_is_first(made: Any) -> None:
     assert repr(table).startswith("Comparison of 3 laws, the best first: duffing, ")
     assert len(repr(table).splitlines()) == 2
     assert table._repr_html_().count("<tr>") == 4
-    assert "held-out stretch" in table._repr_html_()
+    assert "hold-out error" in table._repr_html_()
     assert table._repr_latex_().count(r"\\") == 4
     assert table.to_plain()["best"] == "duffing"
     assert table.best.parameters["beta"] == pytest.approx(0.8, rel=0.01)

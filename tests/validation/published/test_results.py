@@ -280,7 +280,7 @@ def test_committed_file_holds_what_was_run() -> None:
     """No series is lost, and no entry that rests on the source's protocol."""
     found = committed()
     assert counted(found)["whole"] >= 61
-    assert strength(judged(found))["rest on the source's own protocol"] >= 74
+    assert strength(judged(found))["rest on de Paula's own protocol"] >= 74
 
 
 def test_committed_series_keep_the_energy() -> None:

@@ -1,0 +1,57 @@
+"""Pages of the site from the executed notebooks: text, code, and what the code printed and drew."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+PICTURES = {"image/png": "png", "image/gif": "gif"}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add a page, and its pictures, for each notebook."""
+    for path in sorted(NOTEBOOKS.glob("[0-9][0-9]_*.ipynb")):
+        pictures: dict[str, bytes] = {}
+        text = "\n\n".join(parts(path, pictures))
+        add(files, config, f"notebooks/{path.stem}.md", text)
+        for name, content in pictures.items():
+            add(files, config, f"notebooks/{name}", content)
+    return files
+
+
+def add(files: Files, config: MkDocsConfig, name: str, content: str | bytes) -> None:
+    files.append(File.generated(config, name, content=content))
+
+
+def parts(path: Path, pictures: dict[str, bytes]) -> Iterator[str]:
+    """The cells of a notebook as Markdown; their pictures are entered by name."""
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"]).strip()
+        if cell["cell_type"] == "markdown":
+            yield source
+            continue
+        if code := re.sub(r"^%.*\n?", "", source, flags=re.MULTILINE).strip():
+            yield f"```python\n{code}\n```"
+        for output in cell["outputs"]:
+            yield from shown(output, path.stem, pictures)
+
+
+def shown(output: dict[str, Any], stem: str, pictures: dict[str, bytes]) -> Iterator[str]:
+    """What a cell printed, or drew."""
+    data = output.get("data", {})
+    for kind, ending in PICTURES.items():
+        if kind in data:
+            name = f"{stem}_{len(pictures) + 1}.{ending}"
+            pictures[name] = base64.b64decode("".join(data[kind]))
+            yield f"![what the cell above draws]({name})"
+            return
+    if text := "".join(output.get("text", data.get("text/plain", ""))).rstrip():
+        yield f"```text\n{text}\n```"

@@ -1,0 +1,332 @@
+"""What shakes a host: a force on it, or an acceleration of its base, as a function of time."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import compiled
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, Section, choice, numbers, quantity, text, whole
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+SINE, SWEEP, IMPULSE, TABLE = range(4)
+
+KNOTS_A_PERIOD = 24
+"""Knots of the tabled noise in a period of its highest frequency."""
+MOST_LINES, MOST_KNOTS = 2048, 2**20
+_NEEDED = {
+    "sine": ("frequency",),
+    "sweep": ("frequency", "to", "duration"),
+    "impulse": ("duration",),
+    "noise": ("frequency", "to", "duration"),
+    "table": (),
+    "record": ("file",),
+}
+_AMPLITUDES = ("force", "acceleration", "displacement")
+
+
+class Excitation(Section):
+    """A force on a body of the chain, or a motion of the base, upwards.
+
+    One of ``force``, ``acceleration`` and ``displacement`` is given. It is the amplitude of a sine
+    and of a sweep, the peak of an impulse, the rms value of noise, and what the numbers of a table
+    or a record are multiplied by.
+
+    Attributes
+    ----------
+    kind : str
+        ``"sine"``; ``"sweep"``, a sine whose frequency grows exponentially; ``"impulse"``, half a
+        sine; ``"noise"``, with all frequencies of a band alike; ``"table"``; or ``"record"``, a
+        table in a file of text with a time [s] and a number in each line.
+    force : float or None
+        On the body [N].
+    acceleration : float or None
+        Of the base [m/s^2].
+    displacement : float or None
+        Of the base [m], for a sine or a sweep.
+    frequency : float or None
+        Of the sine; the lowest one of a sweep or of noise [Hz].
+    to : float or None
+        The highest frequency [Hz].
+    start : float
+        When it begins, since the start of the run [s].
+    duration : float or None
+        Of a sweep, an impulse or noise [s].
+    seed : int
+        Of the phases of the noise.
+    times : tuple of float
+        Of a table [s], increasing, counted from ``start``.
+    values : tuple of float
+    file : str or None
+        Of a record; what it holds becomes a table of the scene.
+    """
+
+    kind: str = choice("sine", "sweep", "impulse", "noise", "table", "record", default="sine")
+    force: float | None = quantity("N", default=None, optional=True)
+    acceleration: float | None = quantity("m/s^2", default=None, optional=True)
+    displacement: float | None = quantity("m", default=None, optional=True)
+    frequency: float | None = quantity("Hz", above=0.0, default=None, optional=True)
+    to: float | None = quantity("Hz", above=0.0, default=None, optional=True)
+    start: float = quantity("s", default=0.0, least=0.0)
+    duration: float | None = quantity("s", above=0.0, default=None, optional=True)
+    seed: int = whole(default=1)
+    times: tuple[float, ...] = numbers("s", default=(), least=0.0)
+    values: tuple[float, ...] = numbers("1", default=())
+    file: str | None = text(default=None, optional=True)
+
+    def validate(self) -> None:
+        given = [name for name in _AMPLITUDES if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise FieldError(f"give one of {', '.join(_AMPLITUDES)}, not {len(given)}")
+        for name in _NEEDED[self.kind]:
+            if getattr(self, name) is None:
+                raise FieldError(f"must be given for {quoted(self.kind)}", name)
+        if self.displacement is not None and self.kind not in ("sine", "sweep"):
+            raise FieldError(
+                f"only a sine or a sweep has one; {quoted(self.kind)} takes an acceleration",
+                "displacement",
+            )
+        if self.kind in ("sweep", "noise") and not (self.to or 0.0) > (self.frequency or 0.0):
+            raise FieldError(f"{self.to:g} Hz must be above {self.frequency:g} Hz", "to")
+        if self.kind == "record":
+            self._read_record()
+        if self.kind == "table":
+            self._check_table()
+        if self.kind == "noise":
+            _knots(self)
+
+    def _read_record(self) -> None:
+        times, values = read_record(str(self.file))
+        object.__setattr__(self, "kind", "table")
+        object.__setattr__(self, "file", None)
+        object.__setattr__(self, "times", tuple((times - times[0]).tolist()))
+        object.__setattr__(self, "values", tuple(values.tolist()))
+
+    def _check_table(self) -> None:
+        if len(self.times) != len(self.values):
+            raise FieldError(
+                f"holds {len(self.values)} numbers for {len(self.times)} times", "values"
+            )
+        if len(self.times) < 4 or (np.diff(self.times) <= 0.0).any():
+            raise FieldError("must increase, with at least four values", "times")
+        _table_count(self)
+
+    @property
+    def of_base(self) -> bool:
+        """Whether the base moves; otherwise a force acts."""
+        return self.force is None
+
+    def highest_frequency(self) -> float:
+        """A frequency [Hz] up to which it has to be resolved."""
+        if self.kind == "table":
+            return 0.1 / float(np.diff(self.times).min())
+        if self.kind == "impulse":
+            return 0.5 / (self.duration or 1.0)
+        return self.to or self.frequency or 0.0
+
+    def drive(self, scales: Scales) -> Drive:
+        """In natural units."""
+        tau = scales.time
+        kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
+        size, swings = self._size(scales)
+        times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
+        if kind == TABLE:
+            times, values, slopes = _noise(self) if self.kind == "noise" else _table(self)
+        return Drive(
+            kind=kind,
+            base=self.of_base,
+            size=size,
+            swings=swings,
+            omega=math.tau * (self.frequency or 0.0) * tau,
+            ratio=math.log(self.to / self.frequency) if self.to and self.frequency else 0.0,
+            start=self.start / tau,
+            duration=(self.duration or 1.0) / tau,
+            times=(times + 0.0) / tau,
+            values=values,
+            slopes=slopes * tau,
+        )
+
+    def _size(self, scales: Scales) -> tuple[float, bool]:
+        if self.force is not None:
+            return self.force / scales.force, False
+        if self.acceleration is not None:
+            return self.acceleration / scales.acceleration, False
+        return (self.displacement or 0.0) / scales.length, True
+
+
+class Drive(NamedTuple):
+    """An excitation as the kernels take it.
+
+    Attributes
+    ----------
+    kind : int
+    base : bool
+        Whether it is an acceleration of the base [D/tau^2]; otherwise a force [F*].
+    size : float
+    swings : bool
+        Whether ``size`` is that of a displacement [D].
+    omega : float
+        First angular frequency [1/tau].
+    ratio : float
+        Logarithm of the last over the first frequency.
+    start, duration : float
+        [tau]
+    times, values, slopes : float64 (k,)
+        Of a table: equally far from each other; cubic between them, and nothing outside.
+    """
+
+    kind: int
+    base: bool
+    size: float
+    swings: bool
+    omega: float
+    ratio: float
+    start: float
+    duration: float
+    times: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+
+
+@compiled
+def excitation_at(drive: Drive, time: float) -> float:
+    """The force, or the acceleration of the base, at a time since the start of the run [tau]."""
+    t = time - drive.start
+    if t < 0.0:
+        return 0.0
+    if drive.kind == TABLE:
+        return drive.size * _tabled(drive, t)
+    if drive.kind == IMPULSE:
+        inside = t < drive.duration
+        return drive.size * math.sin(math.pi * t / drive.duration) if inside else 0.0
+    omega, phase = drive.omega, drive.omega * t
+    if drive.kind == SWEEP:
+        if t > drive.duration:
+            return 0.0
+        growth = math.exp(drive.ratio * t / drive.duration)
+        omega *= growth
+        phase = drive.omega * drive.duration / drive.ratio * (growth - 1.0)
+    size = drive.size
+    if drive.swings:
+        size *= -omega * omega
+    return size * math.sin(phase)
+
+
+@compiled
+def _tabled(drive: Drive, t: float) -> float:
+    h = drive.times[1] - drive.times[0]
+    place = (t - drive.times[0]) / h
+    if place < 0.0 or place > drive.times.size - 1:
+        return 0.0
+    k = min(int(place), drive.times.size - 2)
+    s = place - k
+    low, high = drive.values[k], drive.values[k + 1]
+    rise, left, right = high - low, h * drive.slopes[k], h * drive.slopes[k + 1]
+    bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
+    return low + s * (left + s * (bend + s * twist))
+
+
+Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Times [s], values, and slopes [1/s]."""
+
+
+def _table_count(one: Excitation) -> int:
+    spacing = float(np.diff(one.times).min())
+    count = round((one.times[-1] - one.times[0]) / spacing) + 1
+    if count > MOST_KNOTS:
+        raise FieldError(
+            f"the least distance, {spacing:g} s, makes {count} knots, {MOST_KNOTS} is the limit; "
+            "take times that are equally far from each other",
+            "times",
+        )
+    return count
+
+
+def _table(one: Excitation) -> Knots:
+    """A cubic spline through the table, on times that are equally far from each other."""
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(one.times, one.values)
+    times = np.linspace(one.times[0], one.times[-1], _table_count(one))
+    return times, spline(times), spline(times, 1)
+
+
+def _knots(one: Excitation) -> int:
+    assert one.to is not None
+    assert one.duration is not None
+    count = math.ceil(one.duration * one.to * KNOTS_A_PERIOD) + 1
+    if count > MOST_KNOTS:
+        raise FieldError(
+            f"{one.duration:g} s of noise up to {one.to:g} Hz has {count} knots, {MOST_KNOTS} is "
+            "the limit; shorten it",
+            "duration",
+        )
+    return count
+
+
+def _noise(one: Excitation) -> Knots:
+    """Sines of one amplitude and random phases, the lines of a period as long as the noise."""
+    assert one.frequency is not None
+    assert one.to is not None
+    assert one.duration is not None
+    lines = int(min(max((one.to - one.frequency) * one.duration, 1.0), MOST_LINES))
+    omega = math.tau * (one.frequency + (one.to - one.frequency) * (np.arange(lines) + 0.5) / lines)
+    phases = np.random.default_rng(one.seed).uniform(0.0, math.tau, lines)
+    times = np.linspace(0.0, one.duration, _knots(one))
+    size = math.sqrt(2.0 / lines)
+    values, slopes = np.zeros(len(times)), np.zeros(len(times))
+    for rate, phase in zip(omega, phases, strict=True):
+        values += size * np.sin(rate * times + phase)
+        slopes += size * rate * np.cos(rate * times + phase)
+    return times, values, slopes
+
+
+def _words(line: str) -> list[str]:
+    """The words of a line; where semicolons part them, commas are decimal ones."""
+    if ";" in line:
+        return line.replace(",", ".").replace(";", " ").split()
+    return line.replace(",", " ").split()
+
+
+def read_record(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and numbers of a file of text: two in each line, behind a heading or none.
+
+    Raises
+    ------
+    FieldError
+        If it cannot be read as such; the message names the line.
+    """
+    from granular.readers.text import decoded, read_bytes
+
+    try:
+        lines = decoded(Path(path), read_bytes(Path(path)))[0].splitlines()
+    except InputError as error:
+        raise FieldError(str(error), "file") from None
+    rows: list[tuple[float, float]] = []
+    for number, line in enumerate(lines, 1):
+        words = _words(line)
+        try:
+            time, value = float(words[0]), float(words[1])
+            if not (math.isfinite(time) and math.isfinite(value)):
+                raise ValueError
+            rows.append((time, value))
+        except (ValueError, IndexError):
+            if rows and words:
+                raise FieldError(
+                    f"line {number} of {quoted(str(path))} is no time and number: "
+                    f"{quoted(line[:40])}",
+                    "file",
+                ) from None
+    found = np.array(rows)
+    if len(found) < 4:
+        raise FieldError(
+            f"{quoted(str(path))} holds {len(found)} lines with a time and a number; give at least "
+            "four",
+            "file",
+        )
+    return found[:, 0], found[:, 1]

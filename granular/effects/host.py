@@ -1,0 +1,205 @@
+"""A machine that shakes, and carries the cell: bodies on springs and dashpots.
+
+The bodies stand one above another on a base, each on a spring and a dashpot, and move up and down.
+The last of them carries the cell, or the piston, and feels all forces of what it carries. Their
+displacements X are counted from where all is at rest, with the damper aboard: the springs hold all
+weights, and move the more slowly for them. See `granular.effects.host_law` for the equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from granular.effects.effect import Effect, Record, Setting, in_joules
+from granular.effects.excitation import Excitation
+from granular.effects.host_law import CELL, FIXED, PISTON_MOUNT, Chain, HostLaw
+from granular.scene.parts import Cell, Grains, Piston
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, Section, choice, many, one, quantity, whole
+
+RESOLVED = 4.0
+"""How much better than the bed's stiffest mode the host is resolved: its energy is most of all."""
+
+_MOUNTS = {"cell": CELL, "piston": PISTON_MOUNT, "base": FIXED}
+
+
+class Body(Section):
+    """A body of the chain, on a spring and a dashpot that stand on the one before, or the base.
+
+    Attributes
+    ----------
+    mass : float
+        [kg]
+    stiffness : float
+        [N/m]
+    damping : float
+        Of the dashpot [kg/s].
+    """
+
+    mass: float = quantity("kg", above=0.0)
+    stiffness: float = quantity("N/m", default=0.0, least=0.0)
+    damping: float = quantity("kg/s", default=0.0, least=0.0)
+
+
+class Host(Effect):
+    """What carries the damper, and what shakes it.
+
+    Attributes
+    ----------
+    mount : str
+        ``"cell"``: the last body carries the cell, and the piston is free. ``"piston"``: it carries
+        the piston, the cell stands on it upside down, with the bed between, and is free: heights
+        are counted downwards from its end, and ``piston.mass`` adds to the body. ``"base"``: the
+        cell stands on the base itself, and the piston is the load that is to be left in peace.
+    bodies : tuple of Body
+        From the base upwards; none with ``mount = "base"``.
+    cell_mass : float or None
+        Of the free cell [kg], with ``mount = "piston"``.
+    excitation : Excitation or None
+    excited : int or None
+        Place of the body that the force acts on, from 0; the last one if not given.
+    """
+
+    key = "host"
+    rank = 3
+    takes_along: ClassVar[tuple[str, ...] | None] = None
+    example: ClassVar[Any] = {
+        "bodies": [{"mass": "1 kg", "stiffness": "400 N/m", "damping": "0.2 kg/s"}],
+        "excitation": {"kind": "sine", "force": "0.1 N", "frequency": "3 Hz"},
+    }
+    energy_record = in_joules(
+        "host_energy", "energy of the host, and what its motion adds to that of grains and piston"
+    )
+    loss_record = in_joules("host_loss", "energy lost to the host's dashpots")
+
+    mount: str = choice("cell", "piston", "base", default="cell")
+    bodies: tuple[Body, ...] = many(Body)
+    cell_mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
+    excitation: Excitation | None = one(Excitation, default=None, optional=True)
+    excited: int | None = whole(default=None, optional=True)
+
+    @property
+    def is_flow(self) -> bool:
+        return True
+
+    @property
+    def damps(self) -> bool:  # type: ignore[override]  # of these dashpots
+        return any(body.damping > 0.0 for body in self.bodies)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """Displacement and velocity of the last body; displacements of the others; the drive."""
+        found = []
+        if self.bodies:
+            found += [
+                Record("host_displacement", "m", "displacement of the last body", "length"),
+                Record("host_velocity", "m/s", "velocity of the last body", "velocity"),
+            ]
+        found += [
+            Record(f"body_{k}_displacement", "m", f"displacement of body {k}", "length")
+            for k in range(len(self.bodies) - 1)
+        ]
+        drive = self.excitation
+        if drive is not None and drive.of_base:
+            found.append(
+                Record("base_acceleration", "m/s^2", "acceleration of the base", "acceleration")
+            )
+        elif drive is not None:
+            found.append(Record("host_force", "N", "force on the host from outside", "force"))
+        return tuple(found)
+
+    def validate(self) -> None:
+        if (self.mount == "base") == bool(self.bodies):
+            raise FieldError(
+                "a cell on the base has no bodies" if self.bodies else "give at least one body",
+                "bodies",
+            )
+        if (self.mount == "piston") != (self.cell_mass is not None):
+            raise FieldError(
+                "is to be given where the cell is free (mount = 'piston')", "cell_mass"
+            )
+        if self.mount == "base" and self.excitation is not None and not self.excitation.of_base:
+            raise FieldError("a base is moved by an acceleration or a displacement", "excitation")
+        if self.excited is not None and not self.excited < len(self.bodies):
+            raise FieldError(f"{self.excited} is no body; there are {len(self.bodies)}", "excited")
+
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        if "shaking" in others:
+            raise FieldError(
+                "the cell is shaken already; take effects.shaking away, or move the host's base",
+                "effects",
+                self.key,
+            )
+        if "bath" in others:
+            raise FieldError(
+                "cannot act together with 'bath', which takes no notice of what carries the cell; "
+                "take one of them away",
+                "effects",
+                self.key,
+            )
+        walls: Any = others.get("walls")
+        if walls is not None and walls.has_gap:
+            raise FieldError("cannot carry a cell with a gap", "effects", self.key)
+        if self.mount == "piston" and (piston is None or piston.mass is None):
+            raise FieldError("must be given: the host carries the piston", "piston", "mass")
+
+    def drive_frequency(self, scales: Scales) -> float:
+        """Highest angular frequency of the chain, or of what shakes it [1/tau]."""
+        drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
+        masses = [one.mass for one in self.bodies]
+        stiffness = [one.stiffness for one in self.bodies] + [0.0]
+        rows = [2.0 * (stiffness[k] + stiffness[k + 1]) / mass for k, mass in enumerate(masses)]
+        return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
+
+    def weight_on_piston(self, grains: Grains, scales: Scales, gravity: float) -> float | None:
+        """Weight that presses the bed against the piston, where the cell is free [F*]."""
+        if self.cell_mass is None:
+            return None
+        return (self.cell_mass + float(grains.masses().sum())) / scales.mass * gravity
+
+    def mass_of_piston(self, mass: float) -> float:
+        """Mass of what moves as the piston [kg]."""
+        return mass + self.bodies[-1].mass if self.mount == "piston" else mass
+
+    def law(self, setting: Setting) -> HostLaw:
+        """The law in natural units."""
+        scales, piston = setting.scales, setting.piston
+        masses = np.array([one.mass for one in self.bodies]) / scales.mass
+        force = scales.force / scales.length
+        stiffness = np.array([one.stiffness for one in self.bodies]) / force
+        damping = np.array([one.damping for one in self.bodies]) / (force * scales.time)
+        share = np.zeros(len(self.bodies))
+        if self.bodies:
+            share[len(share) - 1 if self.excited is None else self.excited] = 1.0
+        own = 0.0 if piston is None or piston.mass is None else piston.mass
+        piston_mass = self.mass_of_piston(own) / scales.mass
+        frame = masses[-1] if self.mount == "cell" else (self.cell_mass or 1.0) / scales.mass
+        drive = self.excitation or Excitation(force=0.0, frequency=1.0)
+        return HostLaw(
+            mount=_MOUNTS[self.mount],
+            chain=Chain(masses, stiffness, damping, share),
+            drive=drive.drive(scales),
+            frame_mass=float(frame),
+            piston_mass=piston_mass,
+            bed_mass=float(setting.grains.masses().sum()) / scales.mass,
+            reacts=self.damps or self._reacts(setting),
+            first_record=setting.first_records[self.key],
+            driven=self.excitation is not None,
+        )
+
+    def _reacts(self, setting: Setting) -> bool:
+        """Whether something within the cell dissipates, and its reaction acts on the frame."""
+        piston = setting.piston
+        rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
+        inside = [one for one in setting.effects.values() if one.key != self.key]
+        return rubs or any(_dissipates(one) for one in inside)
+
+
+def _dissipates(effect: Effect) -> bool:
+    return any(one.damps or one.dry or one.is_flow for one in (effect, *effect.parts))

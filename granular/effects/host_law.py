@@ -1,0 +1,473 @@
+"""The motion of a host and of the cell on it, as the loop takes it.
+
+Everything is told in the frame of the cell, as without a host; the frame has the acceleration A, so
+that every mass in it feels the force -m A. Let V be the velocity of the frame, v_i those of the
+grains in it, and Q = M V + sum m_i (V + v_i) + ... the momentum of the whole, all over the base. In
+the momenta of grains, piston and bodies over the base, the energy is the kinetic energy of each,
+and a potential of relative places and springs: a separable one, though the velocities v_i in the
+frame are not. So the steps of a symplectic method stay kicks and drifts. A kick leaves all places
+as they are, and changes V by A span with
+
+    M A = (spring and outer force on the body) - (force of the body on grains and piston),
+
+and the v_i by (F_i/m_i - A) span; a drift moves the bodies at their velocities, and what is in the
+cell at those in the cell. This is the exact flow of either part, hence symplectic, of the method's
+order, and the momentum of the whole changes by outer forces alone.
+
+Drag and friction act on the velocities in the frame, and what they take of the momentum of grains
+and piston goes to the frame. Its mean acceleration A must be known before what dissipates is solved
+with it: an equation for one number, whose residual is nearly linear in it, and linear for drag and
+for grains that stick. The secant rule solves it, so the kick is made three times, from the same
+velocities. The momentum of the whole then gives V to rounding. Dashpots act at the mean velocities
+of the kick, within the same equation; on a chain that carries the piston of a free cell they are a
+part of their own, on the inner side of the kicks.
+
+The base is the place of reference: where it moves, all masses feel minus its acceleration, and the
+energy is that of the motion over the base. Weights are held by the springs' rest lengths.
+
+Seen from a free cell (``mount = "piston"``), the piston is one body with the chain's last one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.effects.excitation import Drive, excitation_at
+from granular.effects.wall_side import TOP
+from granular.engine.constants import Constants, value_of
+from granular.engine.kick import kick_grains
+from granular.engine.piston import kick_piston
+from granular.engine.state import LOSSES, SPEED, WORK, State
+from granular.protocol.motion import Motion, outer_force
+
+CELL, PISTON_MOUNT, FIXED = range(3)
+"""What the chain's last body carries: the cell; the piston; nothing, for the cell is the base."""
+
+PUSH, PULL = range(2)
+"""Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], and the force
+of the chain on the piston [F*]."""
+
+
+class Chain(NamedTuple):
+    """The bodies, from the base upwards.
+
+    Attributes
+    ----------
+    masses, stiffness, damping : float64 (n,)
+    share : float64 (n,)
+        Of the outer force, which acts on a body.
+    """
+
+    masses: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    share: np.ndarray
+
+
+class HostRoom(NamedTuple):
+    """The motion of the host, and scratch.
+
+    Attributes
+    ----------
+    kept : float64 (2, n)
+        Displacements over the base, and velocities; of the frame as the last, which is not that of
+        the body where this carries the piston.
+    present : float64 (2,)
+        See `PUSH`.
+    forces, changes, diagonal : float64 (n,)
+    speeds : float64 (2, m)
+        Of the grains, before a kick.
+    push : float64 (m,)
+        Vertical forces on the grains, without inertia.
+    ledger : float64 (k,)
+    """
+
+    kept: np.ndarray
+    present: np.ndarray
+    forces: np.ndarray
+    changes: np.ndarray
+    diagonal: np.ndarray
+    speeds: np.ndarray
+    push: np.ndarray
+    ledger: np.ndarray
+
+
+class HostLaw(NamedTuple):
+    """The host as the kernels take it.
+
+    Attributes
+    ----------
+    mount : int
+    chain : Chain
+    drive : Drive
+    frame_mass : float
+        Of what is fixed to the frame while the piston is free [m].
+    piston_mass : float
+        With the body that carries it; 0 where none is given [m].
+    bed_mass : float
+        [m]
+    reacts : bool
+        Whether something dissipates, on either side of the frame.
+    first_record : int
+        Place of the first of its records.
+    driven : bool
+        Whether something shakes it.
+    """
+
+    mount: int
+    chain: Chain
+    drive: Drive
+    frame_mass: float
+    piston_mass: float
+    bed_mass: float
+    reacts: bool
+    first_record: int
+    driven: bool
+
+    def room(self, size: int, count: int) -> HostRoom:
+        """Room for the motion of the host."""
+        bodies = max(len(self.chain.masses), 1)
+        return HostRoom(
+            kept=np.zeros((2, bodies)),
+            present=np.zeros(2),
+            forces=np.zeros(bodies),
+            changes=np.zeros(bodies),
+            diagonal=np.zeros(bodies),
+            speeds=np.zeros((2, size)),
+            push=np.zeros(size),
+            ledger=np.zeros(LOSSES + 64),
+        )
+
+    @staticmethod
+    @compiled(inline=True)
+    def kick_all(
+        law: HostLaw, room: HostRoom, place: int, span: float, state: State, constants: Constants,
+        motion: Motion, time: float, start: float, opening: bool,
+    ) -> int:  # fmt: skip
+        """Kick host, grains and piston."""
+        apart = law.mount == PISTON_MOUNT and motion.free
+        if apart and not opening:
+            _damp(law, room, LOSSES + place, span, state)
+        _kick(law, LOSSES + place, room, span, state, constants, motion, time, start, opening)
+        if apart and opening:
+            _damp(law, room, LOSSES + place, span, state)
+        return 0
+
+    @staticmethod
+    @compiled(inline=True)
+    def held_back(
+        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants
+    ) -> float:
+        """What a free piston feels less of, for the frame is accelerated [F*]."""
+        return constants.piston_mass * room.present[PUSH] - room.present[PULL]
+
+    @staticmethod
+    @compiled(inline=True)
+    def drift(law: HostLaw, room: HostRoom, place: int, span: float, state: State) -> int:
+        """Move the bodies."""
+        last = law.chain.masses.size - 1
+        for k in range(last):
+            room.kept[0, k] += span * room.kept[1, k]
+        if last >= 0:
+            room.kept[0, last] += span * _last_speed(law, room, state)
+        return 0
+
+    @staticmethod
+    @compiled
+    def measure(
+        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants, time: float,
+        stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter the energy of the bodies and springs, and of the frame's motion."""
+        chain, last = law.chain, law.chain.masses.size - 1
+        total, below = 0.0, 0.0
+        for k in range(last + 1):
+            x, speed = room.kept[0, k], room.kept[1, k]
+            total += 0.5 * chain.stiffness[k] * (x - below) * (x - below)
+            if k < last:
+                total += 0.5 * chain.masses[k] * speed * speed
+            below = x
+        if law.mount != FIXED:
+            frame, piston = room.kept[1, last], state.piston[SPEED]
+            momentum = _bed_momentum(state, constants)
+            total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
+            total += law.piston_mass * frame * (0.5 * frame + piston)
+        energies[place] = total
+        return 0
+
+    @staticmethod
+    @compiled
+    def record(
+        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants, time: float,
+        values: Array,
+    ) -> int:  # fmt: skip
+        """Enter motion and drive."""
+        last, at = law.chain.masses.size - 1, law.first_record
+        if last >= 0:
+            values[at] = room.kept[0, last]
+            values[at + 1] = _last_speed(law, room, state)
+            at += 2
+        for k in range(last):
+            values[at] = room.kept[0, k]
+            at += 1
+        if law.driven:
+            values[at] = excitation_at(law.drive, time)
+        return 0
+
+
+@compiled(inline=True)
+def _last_speed(law: HostLaw, room: HostRoom, state: State) -> float:
+    """Velocity of the last body over the base."""
+    speed = room.kept[1, law.chain.masses.size - 1]
+    return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
+
+
+@compiled
+def _bed_momentum(state: State, constants: Constants) -> float:
+    """Vertical momentum of the grains in the frame."""
+    total = 0.0
+    for i in range(constants.grains):
+        total += value_of(constants.masses, i) * state.vy[i]
+    return total
+
+
+@compiled
+def _chain_forces(law: HostLaw, room: HostRoom, force: float) -> float:
+    """Fill in the force of springs and from outside on each body; that on the last one."""
+    chain, count = law.chain, law.chain.masses.size
+    tension, found = 0.0, 0.0
+    for back in range(count):
+        k = count - 1 - back
+        below = room.kept[0, k - 1] if k > 0 else 0.0
+        own = chain.stiffness[k] * (room.kept[0, k] - below)
+        room.forces[k] = tension - own + chain.share[k] * force
+        tension = own
+    if count > 0:
+        found = room.forces[count - 1]
+    return found
+
+
+@compiled
+def _momentum(law: HostLaw, room: HostRoom, bed: float, speed: float) -> float:
+    """Of the whole over the base; ``bed`` is that of the grains in the frame."""
+    last = law.chain.masses.size - 1
+    total = bed + law.piston_mass * speed
+    for k in range(last):
+        total += law.chain.masses[k] * room.kept[1, k]
+    if law.mount != FIXED:
+        total += (law.frame_mass + law.bed_mass + law.piston_mass) * room.kept[1, last]
+    return total
+
+
+@compiled
+def _power(law: HostLaw, room: HostRoom, state: State) -> float:
+    """Velocity of what the outer force acts on."""
+    last = law.chain.masses.size - 1
+    total = 0.0
+    for k in range(last):
+        total += law.chain.share[k] * room.kept[1, k]
+    if last >= 0:
+        total += law.chain.share[last] * _last_speed(law, room, state)
+    return total
+
+
+@compiled
+def _kick_in_frame(
+    push: float, room: HostRoom, span: float, state: State, constants: Constants, motion: Motion,
+    time: float, start: float, opening: bool,
+) -> None:  # fmt: skip
+    """Kick grains and piston in a frame of the acceleration ``push``."""
+    room.present[PUSH] = push
+    for i in range(constants.grains):
+        state.fy[i] = room.push[i] - value_of(constants.masses, i) * push
+    kick_grains(span, state, constants, opening)
+    kick_piston(span, state, constants, motion, time, start, opening)
+    for i in range(constants.grains):
+        state.fy[i] = room.push[i]
+
+
+@compiled
+def _kick_bodies(
+    law: HostLaw, room: HostRoom, span: float, base: float, change: float, dashpots: bool
+) -> float:
+    """Fill in what the bodies below the last one gain, where that gains ``change``; its dashpot's
+    force, at mean velocities. By elimination from the base upwards.
+    """
+    chain, last, half = law.chain, law.chain.masses.size - 1, 0.5 * span
+    for k in range(last):
+        own, above = chain.damping[k], chain.damping[k + 1]
+        if not dashpots:
+            own, above = 0.0, 0.0
+        speed, below = room.kept[1, k], room.kept[1, k - 1] if k > 0 else 0.0
+        drag = above * (room.kept[1, k + 1] - speed) - own * (speed - below)
+        gain = span * (room.forces[k] - chain.masses[k] * base + drag)
+        if k == last - 1:
+            gain += half * above * change
+        room.diagonal[k] = chain.masses[k] + half * (own + above)
+        if k > 0:
+            ratio = half * own / room.diagonal[k - 1]
+            room.diagonal[k] -= ratio * half * own
+            gain += ratio * room.changes[k - 1]
+        room.changes[k] = gain
+    for back in range(last):
+        k = last - 1 - back
+        if k < last - 1 and dashpots:
+            room.changes[k] += half * chain.damping[k + 1] * room.changes[k + 1]
+        room.changes[k] /= room.diagonal[k]
+    if last < 0 or not dashpots:
+        return 0.0
+    room.changes[last] = change
+    below = room.kept[1, last - 1] + 0.5 * room.changes[last - 1] if last > 0 else 0.0
+    return -chain.damping[last] * (room.kept[1, last] + 0.5 * change - below)
+
+
+@compiled
+def _enter_dashpots(law: HostLaw, room: HostRoom, entry: int, span: float, state: State) -> None:
+    """Enter what the dashpots take at the mean velocities of a kick."""
+    below = 0.0
+    for k in range(law.chain.masses.size):
+        mean = room.kept[1, k] + 0.5 * room.changes[k]
+        state.ledger[entry] += span * law.chain.damping[k] * (mean - below) * (mean - below)
+        below = mean
+
+
+@compiled
+def _share(first: float, second: float) -> float:
+    """By which the second correction is multiplied, for the third to vanish (secant rule)."""
+    if first == second:
+        return 1.0
+    return min(max(first / (first - second), 0.0), 2.0)
+
+
+@compiled
+def _keep(room: HostRoom, state: State, constants: Constants) -> None:
+    for i in range(constants.grains):
+        room.speeds[0, i], room.speeds[1, i] = state.vx[i], state.vy[i]
+    for k in range(state.ledger.size):
+        room.ledger[k] = state.ledger[k]
+
+
+@compiled
+def _take_back(room: HostRoom, state: State, constants: Constants, speed: float) -> None:
+    for i in range(constants.grains):
+        state.vx[i], state.vy[i] = room.speeds[0, i], room.speeds[1, i]
+    for k in range(state.ledger.size):
+        state.ledger[k] = room.ledger[k]
+    state.piston[SPEED] = speed
+
+
+@compiled
+def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
+    law: HostLaw, entry: int, room: HostRoom, span: float, state: State, constants: Constants,
+    motion: Motion, time: float, start: float, opening: bool,
+) -> None:  # fmt: skip
+    shake = excitation_at(law.drive, start + time)
+    base = shake if law.drive.base else 0.0
+    force = 0.0 if law.drive.base else shake
+    free, last = motion.free, law.chain.masses.size - 1
+    chain = _chain_forces(law, room, force)
+    outer, top = 0.0, 0.0
+    if free:
+        outer = outer_force(motion, time)
+        top = state.wall_forces[TOP] - constants.piston_weight
+    weight, bed_force = law.frame_mass, 0.0
+    for i in range(constants.grains):
+        room.push[i] = state.fy[i]
+        bed_force += state.fy[i]
+    room.present[PULL] = 0.0
+    if law.mount == FIXED:
+        push = base
+    elif free:
+        if law.mount == PISTON_MOUNT:
+            room.present[PULL] = chain
+            push = -(bed_force + top) / weight
+        else:
+            push = (chain - bed_force - top) / weight
+    else:
+        weight += law.piston_mass
+        push = (chain - bed_force) / weight
+    bed, speed = _bed_momentum(state, constants), state.piston[SPEED]
+    power, whole = _power(law, room, state), _momentum(law, room, bed, speed)
+    frame = room.kept[1, max(last, 0)]
+    # What the passes but the last one are for is how much of the momentum is taken.
+    passes = 3 if law.reacts and law.mount != FIXED else 1
+    dashpots, held = not (law.mount == PISTON_MOUNT and free), 0.0
+    if passes > 1:
+        _keep(room, state, constants)
+    before, first = push, 0.0
+    for attempt in range(passes):
+        held = _kick_bodies(law, room, span, base, span * (push - base), dashpots)
+        _kick_in_frame(push, room, span, state, constants, motion, time, start, opening)
+        if attempt == passes - 1:
+            break
+        gain = span * (bed_force - law.bed_mass * push) - (_bed_momentum(state, constants) - bed)
+        if free:
+            pull = top + outer + room.present[PULL] - law.piston_mass * push
+            gain += span * pull - law.piston_mass * (state.piston[SPEED] - speed)
+        missing = before + (held + gain / span) / weight - push
+        if attempt == 0:
+            first = missing
+            push += missing
+        else:
+            push += missing * _share(first, missing)
+        _take_back(room, state, constants, speed)
+    if law.mount != FIXED:
+        taken = _bed_momentum(state, constants) - bed
+        if free:
+            taken += law.piston_mass * (state.piston[SPEED] - speed)
+        mass = law.frame_mass + law.piston_mass + law.bed_mass
+        change = (span * (chain + held + outer) - taken) / mass - span * base
+        room.changes[last] = change
+        if dashpots:
+            _enter_dashpots(law, room, entry, span, state)
+        for k in range(last + 1):
+            room.kept[1, k] += room.changes[k]
+        state.ledger[WORK] += span * outer * 0.5 * (frame + room.kept[1, last])
+    power += _power(law, room, state)
+    whole += _momentum(law, room, _bed_momentum(state, constants), state.piston[SPEED])
+    state.ledger[WORK] += 0.5 * span * (force * power - base * whole)
+
+
+@compiled
+def _damp(law: HostLaw, room: HostRoom, entry: int, span: float, state: State) -> None:
+    """Dashpots over a span, alone, of a chain that carries the piston of a free cell."""
+    chain, count = law.chain, law.chain.masses.size
+    half = 0.5 * span
+    for k in range(count):
+        mass = chain.masses[k] if k < count - 1 else law.piston_mass
+        above = chain.damping[k + 1] if k + 1 < count else 0.0
+        drag = -chain.damping[k] * (_speed(law, room, state, k) - _speed(law, room, state, k - 1))
+        if k + 1 < count:
+            drag += above * (_speed(law, room, state, k + 1) - _speed(law, room, state, k))
+        room.diagonal[k] = mass + half * (chain.damping[k] + above)
+        room.changes[k] = span * drag
+        if k > 0:
+            ratio = half * chain.damping[k] / room.diagonal[k - 1]
+            room.diagonal[k] -= ratio * half * chain.damping[k]
+            room.changes[k] += ratio * room.changes[k - 1]
+    for back in range(count):
+        k = count - 1 - back
+        if k + 1 < count:
+            room.changes[k] += half * chain.damping[k + 1] * room.changes[k + 1]
+        room.changes[k] /= room.diagonal[k]
+    below = 0.0
+    for k in range(count):
+        mean = _speed(law, room, state, k) + 0.5 * room.changes[k]
+        state.ledger[entry] += span * chain.damping[k] * (mean - below) * (mean - below)
+        below = mean
+    for k in range(count - 1):
+        room.kept[1, k] += room.changes[k]
+    state.piston[SPEED] += room.changes[count - 1]
+
+
+@compiled
+def _speed(law: HostLaw, room: HostRoom, state: State, k: int) -> float:
+    """Velocity of a body over the base; 0 of the base."""
+    if k < 0:
+        return 0.0
+    if k == law.chain.masses.size - 1:
+        return _last_speed(law, room, state)
+    return room.kept[1, k]

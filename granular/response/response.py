@@ -1,0 +1,281 @@
+"""The frequency response of a host with its damper, by stepped sines."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.effects.host import Host
+from granular.response.exact import hanging_mass, linear_response, tuned_mass
+from granular.response.steady import steady_figures
+from granular.scene.scene import Scene
+from granular.shared.errors import GranularError, InputError
+from granular.shared.messages import quoted
+from granular.shared.text_columns import in_columns
+from granular.studies.sweep import sweep
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+DURATION = 20.0
+"""How long a sine acts [s], if not given."""
+DENSE = 4001
+"""Frequencies at which peaks of closed forms are looked for."""
+AMPLITUDES = ("force", "acceleration", "displacement")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Response:
+    """A host's response to sines.
+
+    Attributes
+    ----------
+    scene : Scene
+    dataset : xarray.Dataset
+        On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement``
+        of the last body (of the load, where the cell stands on the base), ``alone`` without damper
+        and ``ideal`` with Den Hartog's tuned mass of the damper's weight; ``stroke`` of the piston
+        over the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and
+        ``loss_factor`` of the damper; ``transmissibility``; energies taken in a period;
+        ``unsteady``.
+    """
+
+    scene: Scene
+    dataset: xarray.Dataset
+
+    @property
+    def peak(self) -> float:
+        """Greatest displacement at the highest amplitude [m]."""
+        return float(self.dataset.displacement.max())
+
+    def peaks(self) -> list[dict[str, float]]:
+        """For each amplitude: where and how high the peak is, alone, and with the tuned mass."""
+        found = []
+        for one in self.dataset.amplitude.values:
+            part = self.dataset.sel(amplitude=one)
+            row = {"amplitude": float(one)}
+            row["frequency"] = float(part.frequency[int(part.displacement.argmax())])
+            row["peak"] = float(part.displacement.max())
+            if "alone" in part:
+                row |= self._linear_peaks(float(one))
+                row["reduction"] = row["alone"] / row["peak"]
+                row["over_ideal"] = row["peak"] / row["ideal"]
+            found.append(row)
+        return found
+
+    def _linear_peaks(self, size: float) -> dict[str, float]:
+        """Peaks without damper and with the tuned mass, in the range of the frequencies."""
+        host, known = self.scene.effects.host, self.dataset.frequency.values
+        assert host is not None
+        host = at_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
+        dense = np.geomspace(known.min(), known.max(), DENSE)
+        mass = damper_mass(self.scene)
+        hung = hanging_mass(dense, mass, *tuned_mass(host, mass))
+        return {
+            "alone": float(np.abs(linear_response(host, dense)[:, -1]).max()),
+            "ideal": float(np.abs(linear_response(host, dense, hung)[:, -1]).max()),
+        }
+
+    @property
+    def table(self) -> str:
+        """The peaks in columns."""
+        rows = self.peaks()
+        head = tuple(rows[0])
+        return in_columns([head, *(tuple(f"{row[key]:.4g}" for key in head) for row in rows)])
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the displacement [mm] over the frequency, with and without the damper."""
+        from granular.shared.plotting import axes_or_new, line_look
+
+        ax = axes_or_new(ax)
+        data, unit = self.dataset, self.dataset.amplitude.attrs["units"]
+        for k, one in enumerate(data.amplitude.values):
+            part = data.sel(amplitude=one)
+            label = f"with the damper, {one:g} {unit}"
+            ax.plot(part.frequency, 1e3 * part.displacement, label=label, **line_look(k))
+        if "alone" in data:
+            part = data.isel(amplitude=-1)
+            ax.plot(part.frequency, 1e3 * part.alone, "k--", lw=0.8, label="without")
+            ax.plot(part.frequency, 1e3 * part.ideal, "k:", lw=0.8, label="ideal tuned mass")
+        ax.set(xlabel="frequency [Hz]", ylabel="displacement [mm]", yscale="log")
+        ax.legend(frameon=False)
+        return ax
+
+
+def frequency_response(
+    scene: Scene,
+    frequencies: Sequence[float],
+    *,
+    amplitudes: Sequence[float] | None = None,
+    duration: float = DURATION,
+    dt: float | str = "auto",
+    out: str | Path | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Response:
+    """Run a scene for each frequency of the sine that shakes its host.
+
+    The sine begins at the excitation's ``start`` and acts for ``duration``; the last 0.4 of that
+    are taken for steady, which ``unsteady`` judges.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a host under a sine.
+    frequencies : sequence of float
+        [Hz]
+    amplitudes : sequence of float, optional
+        Of the force [N], or of the base's acceleration or displacement; the scene's own if not
+        given.
+    duration : float
+        [s]
+    dt : float or str
+        As of `simulate`.
+    out : str or Path, optional
+        Directory that keeps what is done; the same call goes on from there.
+    workers : int, optional
+        Processes.
+
+    Raises
+    ------
+    InputError
+        If the scene has no host under a sine, or a frequency or amplitude is not positive.
+    GranularError
+        If a run failed.
+    """
+    host = _checked(scene, frequencies, duration)
+    assert host.excitation is not None
+    (key,) = (name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
+    sizes = [getattr(host.excitation, key)] if amplitudes is None else list(amplitudes)
+    if not all(size > 0.0 for size in sizes):
+        raise InputError(f"amplitudes {sizes}: each must be above 0")
+    made = sweep(
+        scene, measure=steady_figures,
+        cases=[
+            {"effects.host.excitation.frequency": float(f), f"effects.host.excitation.{key}": size}
+            for size in sizes for f in frequencies
+        ],
+        t_end=host.excitation.start + duration, dt=dt, out=out, workers=workers,
+        progress=progress, title="response",
+    )  # fmt: skip
+    wrong = [one["error"] for one in made.outcomes if one["error"] is not None]
+    if wrong:
+        raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
+    return Response(scene, _dataset(scene, host, key, sizes, frequencies, made.outcomes))
+
+
+def _checked(scene: Scene, frequencies: Sequence[float], duration: float) -> Host:
+    host = scene.effects.host
+    if host is None or host.excitation is None or host.excitation.kind != "sine":
+        raise InputError(
+            f"the scene {quoted(scene.name)} has no host under a sine; give effects.host an "
+            "excitation of the kind 'sine', or take the packaged scene 'machine'"
+        )
+    if not len(frequencies) or not all(f > 0.0 for f in frequencies):
+        raise InputError(f"frequencies {list(frequencies)}: give some, each above 0 Hz")
+    if duration * min(frequencies) < 10.0:
+        raise InputError(
+            f"duration = {duration:g} s is less than 10 periods of {min(frequencies):g} Hz; give "
+            f"{10.0 / min(frequencies):g} s"
+        )
+    return host
+
+
+def damper_mass(scene: Scene) -> float:
+    """Mass of the damper [kg]: grains, piston, and the free cell."""
+    host, piston = scene.effects.host, scene.piston
+    mass = float(scene.grains.masses().sum())
+    if piston is not None and piston.mass is not None and (host is None or host.mount != "piston"):
+        mass += piston.mass
+    return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
+
+
+def at_amplitude(host: Host, key: str, size: float) -> Host:
+    """The host with another amplitude of its excitation."""
+    plain = host.to_plain()
+    return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
+
+
+def _dataset(
+    scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
+    outcomes: Sequence[Any],
+) -> xarray.Dataset:  # fmt: skip
+    import xarray
+
+    shape = (len(sizes), len(frequencies))
+    figures = [one["figures"] for one in outcomes]
+
+    def field(name: str) -> np.ndarray:
+        return np.array([one[name] for one in figures]).reshape(shape)
+
+    swing = field("real") + 1j * field("imaginary")
+    stroke = field("stroke_real") + 1j * field("stroke_imaginary")
+    found: dict[str, tuple[str, str, np.ndarray]] = {
+        "displacement": ("m", "amplitude of the last body", np.abs(swing)),
+        "phase": ("rad", "phase of the last body behind the drive", -np.angle(swing)),
+        "greatest": ("m", "half the range of the last body", field("greatest")),
+        "stroke": ("m", "amplitude of the piston over the cell", np.abs(stroke)),
+        "unsteady": ("1", "change of the amplitude while it is taken", field("unsteady")),
+    }
+    for name in figures[0]:
+        if name.endswith("_a_period"):
+            what = name.removesuffix("_a_period").replace("_", " ")
+            found[name] = ("J", f"{what} in a period", field(name))
+    omega = math.tau * np.array(frequencies)
+    if host.bodies:
+        found |= _against_linear(scene, host, key, sizes, frequencies, swing)
+    if host.excitation is not None and host.excitation.of_base:
+        shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else
+                                            -(omega**2))  # fmt: skip
+        whole = swing - shake / omega**2
+        ratio = np.abs(whole) / np.abs(shake / omega**2)
+        found["transmissibility"] = ("1", "amplitude over that of the base", ratio)
+    dims = ("amplitude", "frequency")
+    units = {"force": "N", "acceleration": "m/s^2", "displacement": "m"}[key]
+    return xarray.Dataset(
+        {
+            name: (dims, values, {"units": unit, "long_name": what})
+            for name, (unit, what, values) in found.items()
+        },
+        coords={
+            "amplitude": ("amplitude", list(sizes), {"units": units, "long_name": key}),
+            "frequency": ("frequency", list(frequencies), {"units": "Hz"}),
+        },
+    )
+
+
+def _against_linear(
+    scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
+    swing: np.ndarray,
+) -> dict[str, tuple[str, str, np.ndarray]]:  # fmt: skip
+    """Curves without damper and with the tuned mass, and what the damper is to the host."""
+    omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
+    spring, dashpot = tuned_mass(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
+    tuned = hanging_mass(frequencies, mass, spring, dashpot)
+    hosts = [at_amplitude(host, key, size) for size in sizes]
+    alone = np.array([np.abs(linear_response(one, frequencies)[:, -1]) for one in hosts])
+    ideal = np.array([np.abs(linear_response(one, frequencies, tuned)[:, -1]) for one in hosts])
+    found = {
+        "alone": ("m", "amplitude without the damper", alone),
+        "ideal": ("m", "amplitude with Den Hartog's tuned mass of the same weight", ideal),
+    }
+    if len(host.bodies) > 1 or (host.excitation is not None and host.excitation.of_base):
+        return found
+    # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.
+    body = host.bodies[-1]
+    own = body.stiffness - omega**2 * body.mass + 1j * omega * body.damping
+    hung = np.array(sizes)[:, None] / swing - own
+    power = 0.5 * 1j * omega * hung * np.abs(swing) ** 2  # complex: what is taken, and swings
+    return found | {
+        "effective_mass": ("kg", "mass that the damper adds to the host", -hung.real / omega**2),
+        "added_stiffness": ("N/m", "stiffness that the damper adds to the host", hung.real),
+        "added_damping": ("kg/s", "damping that the damper adds to the host", hung.imag / omega),
+        "taken_power": ("W", "mean power that the damper takes", -power.real),
+        "loss_factor": ("1", "power taken over that which swings", np.abs(power.real / power.imag)),
+    }

@@ -1,0 +1,267 @@
+"""A bed on a host as an ordinary differential equation: the annealing bed's law on both.
+
+Grains that follow the piston affinely have the velocity W + z' y/z over the base, W that of the
+cell. With the masses M_h of the host, M of the piston and m of the bed, the momentum of the whole
+and that along z give
+
+    (M_h + M + m) W' + (M + m/2) z'' = -k X - c W + F sin(omega t),
+    (M + m/2) W' + (M + m/3) z'' = M g ((rest/z)^power (1 + w) - 1) - N gamma z'/3,
+
+with the hidden states w and q of the law (`reduced_models.laws.annealing_bed`), whose modulus and
+strength are those that falls and swings of the packaged damper told, and the height of rest that
+its scene tells (`reduced_models.falls.theory`). Nothing is fitted to a machine.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled, entry
+from granular.effects.host import Host
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+from reduced_models.falls.theory import parameters_of
+from reduced_models.laws.annealing_bed import HARDENING, PLASTIC, STIFFENING, TIME
+
+MODULUS, STRENGTH, POWER = 0.307, 0.0429, 2.5
+"""Of the annealing bed; see `reduced_models.laws.annealing_bed`."""
+RANGE = (0.5, 3.0)
+"""Amplitudes of the piston over the cell [D] that the law was held against."""
+STEPS_A_PERIOD = 64
+SETTLING, MEASURED = 14.0, 0.4
+"""How long a sine acts [s], and the last part of it that counts for the amplitude."""
+
+
+class OutsideRangeWarning(UserWarning):
+    """A law is used where nothing was measured."""
+
+
+class BedOnHost(NamedTuple):
+    """The numbers of the equation, in SI.
+
+    Attributes
+    ----------
+    host, stiffness, damping : float
+        M_h, k, c.
+    piston, bed : float
+        M, m.
+    drag : float
+        N gamma/3 and the piston's own.
+    gravity, rest : float
+    modulus, strength : float
+    """
+
+    host: float
+    stiffness: float
+    damping: float
+    piston: float
+    bed: float
+    drag: float
+    gravity: float
+    rest: float
+    modulus: float = MODULUS
+    strength: float = STRENGTH
+
+    @classmethod
+    def of(cls, scene: Scene) -> BedOnHost:
+        """The equation of a scene whose host carries the cell.
+
+        Raises
+        ------
+        InputError
+            If the scene has another host, or no bed whose law is known.
+        """
+        host, piston = scene.effects.host, scene.piston
+        if host is None or host.mount != "cell" or len(host.bodies) != 1:
+            raise InputError(
+                f"the scene {quoted(scene.name)} has no host of one body that carries the cell; "
+                "the law is coupled to such a one"
+            )
+        parameters = parameters_of(scene.replace(**{"effects.host": "none"}))
+        assert piston is not None
+        assert piston.mass is not None
+        gravity = scene.effects.gravity
+        drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
+        (body,) = host.bodies
+        grains = scene.grains.masses()
+        return cls(
+            host=body.mass,
+            stiffness=body.stiffness,
+            damping=body.damping,
+            piston=piston.mass,
+            bed=float(grains.sum()),
+            drag=drag * float((grains / grains[0]).sum()) / 3.0 + piston.drag,
+            gravity=0.0 if gravity is None else gravity.acceleration,
+            rest=parameters["rest"],
+        )
+
+    def linear_response(self, frequencies: Sequence[float], force: float) -> np.ndarray:
+        """Displacement of the host (f,) [m] with the law's small swing in place of the law."""
+        omega = math.tau * np.asarray(frequencies, dtype=np.float64)
+        swing = self.piston + 0.5 * self.bed
+        own = self.stiffness + 1j * omega * self.damping
+        own = own - omega**2 * (self.host + self.piston + self.bed)
+        spring = self.piston * self.gravity / self.rest * (POWER + self.modulus)
+        bed = spring + 1j * omega * self.drag - omega**2 * (self.piston + self.bed / 3.0)
+        return np.asarray(force / (own - (omega**2 * swing) ** 2 / bed))
+
+
+@compiled
+def _rates(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
+    x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
+    whole, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
+    inner = law.piston + law.bed / 3.0
+    first = force - law.stiffness * x - law.damping * speed
+    ratio = law.rest / z
+    lift = ratio * ratio * math.sqrt(ratio) * (1.0 + w) - 1.0
+    second = law.piston * law.gravity * lift - law.drag * v
+    determinant = whole * inner - swing * swing
+    rates[0], rates[2] = speed, v
+    rates[1] = (inner * first - swing * second) / determinant
+    rates[3] = (whole * second - swing * first) / determinant
+    yields = law.strength * (1.0 + HARDENING * q)
+    plastic = abs(v) * w / (yields * yields)
+    rates[4] = -law.modulus * (1.0 + STIFFENING * q) / z * (v + plastic * abs(w))
+    rates[5] = (1.0 - q) / TIME - q * plastic * w / (PLASTIC * z)
+
+
+@entry
+def rates_of(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
+    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]."""
+    _rates(law, force, state, rates)
+
+
+@entry
+def swing_of(law: BedOnHost, force: float, omega: float, steps: int, last: int) -> Array:
+    """Squares of the amplitudes of host and piston over the last steps, by Runge and Kutta.
+
+    Parameters
+    ----------
+    steps, last : int
+        Of `STEPS_A_PERIOD` a period; whole periods.
+    """
+    h = 2.0 * math.pi / omega / STEPS_A_PERIOD
+    state, middle = np.zeros(6), np.zeros(6)
+    state[2], state[5] = law.rest, 0.5
+    slopes, sums = np.zeros((4, 6)), np.zeros(4)
+    for n in range(steps):
+        t = n * h
+        _rates(law, force * math.sin(omega * t), state, slopes[0])
+        for stage in range(1, 4):
+            part = h if stage == 3 else 0.5 * h
+            for k in range(6):
+                middle[k] = state[k] + part * slopes[stage - 1, k]
+            _rates(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
+        for k in range(6):
+            state[k] += (
+                h / 6.0 * (slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k])
+            )
+        if n >= steps - last:
+            sine, cosine = math.sin(omega * (t + h)), math.cos(omega * (t + h))
+            sums[0] += 2.0 / last * state[0] * sine
+            sums[1] += 2.0 / last * state[0] * cosine
+            sums[2] += 2.0 / last * (state[2] - law.rest) * sine
+            sums[3] += 2.0 / last * (state[2] - law.rest) * cosine
+    found = np.zeros(2)
+    found[0] = sums[0] * sums[0] + sums[1] * sums[1]
+    found[1] = sums[2] * sums[2] + sums[3] * sums[3]
+    return found
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PredictedResponse:
+    """What the law says of a host's response.
+
+    Attributes
+    ----------
+    frequencies : float64 (f,)
+        [Hz]
+    displacement, stroke : float64 (f,)
+        Amplitudes of the host, and of the piston over the cell [m].
+    linear : float64 (f,)
+        Amplitude of the host by the law's small swing [m].
+    outside : bool
+        Whether the stroke at the peak is one that the law was not held against.
+    """
+
+    frequencies: np.ndarray
+    displacement: np.ndarray
+    stroke: np.ndarray
+    linear: np.ndarray
+    outside: bool
+
+    @property
+    def peak(self) -> float:
+        """[m]"""
+        return float(self.displacement.max())
+
+
+def predicted_response(
+    scene: Scene, frequencies: Sequence[float], force: float | None = None
+) -> PredictedResponse:
+    """The response of a scene's host by the law alone, in milliseconds a frequency.
+
+    Parameters
+    ----------
+    scene : Scene
+    frequencies : sequence of float
+        [Hz]
+    force : float, optional
+        Amplitude [N]; the scene's own if not given.
+
+    Warns
+    -----
+    OutsideRangeWarning
+        Where the piston's stroke at the peak is outside `RANGE`.
+
+    Raises
+    ------
+    InputError
+        As `BedOnHost.of`, or without a force.
+    """
+    host = scene.effects.host
+    law = BedOnHost.of(scene)
+    if force is None:
+        force = _force_of(host)
+    found = response_of(law, frequencies, force)
+    diameter = scene.grains.species[0].diameter
+    stroke = float(found.stroke[int(found.displacement.argmax())]) / diameter
+    outside = not RANGE[0] <= stroke <= RANGE[1]
+    if outside:
+        warnings.warn(
+            f"the piston swings {stroke:.2g} D over the cell at the peak; the law was held against "
+            f"{RANGE[0]:g} to {RANGE[1]:g} D, so simulate the scene",
+            OutsideRangeWarning,
+            stacklevel=2,
+        )
+    return dataclasses.replace(found, outside=outside)
+
+
+def _force_of(host: Host | None) -> float:
+    force = None if host is None or host.excitation is None else host.excitation.force
+    if force is None:
+        raise InputError("the host is under no force; give one [N]")
+    return force
+
+
+def response_of(law: BedOnHost, frequencies: Sequence[float], force: float) -> PredictedResponse:
+    """As `predicted_response`, of given numbers, and without a range."""
+    pairs = []
+    for frequency in frequencies:
+        periods = max(math.ceil(SETTLING * frequency), 10)
+        last = max(math.floor(MEASURED * SETTLING * frequency), 4)
+        pairs.append(
+            swing_of(
+                law, force, math.tau * frequency, periods * STEPS_A_PERIOD, last * STEPS_A_PERIOD
+            )
+        )
+    swing, stroke = np.sqrt(np.array(pairs)).T
+    linear = np.abs(law.linear_response(frequencies, force))
+    return PredictedResponse(np.array(frequencies), swing, stroke, linear, False)

@@ -1,0 +1,48 @@
+"""The names that users touch first have an example in their docstring, and it runs.
+
+`examples.txt` lists them; those marked "long" simulate or fit.
+"""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+LISTED = [
+    line.split() for line in (Path(__file__).parent / "examples.txt").read_text().splitlines()
+]
+LONG = [pytest.param(name, marks=[pytest.mark.long] if mark else []) for name, *mark in LISTED]
+
+
+def named(path: str) -> Any:
+    """The object of a dotted path."""
+    parts = path.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[length:]:
+            found = getattr(found, part)
+        return found
+    raise AssertionError(f"there is no {path}")
+
+
+def test_sixty_names_have_examples() -> None:
+    assert len({name for name, *_ in LISTED}) >= 60
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_the_example_says_what_comes_out(name: str) -> None:
+    text = inspect.getdoc(named(name)) or ""
+    example = doctest.DocTestParser().get_doctest(text, {}, name, None, None)
+    assert any(one.want for one in example.examples), f"{name} has no example with an output"
+    runner = doctest.DocTestRunner(verbose=False)
+    said: list[str] = []
+    runner.run(example, out=said.append)
+    assert runner.failures == 0, "".join(said)

@@ -1,0 +1,80 @@
+"""Files that commands and blocks of the pages read: files that pages print, records, a model."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from granular import damper, load_scene, simulate
+
+from .shown import ROOT, files
+
+
+def prepared(here: Path) -> Path:
+    """The folder, with all of them."""
+    for name, text in files().items():
+        (here / name).write_text(text, encoding="utf-8")
+    for number, name in enumerate(("a", "b", "c", "lift-1", "lift-2", "lift-3")):
+        (here / f"{name}.csv").write_text("\n".join(["t,dist", *rows(1.0 + 0.3 * number)]))
+    (here / "shaken.csv").write_text("\n".join(shaken()))
+    (here / "forced.csv").write_text("\n".join(forced()))
+    (here / "pendulum.csv").write_text("\n".join(pendulum()))
+    for name in ("my-bed", "my-damper", "mine"):
+        damper(count=92).save(here / f"{name}.toml")
+    load_scene("bed").save(here / "bed.toml")
+    shutil.copy(ROOT / "tests" / "data" / "former" / "model.json", here)
+    return here
+
+
+def prepared_for_blocks(here: Path) -> Path:
+    """The folder, with what blocks of Python read besides: tables and a run."""
+    prepared(here)
+    (here / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))
+    plain = [f"{1e3 * t:.4f},{1e3 * z:.6f}" for t, z in swing(1.0)]
+    (here / "plain.csv").write_text("\n".join(["time,height", *plain, ""]))
+    pd.DataFrame(swing(1.0), columns=["t", "dist"]).to_excel(here / "lab.xlsx", index=False)
+    (here / "shaker.csv").write_text("\n".join(forced()))
+    simulate(load_scene("bed"), t_end=0.5, out=here / "runs" / "bed", progress=False)
+    return here
+
+
+def swing(amplitude: float) -> Iterator[tuple[float, float]]:
+    """A decaying motion like that of the packaged damper: seconds and metres."""
+    noise = np.random.default_rng(5).normal(size=1500)
+    for time, error in zip(np.linspace(0.0, 6.0, 1500), noise, strict=True):
+        fall = amplitude * np.exp(-0.8 * time) * np.cos(21.8 * time)
+        yield float(time), float(0.059 + 1.2e-3 * fall + 2e-6 * error)
+
+
+def rows(amplitude: float, *, sign: str = ".") -> list[str]:
+    apart = ";" if sign == "," else ","
+    return [apart.join(f"{x:.9f}".replace(".", sign) for x in pair) for pair in swing(amplitude)]
+
+
+def shaken() -> list[str]:
+    """Beside the height the speed of the base."""
+    pairs = [f"{t:.6f},{z:.9f},{0.01 * np.sin(7.0 * t):.9f}" for t, z in swing(1.0)]
+    return ["time,height,base_speed", *pairs]
+
+
+def forced() -> list[str]:
+    """Beside the height the force on the piston."""
+    pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in swing(1.0)]
+    return ["time,height,force", *pairs]
+
+
+def pendulum() -> list[str]:
+    """Angle of a damped pendulum that is let go at two radians."""
+    from scipy.integrate import solve_ivp
+
+    times = np.linspace(0.0, 20.0, 1000)
+    solved = solve_ivp(
+        lambda _, y: [y[1], -0.3 * y[1] - 2.0 * np.sin(y[0])], (0.0, 20.0), [2.0, 0.0],
+        t_eval=times, rtol=1e-9, atol=1e-11,
+    )  # fmt: skip
+    rows = [f"{t:.6f},{z:.9f}" for t, z in zip(times, solved.y[0], strict=True)]
+    return ["time [s],angle [rad]", *rows]

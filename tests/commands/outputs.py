@@ -1,0 +1,91 @@
+"""What the Python blocks of README and guide print: run, compared, and written below them.
+
+``python -m tests.commands.outputs [PAGE ...]`` runs the blocks of pages, each page in a process and
+a folder of its own, and writes what they print below them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from .material import prepared_for_blocks
+from .shown import PAGES, ROOT
+
+MOST = 14
+"""Lines of an output that a page shows."""
+BETWEEN = "=== next block ==="
+BLOCK = re.compile(r"```python\n(?P<code>.*?)```\n(?:\n```text\n(?P<shown>.*?)```\n)?", re.DOTALL)
+FILE = re.compile(r"# [\w-]+\.py\n")
+SECONDS = 1200.0
+
+
+def with_blocks() -> list[Path]:
+    """Pages that have Python blocks to run."""
+    return [path for path in PAGES if codes(path.read_text(encoding="utf-8"))]
+
+
+def codes(page: str) -> list[str]:
+    """The blocks of a page that are run; files are imported by others."""
+    return [one["code"] for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
+
+
+def shown(page: str) -> list[str]:
+    """What stands below each of them as its output; empty where nothing does."""
+    found = [one for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
+    return [one["shown"] or "" for one in found]
+
+
+def printed(page: str, folder: Path) -> list[str]:
+    """What each block prints, run one after the other in the folder.
+
+    Raises
+    ------
+    AssertionError
+        If one of them ends with an error.
+    """
+    script = folder / "page.py"
+    parts = [f"{code}\nprint({BETWEEN!r}, flush=True)\n" for code in codes(page)]
+    guard = 'if __name__ == "__main__":\n'  # sweeps start processes, which import the script
+    body = "".join(f"    {line}\n" if line else "\n" for line in "\n".join(parts).splitlines())
+    script.write_text(guard + body, encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(folder)))}
+    done = subprocess.run(
+        [sys.executable, script.name], cwd=folder, env=environment, capture_output=True,
+        text=True, timeout=SECONDS, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    return [one.strip("\n") for one in done.stdout.split(f"{BETWEEN}\n")[:-1]]
+
+
+def shortened(text: str) -> str:
+    """The first lines of an output, without spaces at their ends."""
+    lines = [line.rstrip() for line in text.splitlines()]
+    return "\n".join([*lines[:MOST], "..."] if len(lines) > MOST + 1 else lines)
+
+
+def write(path: Path) -> None:
+    """Write what the blocks of a page print below them."""
+    page = path.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        prepared_for_blocks(folder)
+        outputs = iter(printed(page, folder))
+
+    def with_output(block: re.Match[str]) -> str:
+        code = f"```python\n{block['code']}```\n"
+        if FILE.match(block["code"]) or not (text := shortened(next(outputs))):
+            return code
+        return f"{code}\n```text\n{text}\n```\n"
+
+    path.write_text(BLOCK.sub(with_output, page), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    for one in [Path(name).resolve() for name in sys.argv[1:]] or with_blocks():
+        print(one, flush=True)
+        write(one)

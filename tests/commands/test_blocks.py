@@ -1,0 +1,47 @@
+"""Every Python block of README and guide runs, and prints what stands below it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from .material import prepared_for_blocks
+from .outputs import MOST, codes, printed, shortened, shown, with_blocks
+
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def test_blocks_and_their_outputs_are_found() -> None:
+    page = "```python\nprint(1)\n```\n\n```text\n1\n```\n\n```python\n# mine.py\nx = 1\n```\n"
+    assert codes(page) == ["print(1)\n"]
+    assert shown(page) == ["1\n"]
+    assert sum(len(codes(path.read_text(encoding="utf-8"))) for path in with_blocks()) > 25
+
+
+def test_long_outputs_are_cut() -> None:
+    assert shortened("\n".join("abc")) == "a\nb\nc"
+    assert shortened("\n".join(["x"] * 40)).splitlines()[MOST:] == ["..."]
+
+
+def test_a_block_prints_what_it_says(tmp_path: Path) -> None:
+    """Blocks of a page share their names; one that fails is told."""
+    page = "```python\nx = 2\n```\n\n```python\nprint(x / 3)\n```\n"
+    assert printed(page, tmp_path) == ["", "0.6666666666666666"]
+    with pytest.raises(AssertionError, match="ZeroDivisionError"):
+        printed("```python\n1 / 0\n```\n", tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", with_blocks(), ids=lambda one: one.stem)
+def test_blocks_run_and_print_what_is_shown(path: Path, tmp_path: Path) -> None:
+    """The words as they stand, the numbers to a twentieth: other processors round otherwise."""
+    page = path.read_text(encoding="utf-8")
+    outputs = printed(page, prepared_for_blocks(tmp_path))
+    for text, output in zip(shown(page), outputs, strict=True):
+        ours, theirs = shortened(output).splitlines(), text.splitlines()
+        assert [NUMBER.sub("#", one) for one in ours] == [NUMBER.sub("#", one) for one in theirs]
+        for one, other in zip(ours, theirs, strict=True):
+            numbers = [[float(x) for x in NUMBER.findall(line)] for line in (one, other)]
+            assert numbers[0] == pytest.approx(numbers[1], rel=0.05), one

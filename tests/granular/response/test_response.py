@@ -1,0 +1,121 @@
+"""Responses by stepped sines against closed forms; the command."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import load_scene, simulate
+from granular.__main__ import main
+from granular.effects.host import Host
+from granular.response.exact import hanging_mass, linear_response, tuned_mass
+from granular.response.response import frequency_response
+from granular.response.steady import complex_amplitude, steady_figures
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+
+BODY = {"mass": 2.0, "stiffness": 800.0, "damping": 6.0}
+RESONANCE = math.sqrt(800.0 / 2.0) / math.tau
+RATIOS = (0.3, 0.95, 1.05, 3.0)
+
+
+def bench(**changes: Any) -> Scene:
+    """A linear tuned mass, made of one grain over a spring, in drag."""
+    mass = 0.2
+    plain = {
+        "name": "bench",
+        "grains": {
+            "count": 1, "species": [{"diameter": "6 mm"}],
+            "density": mass / (math.pi / 4.0 * 0.006**2 * 0.003),
+        },
+        "cell": {"width": "60 D"},
+        "effects": {
+            "walls": {
+                "left": "none", "right": "none", "top": "none",
+                "bottom": {"energy": "k*(w-l)^2/2", "k": "75 N/m", "l": "60 mm"},
+            },
+            "drag": {"coefficient": 1.0},
+            "host": {"bodies": [BODY], "excitation": {"force": 1.0, "frequency": 3.0}},
+        },
+        "arrangement": {"positions": [["0.1 m", "60 mm"]]},
+        "protocol": [{"name": "shake", "kind": "hold", "duration": 20.0}],
+        "piston": {"height": "20 D"},
+        "output": {"scalars": "2 ms", "frames": "1 s"},
+    }  # fmt: skip
+    return Scene.from_plain(plain).replace(**changes)
+
+
+@pytest.mark.long
+def test_the_response_is_that_of_two_degrees_of_freedom(tmp_path: Path) -> None:
+    scene, frequencies = bench(), [ratio * RESONANCE for ratio in RATIOS]
+    found = frequency_response(
+        scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False
+    )
+    hung = hanging_mass(frequencies, 0.2, 75.0, 1.0)
+    host = scene.effects.host
+    assert host is not None
+    exact = np.abs(linear_response(host, frequencies, hung)[:, -1])
+    data = found.dataset.isel(amplitude=0)
+    np.testing.assert_allclose(data.displacement, exact, rtol=5e-3)
+    omega = math.tau * np.array(frequencies)
+    np.testing.assert_allclose(data.added_damping, hung.imag / omega, rtol=0.05, atol=0.02)
+    np.testing.assert_allclose(data.effective_mass, -hung.real / omega**2, rtol=0.05, atol=0.02)
+    again = frequency_response(
+        scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False
+    )
+    assert found.dataset.equals(again.dataset)
+
+
+def test_den_hartogs_tuned_mass_makes_both_peaks_alike() -> None:
+    host = Host.from_plain({
+        "bodies": [{"mass": 100.0, "stiffness": 4e4}],
+        "excitation": {"force": 1.0, "frequency": 1.0},
+    })  # fmt: skip
+    frequencies = np.linspace(2.0, 4.5, 4001)
+    hung = hanging_mass(frequencies, 5.0, *tuned_mass(host, 5.0))
+    swing = np.abs(linear_response(host, frequencies, hung)[:, 0])
+    peaks = np.flatnonzero((swing[1:-1] > swing[:-2]) & (swing[1:-1] > swing[2:]))
+    # sqrt(1 + 2/mu) over the static deflection, mu = 0.05
+    np.testing.assert_allclose(swing[1:-1][peaks], math.sqrt(41.0) / 4e4, rtol=0.01)
+
+
+def test_a_complex_amplitude_is_found_over_a_drift() -> None:
+    time = np.linspace(0.0, 3.7, 900)
+    values = 2.0 * np.sin(math.tau * 2.0 * time + 0.7) + 5.0 - 0.1 * time
+    found = complex_amplitude(time, values, 2.0)
+    assert abs(found) == pytest.approx(2.0, rel=1e-2)
+    assert np.angle(found) == pytest.approx(0.7, abs=1e-2)
+
+
+def test_the_energy_in_a_period_is_what_force_and_drag_exchange() -> None:
+    run = simulate(bench(), t_end=10.0, progress=False)
+    figures = steady_figures(run)
+    taken = figures["drag_loss_a_period"] + figures["host_loss_a_period"]
+    assert figures["work_a_period"] == pytest.approx(taken, rel=0.01)
+    swing = complex(figures["real"], figures["imaginary"])
+    assert figures["work_a_period"] == pytest.approx(-math.pi * swing.imag, rel=0.01)
+
+
+@pytest.mark.long
+def test_the_command_answers_and_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bench.toml"
+    bench().save(file)
+    main([
+        "response", str(file), "--from", "2Hz", "--to", "4Hz", "--points", "2", "--duration", "6",
+        "--force", "2N", "--workers", "1", "--json", "--quiet", "-o", str(tmp_path / "out"),
+    ])  # fmt: skip
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["peaks"][0]["amplitude"] == 2.0
+    assert (tmp_path / "out" / "response.png").is_file()
+    assert len((tmp_path / "out" / "response.csv").read_text().splitlines()) == 3
+    with pytest.raises(InputError, match="no host under a sine"):
+        frequency_response(load_scene("bed"), [1.0])
+    with pytest.raises(InputError, match="at least 2 points"):
+        main(["response", str(file), "--from", "4Hz", "--to", "2Hz"])

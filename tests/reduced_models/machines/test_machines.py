@@ -1,0 +1,76 @@
+"""The law at work on a host: its equation, its limits, and designs from it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import sympy
+
+from granular import load_scene
+from granular.effects.excitation import Excitation
+from granular.effects.host import Host
+from granular.shared.errors import InputError
+from reduced_models.laws.annealing_bed import ANNEALING_BED
+from reduced_models.machines import BedOnHost, design_for, predicted_response
+from reduced_models.machines.predicted import OutsideRangeWarning, rates_of, response_of
+
+FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
+
+
+def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
+    law = BedOnHost.of(load_scene("machine"))._replace(bed=0.0, host=1e30)
+    state = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6])
+    rates = np.zeros(6)
+    rates_of(law, 0.0, state, rates)
+    numbers = {
+        "lam": law.drag / (2.0 * law.piston), "weight": law.gravity, "rest": law.rest,
+        "power": 2.5, "modulus": law.modulus, "strength": law.strength,
+        "z": 0.055, "z_first": -0.2, "w": 0.02, "q": 0.6,
+    }  # fmt: skip
+    parsed = ANNEALING_BED.parsed
+    values = [parsed.acceleration, parsed.hidden["w"], parsed.hidden["q"]]
+    exact = [float(one.subs({s: numbers[_name(s)] for s in one.free_symbols})) for one in values]
+    np.testing.assert_allclose(rates[3:], exact, rtol=1e-9)
+
+
+def _name(symbol: sympy.Symbol) -> str:
+    parsed = ANNEALING_BED.parsed
+    return {parsed.symbol_z: "z", parsed.symbol_v: "z_first"}.get(symbol, symbol.name)
+
+
+def test_small_swings_are_linear() -> None:
+    law = BedOnHost.of(load_scene("machine"))._replace(modulus=1e-9)
+    found = response_of(law, FREQUENCIES, 0.01)
+    np.testing.assert_allclose(found.displacement, found.linear, rtol=0.03)
+
+
+def test_outside_of_what_was_measured_a_user_is_warned() -> None:
+    scene = load_scene("machine")
+    assert not predicted_response(scene, FREQUENCIES).outside
+    with pytest.warns(OutsideRangeWarning, match=r"0.5 to 3 D"):
+        assert predicted_response(scene, FREQUENCIES, 40.0).outside
+    with pytest.raises(InputError, match="no host of one body"):
+        predicted_response(load_scene("damper"), FREQUENCIES)
+
+
+@pytest.mark.long
+def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
+    scene = load_scene("machine")
+    host = scene.effects.host
+    assert host is not None
+    assert host.excitation is not None
+    found = design_for(host, host.excitation, limit=7.75)
+    assert found.helps
+    assert found.mass <= 7.75
+    packaged = predicted_response(scene, FREQUENCIES).peak
+    assert found.ideal < found.peak < 0.8 * packaged
+    body = host.bodies[0]
+    assert found.alone == pytest.approx(
+        10.0 / (body.damping * math.sqrt(body.stiffness / body.mass)), rel=1e-2
+    )
+    stiff = Host.from_plain({"bodies": [{"mass": "100 kg", "stiffness": "4 MN/m", "damping": 4e3}]})
+    no = design_for(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75)
+    assert not no.helps
+    assert no.verdict.startswith("no: ")
