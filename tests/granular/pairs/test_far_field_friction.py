@@ -10,16 +10,18 @@ import pytest
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.engine.far import add_far_field, refresh_far_field
+from granular.engine.far import add_far_field, find_far_field, refresh_far_field
 from granular.engine.step_size import Step
 from granular.engine.system import natural_system
 from granular.methods import method_named
 from granular.pairs.far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
+from granular.run.snapshot import restore, snapshot
 from granular.run.standing import PLACE
 
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)
+find_far = entry(find_far_field)
 
 
 def on_mesh(scene: Scene, **changes: object) -> Scene:
@@ -131,19 +133,37 @@ def test_bed_that_rubs_rests_under_the_same_force(small_bed: Scene) -> None:
     assert (moved == 0.0).mean() > 0.5
 
 
-def test_a_run_is_gone_on_with_to_the_same_bits(small_bed: Scene, tmp_path: Path) -> None:
-    """A run that is stopped while the far field goes on keeps what it goes on from."""
-    scene = moving(on_mesh(rubbing(small_bed)))
-    ends = {}
-    for place, stops in (("whole", (0.006,)), ("parts", (0.0023, 0.006))):
-        for end in stops:
-            out = str(tmp_path / place)
-            resume = end != stops[0]
-            ends[place] = simulate(
-                scene, t_end=end, dt=1e-4, out=out, resume=resume, progress=False
-            ).dataset
-    for name in ("position", "velocity", "force"):
-        np.testing.assert_array_equal(ends["whole"][name][-1], ends["parts"][name][-1])
+def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> None:
+    """A state put back goes on from the same moment, to the same bits in the next step."""
+    scene, method, dt = on_mesh(rubbing(small_bed)), method_named("stormer-verlet"), 0.02
+    system = natural_system(scene, method=method)
+
+    def begun() -> Run:
+        run = Run(scene, system, method, Step(), None)
+        run.begin_stage()
+        return run
+
+    def step(run: Run, time: float) -> np.ndarray:
+        """The grains slide on; forces of the far field there."""
+        state, count = run.state, run.constants.grains
+        assert state.far_forces is not None
+        state.x[:count] += 0.3 * dt
+        assert evaluate_far(state.far_forces, state, run.constants, time) == 0
+        for sums in (state.fx, state.fy):
+            sums[:] = 0.0
+        add_far(state.far_forces, state, count, time)
+        return np.array([state.fx, state.fy])
+
+    run, other = begun(), begun()
+    far, back = run.state.far_forces, other.state.far_forces
+    assert far is not None
+    assert back is not None
+    find_far(far, run.state, run.constants, dt / 3.0)  # as what is written down does
+    restore(other, snapshot(run))
+    assert far.moment[TIME] > 0.0
+    np.testing.assert_array_equal(back.moment, far.moment)
+    forces = [step(one, 4.0 / 3.0 * dt) for one in (run, other)]
+    np.testing.assert_array_equal(*forces)
 
 
 @pytest.mark.long
