@@ -175,16 +175,17 @@ def _far_field(
 def _far_every(scene: Scene, method: Method | None) -> int | None:
     """Steps from impulse to impulse of the far field; None where it is a part of every force."""
     wanted = scene.pairs.far_every
-    rubs = scene.effects.friction is not None
-    able = method is not None and method.takes_impulses and not rubs
+    rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None
+    able = method is not None and method.takes_impulses and not rubs and not hosted
     if wanted is None:
         return FAR_EVERY if able and scene.pair_method == "mesh" else None
     if wanted > 1 and method is not None and not able:
-        why = "grains rub, and need the whole force to stick" if rubs else f"{method.name!r} cannot"
-        raise InputError(
-            f"pairs.far_every = {wanted}: {why}; leave it away, or take 1"
-            + ("" if rubs else " or 'stormer-verlet'")
-        )
+        why, other = f"{method.name!r} cannot", " or 'stormer-verlet'"
+        if rubs:
+            why, other = "grains rub, and need the whole force to stick", ""
+        elif hosted:
+            why, other = "a host moves by the whole force on its cell", ""
+        raise InputError(f"pairs.far_every = {wanted}: {why}; leave it away, or take 1{other}")
     return wanted if able and wanted > 1 else None
 
 

@@ -15,6 +15,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import load_scene, load_trajectory, simulate
+from granular.engine.system import natural_system
+from granular.methods import METHODS
+from granular.pairs.far_field import FarField
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError, SceneError
@@ -310,6 +313,21 @@ def test_what_is_carried_is_checked() -> None:
         scene(**{"effects.host.cell_mass": "1 kg"})
     with pytest.raises(InputError, match="take 'stormer-verlet'"):
         simulate(scene(), method="runge-kutta-4", progress=False)
+
+
+def test_the_far_field_of_a_bed_on_a_host_is_a_part_of_every_force() -> None:
+    """An impulse would reach the grains and not the host."""
+    bed = scene(**BED, **{"pairs.method": "mesh"})
+    assert natural_far(bed).every is None
+    assert natural_far(bed.replace(**{"effects.host": None})).every is not None
+    with pytest.raises(InputError, match=r"far_every = 4: a host moves by the whole force"):
+        natural_far(bed.replace(**{"pairs.far_every": 4}))
+
+
+def natural_far(scene: Scene) -> FarField:
+    far = natural_system(scene, method=METHODS["stormer-verlet"]).constants.acting.far
+    assert far is not None
+    return far
 
 
 def test_the_packaged_scenes_name_no_host() -> None:
