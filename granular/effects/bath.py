@@ -2,9 +2,9 @@
 
     m dv = F dt - m g v dt + sqrt(2 m g T) dW
 
-with the rate g and the temperature T, an energy. A step is BAOAB (Leimkuhler and Matthews, Appl.
-Math. Res. Express 2013, 34, doi:10.1093/amrx/abs010): half a kick, half a drift, the
-Ornstein-Uhlenbeck process over the whole step, which is solved exactly,
+with the rate g and the temperature T, an energy. A step is BAOAB (Leimkuhler and Matthews 2013,
+doi:10.1093/amrx/abs010), which is half a kick, half a drift, the Ornstein-Uhlenbeck process over
+the whole step, which is solved exactly,
 
     v becomes exp(-g h) v + sqrt((1 - exp(-2 g h)) T/m) R,
 

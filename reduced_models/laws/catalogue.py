@@ -47,7 +47,7 @@ def law_named(name: str) -> Law:
     --------
     >>> from reduced_models import law_named
     >>> law_named("duffing").equation
-    "z'' + 2*lam*z' + omega**2*(z - rest) + beta*(z - rest)**3 = 0"
+    "z'' + 2*lam*z' + k*(z - rest) + beta*(z - rest)**3 = 0"
     """
     if name not in LAWS:
         raise InputError(unknown(str(name), tuple(LAWS), "law"))

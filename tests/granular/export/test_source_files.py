@@ -105,7 +105,7 @@ def test_frames_finer_than_the_source_are_thinned(run: Trajectory, tmp_path: Pat
 
 def test_coarser_frames_are_all_written_with_a_warning(run: Trajectory, tmp_path: Path) -> None:
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 0.01))
-    with pytest.warns(UserWarning, match=r"a frame every 0\.01 s, the source every 0\.0005 s"):
+    with pytest.warns(UserWarning, match=r"a frame every 0\.01 s, de Paula every 0\.0005 s"):
         to_source_files(dataclasses.replace(run, dataset=data), tmp_path)
     assert len(np.loadtxt(tmp_path / "posPart.dat")) == 40 * 7 + 50 * 6
 
