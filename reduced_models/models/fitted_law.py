@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import decimal
 import functools
+import math
 import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -51,12 +53,27 @@ class AtRest:
         units = {"height": " m", "period": " s", "damping_ratio": ""}
         lines = []
         for name, unit in units.items():
-            line = f"{name.replace('_', ' ')}: {getattr(self, name):.4g}{unit}"
-            if name in self.intervals:
-                low, high = self.intervals[name]
-                line += f"  [{low:.4g}, {high:.4g}]"
-            lines.append(line)
+            value, interval = getattr(self, name), self.intervals.get(name)
+            text = (
+                f"{value:.4g}{unit}" if interval is None else _with_interval(value, unit, interval)
+            )
+            lines.append(f"{name.replace('_', ' ')}: {text}")
         return "\n".join(lines)
+
+
+def _with_interval(value: float, unit: str, interval: tuple[float, float]) -> str:
+    """To the decimal that the interval's width tells; its ends are rounded outwards."""
+    low, high = interval
+    if not 0.0 < high - low < math.inf:
+        return f"{value:.4g}{unit}  [{low:.4g}, {high:.4g}]"
+    decimals = min(MOST_DIGITS, max(0, 1 - math.floor(math.log10(high - low))))
+    below, above = (
+        decimal.Decimal(repr(float(one))).quantize(
+            decimal.Decimal(1).scaleb(-decimals), rounding=how
+        )
+        for one, how in ((low, decimal.ROUND_FLOOR), (high, decimal.ROUND_CEILING))
+    )
+    return f"{value:.{decimals}f}{unit}  [{below:f}, {above:f}]"
 
 
 class FittedLaw:

@@ -291,7 +291,7 @@ def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFi
         f"{_ends(found, one)}"
         for one in met
     )
-    begun = f"{words}, run at {len(of_it)} sizes, gives it within scatter at {len(met)}: {hits}"
+    begun = f"{words[0].upper()}{words[1:]}, run at {len(of_it)} sizes, gives it within scatter at {len(met)}: {hits}"
     alike = [one.bed for one in of_it if one not in met and one not in missed]
     if alike:
         begun += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"

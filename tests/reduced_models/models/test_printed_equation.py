@@ -15,6 +15,7 @@ from reduced_models import HeightMap, ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.printing import rounded
 from reduced_models.laws.small_swing import NoSwing, small_swing, swing_of_equation
+from reduced_models.models.fitted_law import AtRest
 
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
 
@@ -137,3 +138,16 @@ def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> No
     for key, value in figures.items():
         low, high = rest.intervals[key]
         assert low <= value <= high, key
+
+
+def test_what_a_law_says_of_rest_is_printed_to_its_intervals() -> None:
+    """Ends are rounded outwards, and no interval that has a width is printed without one."""
+    rest = AtRest(
+        0.062123456, 0.3, 0.0867512,
+        {"height": (0.06212341, 0.06212350), "period": (0.2, 0.4)},
+    )  # fmt: skip
+    assert str(rest).splitlines() == [
+        "height: 0.062123456 m  [0.062123410, 0.062123500]",
+        "period: 0.30 s  [0.20, 0.40]",
+        "damping ratio: 0.08675",
+    ]
