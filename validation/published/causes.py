@@ -276,7 +276,7 @@ def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
         return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
     said = " ".join(_record(found, words, list(best.values())) for words in causes)
     return (
-        f"{begun} Published in brackets: {said} Where the two distances are off alike, the "
+        f"{begun} Published in brackets. {said} Where the two distances are off alike, the "
         "difference is met and the bed is not."
     )
 
@@ -291,7 +291,10 @@ def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFi
         f"{_ends(found, one)}"
         for one in met
     )
-    begun = f"{words[0].upper()}{words[1:]}, run at {len(of_it)} sizes, gives it within scatter at {len(met)}: {hits}"
+    begun = (
+        f"{words[0].upper()}{words[1:]}, run at {len(of_it)} sizes, gives it within scatter at "
+        f"{len(met)}: {hits}"
+    )
     alike = [one.bed for one in of_it if one not in met and one not in missed]
     if alike:
         begun += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"

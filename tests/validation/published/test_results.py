@@ -196,7 +196,7 @@ def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
         return results(*some)
 
     found = verdict_on_hysteresis(comparisons(beds(True, True, False)))
-    assert "a cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
+    assert "A cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
     assert "It does not at 1: 1.29 D (0.99) at N = 368." in found
     assert "no explanation" not in found
     for hits in ((True, False, False), (False, False, False)):
