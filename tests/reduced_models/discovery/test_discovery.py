@@ -211,6 +211,7 @@ def test_a_seed_repeats_a_search() -> None:
     assert found[0] != found[2]
 
 
+@pytest.mark.long  # quick: records with noise
 def test_noise_free_records_keep_their_structure() -> None:
     for name in LAWS:
         found = discover(made(name, 0, level=0.0), "sindy", polish=0)

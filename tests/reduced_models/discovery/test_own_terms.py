@@ -81,6 +81,7 @@ def test_the_structure_is_found_from_five_seeds(name: str) -> None:
     assert sum(found_in(name, seed) == SYSTEMS[name][3] for seed in range(5)) >= 4
 
 
+@pytest.mark.long  # quick: structures without polishing
 def test_a_pendulum_of_a_polished_discovery() -> None:
     """Its model solves the own term, and says so as text."""
     law, start, options, _ = SYSTEMS["pendulum"]

@@ -79,6 +79,7 @@ def test_a_pendulum_of_56_degrees_is_a_sine() -> None:
     assert values == pytest.approx({"sin(z)": -9.0, "z'": -0.05}, rel=0.02)
 
 
+@pytest.mark.long  # quick: terms have their price
 def test_noise_hides_whether_it_is_a_sine_or_a_cubic() -> None:
     found = discover(pendulum(0.1), "sindy", library="auto", polish=0)
     assert "the data cannot tell" in " ".join(found.notes)

@@ -221,6 +221,7 @@ for outcome in checked_records(load_trajectory(sys.argv[1]), checks, None, False
 """
 
 
+@pytest.mark.long  # quick: checks of a scene, in a session
 def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
     """No guard is needed, and a run that fails in its process comes back as words."""
     (tmp_path / "script.py").write_text(SCRIPT)

@@ -295,6 +295,7 @@ def test_a_changed_law_is_run_anew_once(
     assert counted(read(tmp_path / "results.json"))["stale"] == 0
 
 
+@pytest.mark.long  # quick: a changed law is run anew, above
 def test_a_mark_stays_until_the_series_is_run_anew(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
