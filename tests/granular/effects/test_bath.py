@@ -96,6 +96,7 @@ def test_temperatures_and_displacements_of_a_crystal(small_bed: Scene) -> None:
     assert moved == pytest.approx(wanted, rel=0.02)
 
 
+@pytest.mark.long  # quick: a run that goes on, in plain Python
 def test_same_bits_when_a_run_goes_on(small_bed: Scene, tmp_path: Path) -> None:
     """A run that goes on from where it was kept, and one that is left alone."""
     scene = crystal(small_bed)

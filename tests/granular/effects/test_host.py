@@ -76,6 +76,7 @@ def grain_on_spring(mass: float, frequency: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
+@pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 3.0])
 def test_a_host_alone_swings_as_one_mass_does(ratio: float) -> None:
     omega = math.tau * ratio * RESONANCE
@@ -120,6 +121,7 @@ def test_a_linear_damper_makes_two_degrees_of_freedom(ratio: float, base: bool) 
     assert found.settings()["ledger_residual"] < 1e-5
 
 
+@pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 def test_grains_that_stick_are_a_mass_more() -> None:
     count, ratio = 6, 0.9
     loaded = {
@@ -142,6 +144,7 @@ def test_grains_that_stick_are_a_mass_more() -> None:
     assert np.ptp(found.dataset.position.values[1:], axis=0).max() == 0.0
 
 
+@pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 def test_a_piston_in_drag_pulls_at_the_body_that_carries_the_cell() -> None:
     drag, mass, omega = 4.0, 0.5, math.tau * RESONANCE
     found = run(
@@ -168,6 +171,7 @@ def test_a_piston_in_drag_pulls_at_the_body_that_carries_the_cell() -> None:
     assert found.settings()["ledger_residual"] < 1e-5
 
 
+@pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 def test_a_free_cell_hangs_by_its_drag_on_the_piston() -> None:
     drag, own, cell, omega = 4.0, 0.5, 0.7, math.tau * RESONANCE
     found = run(
@@ -190,6 +194,7 @@ def test_a_free_cell_hangs_by_its_drag_on_the_piston() -> None:
     assert found.settings()["ledger_residual"] < 1e-5
 
 
+@pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 def test_a_load_in_drag_over_a_shaken_base() -> None:
     drag, mass, omega = 4.0, 0.5, math.tau * 3.0
     found = run(
@@ -219,8 +224,16 @@ BED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("mount", ["cell", "piston"])
-@pytest.mark.parametrize("drag", [0.0, 0.1])
+@pytest.mark.parametrize(
+    ("mount", "drag"),
+    [
+        ("cell", 0.1),
+        *(
+            pytest.param(mount, drag, marks=pytest.mark.long)
+            for mount, drag in (("cell", 0.0), ("piston", 0.0), ("piston", 0.1))
+        ),
+    ],
+)
 def test_a_bed_on_a_host_has_the_order_and_the_ledger_of_the_method(
     mount: str, drag: float
 ) -> None:
@@ -246,6 +259,7 @@ def test_a_bed_on_a_host_has_the_order_and_the_ledger_of_the_method(
     assert runs[2].settings()["ledger_residual"] < 1e-5
 
 
+@pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 def test_the_momentum_of_the_whole_is_that_of_the_outer_force() -> None:
     bed = scene(**BED).replace(**{
         "effects.host.bodies": [{"mass": 2.0}], "effects.drag.coefficient": 0.5,

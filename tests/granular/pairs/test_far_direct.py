@@ -57,6 +57,7 @@ def spared(scene: Scene, every: int = 8) -> Scene:
     return scene.replace(pairs={"method": "direct", "far_every": every})
 
 
+@pytest.mark.long  # quick: the kernel above, and a small run in plain Python
 def test_a_run_starts_with_the_forces_of_the_whole_sum(small_damper: Scene) -> None:
     """And keeps its energy, and goes another way only by the error of the step."""
     runs = [

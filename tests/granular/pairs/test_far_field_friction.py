@@ -133,6 +133,7 @@ def test_bed_that_rubs_rests_under_the_same_force(small_bed: Scene) -> None:
     assert (moved == 0.0).mean() > 0.5
 
 
+@pytest.mark.long  # quick: what a checkpoint of friction holds, in plain Python
 def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> None:
     """A state put back goes on from the same moment, to the same bits in the next step."""
     scene, method, dt = on_mesh(rubbing(small_bed)), method_named("stormer-verlet"), 0.02
