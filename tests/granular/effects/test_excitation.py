@@ -118,10 +118,10 @@ def test_a_record_is_a_table_from_a_file(tmp_path: Path, text: str) -> None:
 
 def test_a_record_that_is_none_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "record.txt"
-    with pytest.raises(FieldError, match="record.txt"):
+    with pytest.raises(FieldError, match=r"record\.txt"):
         Excitation(kind="record", force=1.0, file=str(path))
     path.write_text("0 1\n1 2\n2 three\n3 4\n")
-    with pytest.raises(FieldError, match="line 3 .* is no time and number"):
+    with pytest.raises(FieldError, match=r"line 3 .* is no time and number"):
         Excitation(kind="record", force=1.0, file=str(path))
     path.write_text("0 1\n1 2\n")
     with pytest.raises(FieldError, match="2 lines"):
