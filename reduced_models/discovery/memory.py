@@ -125,9 +125,8 @@ def memory_discovery(
     )
     front, chosen = _with_others(front, chosen, candidates, force)
     notes = (*_notes(groups, best), *notes_on(front[chosen], judged[best].judge))
-    method = (
-        "sindy" if search is None else f"sindy and {search.method}" if sparse else search.method
-    )
+    searches = ("sindy" if sparse else "", "" if search is None else search.method)
+    method = " and ".join(name for name in searches if name)
     left = "force" if force else "z''"
     return Discovery(
         f"{method}, with memory, {left}", tuple(front), chosen, HeightMap(), notes=notes
@@ -165,7 +164,7 @@ class _White:
         return int(np.argmin(squares))
 
 
-def _with(state: HiddenState, white: _White, known: tuple[AnyTerm, ...]) -> _Judged:
+def _with(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _Judged:
     """The best sums with a hidden state, at the scales where all terms together leave least."""
     weak = white.weak
     scales = state.tried(weak.motions[0].period)

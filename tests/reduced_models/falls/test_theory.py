@@ -101,7 +101,7 @@ def followed(law: PredictedLaw) -> np.ndarray:
 
 
 def test_friction_of_the_piston_is_added_to_the_law() -> None:
-    """It lets the piston but creep where the bed's force is within it, and takes the work of its way."""
+    """The piston hardly creeps where the bed's force is within it."""
     plain, rubbing = predict(damper()), predict(damper().replace(**{"piston.friction": 5.0}))
     assert rubbing.at_rest is None
     share = rubbing.parameters["friction"] / rubbing.parameters["weight"]
