@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.shared.errors import GranularError
-from reduced_models.discovery.libraries import PHYSICAL
 from reduced_models.laws.height_map import HeightMap
 from validation.discovery.judging import worth
 from validation.discovery.peers import pyoperon_law, pysindy_law
@@ -111,12 +110,11 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
         return pyoperon_law(record, system, named, case.seed), HeightMap()
     from reduced_models.discovery.discovering import discover
 
-    found = discover(
-        record,
-        library=system.library if named else PHYSICAL,
-        input=INPUT if system.driven else None,
-        seed=case.seed,
-    )
+    column = INPUT if system.driven else None
+    if named:
+        found = discover(record, library=system.library, input=column, seed=case.seed)
+    else:
+        found = discover(record, input=column, seed=case.seed)
     return found.expression, found.map
 
 
