@@ -132,7 +132,9 @@ def discover(
     _check_kinds(library, map, seed)
     terms, functions = _texts(terms), _texts(functions)
     automatic = library in (AUTO, (AUTO,), [AUTO])
-    known = () if automatic else terms_named(library, terms, degree, input)
+    known = tuple(own_terms(terms, input)) if automatic else terms_named(
+        library, terms, degree, input
+    )  # fmt: skip
     allowed = functions_named(functions, method)
     records = [record] if isinstance(record, PistonRecord) else list(record)
     if not records:
@@ -154,10 +156,9 @@ def discover(
         return height_equations(records[0], method, height_map, effort, seed)
     proposal_note = ""
     if automatic:
-        _, known, height_map, weak, proposal_note = proposed(
-            records, derivative, input, height_map if own else map, degree
-        )
-        known = (*known, *(one for one in own_terms(terms, input) if one not in known))
+        proposal = proposed(records, derivative, input, height_map if own else map, degree)
+        height_map, weak, proposal_note = proposal.map, proposal.weak, proposal.note
+        known = (*proposal.terms, *(one for one in known if one not in proposal.terms))
     else:
         weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
     _check_finite(weak, known)

@@ -202,7 +202,7 @@ def pyoperon_law(
     named_symbols = {one.name: one for one in symbols()} | {
         "speed": sympy.Abs(slope), "direction": sympy.sign(slope),
     }  # fmt: skip
-    return algebra.expression(parse(text), named_symbols)
+    return algebra.expression(parse(text, multiplied=False), named_symbols)
 
 
 def _roughness(values: np.ndarray) -> float:
