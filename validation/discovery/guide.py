@@ -61,7 +61,5 @@ def draw(results: Results) -> Figure:
             ax.set_title(f"{library} library", fontsize=READABLE)
             ax.grid(visible=False, axis="y")
         axes[0].set_yticklabels([one.name for one in SYSTEMS])
-        drawing.legend(
-            *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(METHODS)
-        )
+        drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return drawing
