@@ -60,7 +60,7 @@ class Response:
         for one in self.dataset.amplitude.values:
             part = self.dataset.sel(amplitude=one)
             row = {"amplitude": float(one)}
-            row["frequency"] = float(part.frequency[int(part.displacement.argmax())])
+            row["frequency"] = float(part.frequency[int(part.displacement.values.argmax())])
             row["peak"] = float(part.displacement.max())
             if "alone" in part:
                 row |= self._linear_peaks(float(one))
