@@ -55,7 +55,7 @@ def discover(
     ensemble: bool = False,
     derivative: DerivativeMethod = "savitzky-golay",
     degree: int = 3,
-    library: str | Sequence[str] = PHYSICAL,
+    library: str | Sequence[str] = AUTO,
     terms: Sequence[str] = (),
     functions: Sequence[str] = (),
     input: str | None = None,  # noqa: A002
@@ -90,15 +90,16 @@ def discover(
     derivative : str
         Estimator of z' and z'', see `derivatives`.
     degree : int
-        Of the powers of z in the physical library, from 1 to 5.
+        Of the powers of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
+        least one: it grows while the held-out error falls.
     library : str, or a sequence of them
-        Which terms there are to choose from, one or more of
+        Which terms there are to choose from. ``"auto"``: those of the library that the record
+        speaks for, with a note why where it is not the physical one. Or one or more of
         `reduced_models.discovery.libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
-        Symbolic regressions are given what of it is no product of powers as variables. ``"auto"``:
-        the one that the record speaks for, with a note why; its degree grows while the held-out
-        error falls. ``"memory"``: for beds, powers of the height with and without a hidden state w,
-        a strain that yields or relaxes (`reduced_models.discovery.memory`).
+        Symbolic regressions are given what of it is no product of powers as variables.
+        ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
+        that yields or relaxes (`reduced_models.discovery.memory`).
     terms : sequence of str
         Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
@@ -142,17 +143,17 @@ def discover(
     records = [record] if isinstance(record, PistonRecord) else list(record)
     if not records:
         raise InputError("there is no record to discover a law in; give at least one")
-    if library in (MEMORY, (MEMORY,), [MEMORY]):
-        return _with_memory(
-            records, method, functions_named(functions, method), terms, derivative, input, target,
-            map, form, ensemble, polish, effort, seed,
-        )  # fmt: skip
+    remembers = library in (MEMORY, (MEMORY,), [MEMORY])
     automatic = library in (AUTO, (AUTO,), [AUTO])
-    known = () if automatic else terms_named(library, terms, degree, input)
+    plain = automatic or remembers
+    known = (
+        tuple(own_terms(() if remembers else terms, input)) if plain
+        else terms_named(library, terms, degree, input)
+    )  # fmt: skip
     allowed = functions_named(functions, method)
     if target == "height" and len(records) > 1:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
-    if target == "force":
+    if target == "force" and not remembers:
         raise InputError(f"target = 'force' is for the library {MEMORY!r}; give library={MEMORY!r}")
     lacking = method == "auto" and not has_operon()
     if lacking and functions:
@@ -161,20 +162,25 @@ def discover(
         from reduced_models.discovery.julia import require_julia
 
         require_julia()
+    if remembers:
+        return _with_memory(
+            records, method, allowed, terms, derivative, input, target, map, form, ensemble,
+            polish, effort, seed,
+        )  # fmt: skip
     own = bool(terms) or not (automatic or library in (PHYSICAL, (PHYSICAL,), [PHYSICAL]))
     height_map = HeightMap() if own and map == "auto" else map_of(records, map)
     if target == "height":
         from reduced_models.discovery.height import height_equations
 
         return height_equations(records[0], method, height_map, effort, seed)
-    proposal_note = ""
+    proposal_note, inclusion = "", dict[str, float]()
     if automatic:
-        _, known, height_map, weak, proposal_note = proposed(records, derivative, input, map)
-        known = (*known, *(one for one in own_terms(terms, input) if one not in known))
+        proposal = proposed(records, derivative, input, height_map if own else map, degree)
+        height_map, weak, proposal_note = proposal.map, proposal.weak, proposal.note
+        known = (*proposal.terms, *(one for one in known if one not in proposal.terms))
     else:
         weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
     _check_finite(weak, known)
-    inclusion: dict[str, float] = {}
     supports: list[np.ndarray] = []
     if method in ("auto", "sindy"):
         supports, inclusion = sindy_supports(weak, known, form, ensemble, seed)
