@@ -158,7 +158,8 @@ def _add_discover(one: Parser) -> None:
     one.add_argument(
         "--library", action="append", default=[], metavar="NAME",
         help="terms to choose from: auto (default: those that the record speaks for), physical, "
-        "polynomial, trigonometric, rational, dry friction, contact, driven (repeatable)",
+        "polynomial, trigonometric, rational, dry friction, contact, driven (repeatable); "
+        "memory: with a hidden state, for beds that yield or relax",
     )  # fmt: skip
     one.add_argument(
         "--terms", action="append", default=[], metavar="TERM",
@@ -178,7 +179,9 @@ def _add_discover(one: Parser) -> None:
         help="column of the records that drives the motion",
     )  # fmt: skip
     one.add_argument(
-        "--target", default="acceleration", help="acceleration (default), or height for z(t) itself"
+        "--target",
+        default="acceleration",
+        help="acceleration (default); height for z(t) itself; force, with the library memory",
     )
     one.add_argument(
         "--map", metavar="SHIFT:SCALE",

@@ -13,7 +13,13 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.discovery.choice import notes_on, polished_front
 from reduced_models.discovery.evidence import evidence
-from reduced_models.discovery.libraries import PHYSICAL, functions_named, own_terms, terms_named
+from reduced_models.discovery.libraries import (
+    MEMORY,
+    PHYSICAL,
+    functions_named,
+    own_terms,
+    terms_named,
+)
 from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.polishing import polished
 from reduced_models.discovery.proposal import AUTO, proposed
@@ -53,7 +59,7 @@ def discover(
     terms: Sequence[str] = (),
     functions: Sequence[str] = (),
     input: str | None = None,  # noqa: A002
-    target: Literal["acceleration", "height"] = "acceleration",
+    target: Literal["acceleration", "height", "force"] = "acceleration",
     map: HeightMap | Literal["auto"] = "auto",  # noqa: A002
     polish: int = 3,
     effort: float = 1.0,
@@ -92,6 +98,8 @@ def discover(
         `reduced_models.discovery.libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
         Symbolic regressions are given what of it is no product of powers as variables.
+        ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
+        that yields or relaxes (`reduced_models.discovery.memory`).
     terms : sequence of str
         Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
@@ -102,8 +110,9 @@ def discover(
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
-    target : "acceleration" or "height"
-        z'' or, for symbolic regression of one record, z(t) itself. The latter is not polished.
+    target : "acceleration", "height" or "force"
+        z''; or, for symbolic regression of one record, z(t) itself; or, with the library
+        ``"memory"``, the measured force. The latter two are not polished.
     map : HeightMap or "auto"
         z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
         farther from zero than the swing is wide, the swing about rest in amplitudes; of the record
@@ -131,16 +140,21 @@ def discover(
     _check(method, form, target, degree, polish, ensemble, effort)
     _check_kinds(library, map, seed)
     terms, functions = _texts(terms), _texts(functions)
-    automatic = library in (AUTO, (AUTO,), [AUTO])
-    known = tuple(own_terms(terms, input)) if automatic else terms_named(
-        library, terms, degree, input
-    )  # fmt: skip
-    allowed = functions_named(functions, method)
     records = [record] if isinstance(record, PistonRecord) else list(record)
     if not records:
         raise InputError("there is no record to discover a law in; give at least one")
+    remembers = library in (MEMORY, (MEMORY,), [MEMORY])
+    automatic = library in (AUTO, (AUTO,), [AUTO])
+    plain = automatic or remembers
+    known = (
+        tuple(own_terms(() if remembers else terms, input)) if plain
+        else terms_named(library, terms, degree, input)
+    )  # fmt: skip
+    allowed = functions_named(functions, method)
     if target == "height" and len(records) > 1:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
+    if target == "force" and not remembers:
+        raise InputError(f"target = 'force' is for the library {MEMORY!r}; give library={MEMORY!r}")
     lacking = method == "auto" and not has_operon()
     if lacking and functions:
         raise InputError(f"functions need symbolic regression, but {_NO_OPERON}")
@@ -148,13 +162,18 @@ def discover(
         from reduced_models.discovery.julia import require_julia
 
         require_julia()
+    if remembers:
+        return _with_memory(
+            records, method, allowed, terms, derivative, input, target, map, form, ensemble,
+            polish, effort, seed,
+        )  # fmt: skip
     own = bool(terms) or not (automatic or library in (PHYSICAL, (PHYSICAL,), [PHYSICAL]))
     height_map = HeightMap() if own and map == "auto" else map_of(records, map)
     if target == "height":
         from reduced_models.discovery.height import height_equations
 
         return height_equations(records[0], method, height_map, effort, seed)
-    proposal_note = ""
+    proposal_note, inclusion = "", dict[str, float]()
     if automatic:
         proposal = proposed(records, derivative, input, height_map if own else map, degree)
         height_map, weak, proposal_note = proposal.map, proposal.weak, proposal.note
@@ -162,7 +181,6 @@ def discover(
     else:
         weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
     _check_finite(weak, known)
-    inclusion: dict[str, float] = {}
     supports: list[np.ndarray] = []
     if method in ("auto", "sindy"):
         supports, inclusion = sindy_supports(weak, known, form, ensemble, seed)
@@ -199,13 +217,37 @@ def discover(
     )
 
 
+def _with_memory(
+    records: Sequence[PistonRecord], method: str, functions: tuple[str, ...],
+    terms: Sequence[str], derivative: DerivativeMethod, column: str | None, target: str,
+    height_map: HeightMap | str, form: str, ensemble: bool, polish: int, effort: float, seed: int,
+) -> Discovery:  # fmt: skip
+    from reduced_models.discovery.memory import memory_discovery
+
+    if target == "height" or form != "weak" or ensemble or column is not None:
+        raise InputError(
+            f"library = {MEMORY!r} is of z'' or the force of a bed that is not driven, by its weak "
+            "form; leave out form, ensemble, input and target = 'height'"
+        )
+    if height_map not in ("auto", HeightMap()):
+        raise InputError(f"library = {MEMORY!r} is of the height itself; leave out map")
+    symbolic = "pysr" if method == "pysr" else "operon"
+    search = None if method == "sindy" else Search(symbolic, functions, effort, seed)
+    if method == "auto" and not has_operon():
+        search = None
+    return memory_discovery(
+        records, search, terms=terms, derivative=derivative, force=target == "force",
+        polish=polish, sparse=method in ("auto", "sindy"),
+    )  # fmt: skip
+
+
 def _check(
     method: str, form: str, target: str, degree: int, polish: int, ensemble: bool, effort: float
 ) -> None:
     for name, value, valid in (
         ("method", method, METHODS),
         ("form", form, ("weak", "strong")),
-        ("target", target, ("acceleration", "height")),
+        ("target", target, ("acceleration", "height", "force")),
     ):
         if value not in valid:
             raise InputError(f"{name} = {quoted(value)}; give one of {', '.join(valid)}")

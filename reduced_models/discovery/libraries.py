@@ -13,6 +13,9 @@ from reduced_models.discovery.terms import AnyTerm, in_order, library, terms_of
 PHYSICAL = "physical"
 """The library without another name: see `reduced_models.discovery.terms.library`."""
 
+MEMORY = "memory"
+"""The library with hidden states, which is judged by itself: `reduced_models.discovery.memory`."""
+
 _PLAIN = ("1", "z", "z'", "abs(z')*z'", "sign(z')")
 
 LIBRARIES = MappingProxyType(
@@ -66,9 +69,11 @@ def terms_named(
     found: dict[AnyTerm, None] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name not in LIBRARIES:
+            if name == MEMORY:
+                raise InputError(f"library = {MEMORY!r} goes with no other; give it alone")
             raise InputError(
                 f"library = {quoted(name)}; give one or more of {', '.join(LIBRARIES)}, or auto, "
-                "and own terms by terms="
+                f"or {MEMORY}, and own terms by terms="
             )
         if name == PHYSICAL:
             found |= dict.fromkeys(library(degree, column is not None))

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
+from reduced_models.discovery.hidden_states import Memory
 from reduced_models.discovery.symbols import text_of
 from reduced_models.discovery.terms import AnyTerm, terms_of
 from reduced_models.laws.height_map import HeightMap
@@ -39,6 +40,10 @@ class CandidateEquation:
         not, or could not be.
     note : str
         Why there is no model, where polishing was tried.
+    memory : Memory, optional
+        The hidden state that u stands for.
+    left : str
+        What the expression is equal to; z itself where it names the time.
     """
 
     expression: sympy.Expr
@@ -47,6 +52,8 @@ class CandidateEquation:
     criterion: float
     models: tuple[ReducedModel, ...] = ()
     note: str = ""
+    memory: Memory | None = None
+    left: str = "z''"
 
     @property
     def model(self) -> ReducedModel | None:
@@ -64,8 +71,9 @@ class CandidateEquation:
         import sympy
 
         numbers = {one: sympy.Float(one, 5) for one in self.expression.atoms(sympy.Float)}
-        left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else "z''"
-        return f"{left} = {text_of(self.expression.xreplace(numbers))}"
+        left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else self.left
+        text = f"{left} = {text_of(self.expression.xreplace(numbers))}"
+        return text if self.memory is None else self.memory.within(text)
 
 
 Candidate = CandidateEquation  # its former name

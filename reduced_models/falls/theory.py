@@ -50,6 +50,15 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 LAW = LAWS["elastoplastic-bed"]
+RUBBING = dataclasses.replace(
+    LAW,
+    name="elastoplastic-bed with friction of the piston",
+    equation=LAW.equation.replace("2*lam*z'", "2*lam*z' + friction*tanh(1000*z')"),
+    positive=(*LAW.positive, "friction"),
+    units={**LAW.units, "friction": "m/s^2"},
+    resolution=4,
+)
+"""Friction of the piston, over the mass that moves, is full from some mm/s on."""
 POWER = 2.5
 """Of the lattice's pressure."""
 PRESSURE = 1.6674
@@ -101,15 +110,31 @@ def predict(scene: Scene) -> PredictedLaw:
     >>> round(law.at_rest.height, 4), round(law.at_rest.damping_ratio, 3)  # [m]
     (0.0587, 0.037)
     """
+    piston = scene.piston
+    friction = 0.0 if piston is None else piston.friction
+    if piston is not None and piston.mass is not None and friction:
+        values = parameters_of(scene.replace(**{"piston.friction": 0.0}))
+        values["friction"] = friction / moving_mass(scene, values)
+        # A piston that sticks has no small swing.
+        return PredictedLaw(
+            values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING
+        )
     values = parameters_of(scene)
-    assert scene.piston is not None
+    assert piston is not None
     found = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
     at_rest = None
     if not isinstance(found, NoSwing):
         at_rest = AtRest(found.z, found.period, found.damping_ratio, {})
-    return PredictedLaw(
-        values, (scene.piston.height, 0.0), at_rest, {"from": f"the scene {scene.name}"}
-    )
+    return PredictedLaw(values, (piston.height, 0.0), at_rest, {"from": f"the scene {scene.name}"})
+
+
+def moving_mass(scene: Scene, values: Mapping[str, float]) -> float:
+    """That the law's accelerations are of [kg], by its `parameters_of`."""
+    piston, gravity = scene.piston, scene.effects.gravity
+    assert piston is not None
+    assert piston.mass is not None
+    assert gravity is not None
+    return WEIGHT * piston.mass * gravity.acceleration / values["weight"]
 
 
 def parameters_of(scene: Scene) -> dict[str, float]:

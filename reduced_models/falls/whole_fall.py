@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import LAW, WEIGHT, parameters_of
+from reduced_models.falls.theory import LAW, moving_mass, parameters_of
 from reduced_models.laws.equation import compiled_field
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
     duration = DURATION * (scene.grains.count / 368) ** 0.25
     times = np.linspace(0.0, duration, SAMPLES)
     z, v, w, affine, excess = _motion(values, start, times)
-    moved = WEIGHT * piston.mass * gravity.acceleration / values["weight"]
+    moved = moving_mass(scene, values)
     numbers = [values[name] for name in LAW.parameters]
     acceleration = np.asarray(compiled_field(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
     force = piston.mass * (gravity.acceleration + acceleration)

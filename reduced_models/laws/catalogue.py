@@ -15,6 +15,7 @@ from reduced_models.laws.linear import LINEAR
 from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
 from reduced_models.laws.power_law_spring import POWER_LAW_SPRING
 from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG
+from reduced_models.laws.relaxing_column import RELAXING_COLUMN
 from reduced_models.laws.van_der_pol import VAN_DER_POL
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
@@ -25,6 +26,7 @@ _ALL = (
     DUFFING,
     POLYNOMIAL_SPRING,
     POWER_LAW_SPRING,
+    RELAXING_COLUMN,
     QUADRATIC_DRAG,
     COULOMB,
     BOUC_WEN,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, damper, simulate
+from granular.shared.errors import InputError
 from reduced_models import judged_falls, predict
 from reduced_models.falls.data import Falls
 from reduced_models.falls.judging import fall_error
@@ -116,7 +117,14 @@ OTHERS = {
     "75 D wide": damper().replace(**{"cell.width": 75 * D}),
     "6 and 3 mm, 3 kg": mixed(0.5 * D, 3.0),
     "6 and 4.5 mm, 5 kg": mixed(0.75 * D, 5.0),
+    "friction of the piston, 1 N": damper().replace(**{"piston.friction": 1.0}),
+    "friction of the piston, 5 N": damper().replace(**{"piston.friction": 5.0}),
 }
+RUBBING = {
+    "friction of the grains, 0.05": (0.05, 0.05, 0.027, 0.017),
+    "friction of the grains, 0.6 and 0.45": (0.6, 0.45, 0.107, 0.093),
+}
+"""Static and dynamic coefficient, and errors of falls from 20 and 28 D."""
 
 
 @pytest.mark.long
@@ -132,3 +140,18 @@ def test_the_scene_alone_tells_other_beds(name: str) -> None:
     print(f"\n{name}:", *(f"{100 * each:.2f} %" for each in errors),
           f"scatter {100 * scatter:.2f} %")  # fmt: skip
     assert max(errors) <= 0.03
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", RUBBING)
+def test_friction_of_the_grains_is_told_so_badly(name: str) -> None:
+    """By the law without friction; `predict` refuses these scenes."""
+    static, dynamic, *errors = RUBBING[name]
+    scene = damper().replace(**{"effects.friction": {"static": static, "dynamic": dynamic}})
+    with pytest.raises(InputError, match="has friction"):
+        predict(scene)
+    law = predict(damper())
+    falls = [fall(scene, height) for height in (20.0, 28.0)]
+    found = [fall_error(law, one, level(one)) for one in falls]
+    print(f"\n{name}:", *(f"{100 * each:.2f} %" for each in found))
+    assert found == pytest.approx(errors, rel=0.1)

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import odeint
 
 from granular import damper, load_scene
 from granular.scene.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
-from reduced_models.falls.theory import POWER, PRESSURE, WEIGHT, parameters_of
+from reduced_models.falls.theory import POWER, PRESSURE, WEIGHT, PredictedLaw, parameters_of
+from reduced_models.laws.equation import compiled_field
 
 
 def test_pressure_is_that_of_the_hexagonal_lattice() -> None:
@@ -84,6 +86,32 @@ def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
         predict(load_scene("damper-source"))
 
 
+def followed(law: PredictedLaw) -> np.ndarray:
+    """Heights of two seconds from 20 D on."""
+    field = compiled_field(law.law.equation, (), "math")
+    numbers = [law.parameters[name] for name in law.law.parameters]
+
+    def rates(state: np.ndarray, _: float) -> tuple[float, float, float]:
+        z, v, w = map(float, state)
+        acceleration, stress = field(z, v, w, *numbers)
+        return v, acceleration, stress
+
+    found = odeint(rates, (0.12, 0.0, 0.0), np.linspace(0.0, 2.0, 801), rtol=1e-7, atol=1e-9)
+    return np.asarray(found[:, 0])
+
+
+def test_friction_of_the_piston_is_added_to_the_law() -> None:
+    """The piston hardly creeps where the bed's force is within it."""
+    plain, rubbing = predict(damper()), predict(damper().replace(**{"piston.friction": 5.0}))
+    assert rubbing.at_rest is None
+    share = rubbing.parameters["friction"] / rubbing.parameters["weight"]
+    assert share == pytest.approx(5.0 / (WEIGHT * 7.5 * 9.8))
+    heights, freely = (followed(law) for law in (rubbing, plain))
+    assert np.ptp(heights[600:]) < 0.05 * np.ptp(freely[600:])
+    with pytest.raises(InputError, match="friction of the piston"):
+        parameters_of(damper().replace(**{"piston.friction": 5.0}))
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -91,7 +119,6 @@ def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
           "protocol": [{"kind": "hold", "name": "a", "duration": 1.0}]}, "nothing falls"),
         ({"effects.gravity": None}, "nothing falls"),
         ({"effects.friction": True}, "has friction"),
-        ({"piston.friction": 1.0}, "friction of the piston"),
         ({"grains.count": 92}, "92 grains"),
         ({"effects.drag.coefficient": 1.2}, "follows its piston too late"),
         ({"effects.drag.coefficient": 50.0}, "follows its piston too late"),

@@ -1,0 +1,156 @@
+"""Hidden states that a bed may carry, and their values along a recorded motion.
+
+Each is a strain of the bed that starts at zero with the record: the logarithmic strain dz/z, but
+for what it loses by yielding or in time. Inner scales say when that happens. With the strain x of a
+step,
+
+    yielding:  w' = -(z' + |z'| |w| w/yield^2)/z
+    Dahl:      w' = -(z' + |z'| w/yield)/z            (Dahl 1968: it yields from the start on)
+    relaxing:  w' = -z'/z - w/relaxation              (a Maxwell element: one relaxing mode)
+
+are solved exactly from sample to sample, on which the speed z'/z is taken as constant.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from reduced_models.discovery.symbols import INPUT
+
+Step = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
+"""From the state (k,), the step's strain -d(log z) and its duration to the next state, for each of
+the scales (k,)."""
+_NEAR_ONE = 1.0 - 1e-12
+
+
+class HiddenState(NamedTuple):
+    """A kind of hidden state.
+
+    Attributes
+    ----------
+    name : str
+    rates : str
+        Of all its states, as a law writes them; scales by their names.
+    force : str
+        What of them is in the force, the one variable that terms know.
+    scales : tuple of str
+        Names of the inner scales.
+    values : callable
+        From times (n,), heights (n,) and scales (k, s) to the values (k, n).
+    tried : callable
+        From a period [s] to the scales (k, s) that are tried first.
+    """
+
+    name: str
+    rates: str
+    force: str
+    scales: tuple[str, ...]
+    values: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    tried: Callable[[float], np.ndarray]
+
+    def within(self, equation: str) -> str:
+        """An equation with what of the state is in the force for its input, and the rates."""
+        forces = re.sub(rf"\b{INPUT}\b", self.force, equation)
+        return f"{forces}; {self.rates}"
+
+
+def _yielding(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+    """Ds = dx (1 - |s| s sign(dx)/e^2): a tangent back to zero, a hyperbolic one from there on."""
+    sign = 1.0 if strain >= 0.0 else -1.0
+    along, way = sign * state / scale, abs(strain) / scale
+    since = np.where(
+        along < 0.0, np.arctan(np.minimum(along, 0.0)), np.arctanh(np.clip(along, 0.0, _NEAR_ONE))
+    )
+    reached = since + way
+    return np.asarray(
+        sign * scale * np.where(reached < 0.0, np.tan(np.minimum(reached, 0.0)), np.tanh(reached))
+    )
+
+
+def _dahl(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+    end = scale if strain >= 0.0 else -scale
+    return np.asarray(end + (state - end) * np.exp(-abs(strain) / scale))
+
+
+def _relaxing(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
+    kept = step / scale
+    return np.asarray(state * np.exp(-kept) - strain * np.expm1(-kept) / kept)
+
+
+def _along(step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """The values (k, n) of a state with one scale (k,)."""
+    strains, steps = -np.diff(np.log(height)), np.diff(time)
+    found = np.zeros((len(time), len(scale)))
+    for k, (strain, each) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
+        found[k + 1] = step(found[k], strain, each, scale)
+    return found.T
+
+
+def _single(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    return lambda time, height, scales: _along(step, time, height, scales[:, 0])
+
+
+def _double(time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    first, second = (_along(_yielding, time, height, scales[:, k]) for k in (0, 1))
+    return np.asarray(first + scales[:, 2:] * second)
+
+
+def _strains(_: float) -> np.ndarray:
+    return np.geomspace(0.01, 1.0, 17)[:, None]
+
+
+def _pairs(_: float) -> np.ndarray:
+    strains = np.geomspace(0.01, 1.0, 6)
+    pairs = [(a, b) for k, a in enumerate(strains) for b in strains[k + 1 :]]
+    return np.array([(*pair, share) for pair in pairs for share in (0.5, 2.0)])
+
+
+def _times(period: float) -> np.ndarray:
+    return period * np.geomspace(0.02, 20.0, 17)[:, None]
+
+
+_YIELDING = "-(z' + Abs(z')*Abs({0})*{0}/{1}**2)/z"
+
+HIDDEN_STATES = (
+    HiddenState(
+        "yielding strain", "w' = " + _YIELDING.format("w", "yielding"), "w", ("yielding",),
+        _single(_yielding), _strains,
+    ),
+    HiddenState(
+        "strain that yields as in Dahl's model", "w' = -(z' + Abs(z')*w/yielding)/z", "w",
+        ("yielding",), _single(_dahl), _strains,
+    ),
+    HiddenState(
+        "relaxing strain", "w' = -z'/z - w/relaxation", "w", ("relaxation",),
+        _single(_relaxing), _times,
+    ),
+    HiddenState(
+        "two yielding strains",
+        f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
+        "(w + share*q)", ("yielding", "later", "share"), _double, _pairs,
+    ),
+)  # fmt: skip
+
+
+class Memory(NamedTuple):
+    """A hidden state with numbers for its scales.
+
+    Attributes
+    ----------
+    state : HiddenState
+    scales : tuple of float
+    """
+
+    state: HiddenState
+    scales: tuple[float, ...]
+
+    def within(self, equation: str) -> str:
+        """An equation with numbers, the hidden state for its input, and the state's own rate."""
+        text = self.state.within(equation)
+        for name, value in zip(self.state.scales, self.scales, strict=True):
+            text = re.sub(rf"\b{name}\b", f"{value:.4g}", text)
+        return text
