@@ -19,7 +19,8 @@ from granular.observables import (
     voronoi_cells,
 )
 from granular.render import COLOURINGS, save, still
-from granular.render.colourings import SIDES, SPECIES
+from granular.render.colourings import SPECIES
+from granular.shared.plotting import SIDES
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
