@@ -16,7 +16,8 @@ import numpy as np
 
 from granular.effects.effect import Effect, Record, Setting, in_joules
 from granular.effects.excitation import Excitation
-from granular.effects.host_law import CELL, FIXED, PISTON_MOUNT, Chain, HostLaw
+from granular.effects.host_chain import CELL, FIXED, PISTON_MOUNT, Chain
+from granular.effects.host_law import HostLaw
 from granular.scene.parts import Cell, Grains, Piston
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError, Section, choice, many, one, quantity, whole

@@ -36,63 +36,23 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.excitation import Drive, excitation_at
+from granular.effects.host_chain import (
+    FIXED,
+    PISTON_MOUNT,
+    PULL,
+    PUSH,
+    Chain,
+    HostRoom,
+    chain_forces,
+    enter_dashpots,
+    kick_bodies,
+)
 from granular.effects.wall_side import TOP
 from granular.engine.constants import Constants, value_of
 from granular.engine.kick import kick_grains
 from granular.engine.piston import kick_piston
 from granular.engine.state import LOSSES, SPEED, WORK, State
 from granular.protocol.motion import Motion, outer_force
-
-CELL, PISTON_MOUNT, FIXED = range(3)
-"""What the chain's last body carries: the cell; the piston; nothing, for the cell is the base."""
-
-PUSH, PULL = range(2)
-"""Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], and the force
-of the chain on the piston [F*]."""
-
-
-class Chain(NamedTuple):
-    """The bodies, from the base upwards.
-
-    Attributes
-    ----------
-    masses, stiffness, damping : float64 (n,)
-    share : float64 (n,)
-        Of the outer force, which acts on a body.
-    """
-
-    masses: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
-    share: np.ndarray
-
-
-class HostRoom(NamedTuple):
-    """The motion of the host, and scratch.
-
-    Attributes
-    ----------
-    kept : float64 (2, n)
-        Displacements over the base, and velocities; of the frame as the last, which is not that of
-        the body where this carries the piston.
-    present : float64 (2,)
-        See `PUSH`.
-    forces, changes, diagonal : float64 (n,)
-    speeds : float64 (2, m)
-        Of the grains, before a kick.
-    push : float64 (m,)
-        Vertical forces on the grains, without inertia.
-    ledger : float64 (k,)
-    """
-
-    kept: np.ndarray
-    present: np.ndarray
-    forces: np.ndarray
-    changes: np.ndarray
-    diagonal: np.ndarray
-    speeds: np.ndarray
-    push: np.ndarray
-    ledger: np.ndarray
 
 
 class HostLaw(NamedTuple):
@@ -235,22 +195,6 @@ def _bed_momentum(state: State, constants: Constants) -> float:
 
 
 @compiled
-def _chain_forces(law: HostLaw, room: HostRoom, force: float) -> float:
-    """Fill in the force of springs and from outside on each body; that on the last one."""
-    chain, count = law.chain, law.chain.masses.size
-    tension, found = 0.0, 0.0
-    for back in range(count):
-        k = count - 1 - back
-        below = room.kept[0, k - 1] if k > 0 else 0.0
-        own = chain.stiffness[k] * (room.kept[0, k] - below)
-        room.forces[k] = tension - own + chain.share[k] * force
-        tension = own
-    if count > 0:
-        found = room.forces[count - 1]
-    return found
-
-
-@compiled
 def _momentum(law: HostLaw, room: HostRoom, bed: float, speed: float) -> float:
     """Of the whole over the base; ``bed`` is that of the grains in the frame."""
     last = law.chain.masses.size - 1
@@ -290,51 +234,6 @@ def _kick_in_frame(
 
 
 @compiled
-def _kick_bodies(
-    law: HostLaw, room: HostRoom, span: float, base: float, change: float, dashpots: bool
-) -> float:
-    """Fill in what the bodies below the last one gain, where that gains ``change``; its dashpot's
-    force, at mean velocities. By elimination from the base upwards.
-    """
-    chain, last, half = law.chain, law.chain.masses.size - 1, 0.5 * span
-    for k in range(last):
-        own, above = chain.damping[k], chain.damping[k + 1]
-        if not dashpots:
-            own, above = 0.0, 0.0
-        speed, below = room.kept[1, k], room.kept[1, k - 1] if k > 0 else 0.0
-        drag = above * (room.kept[1, k + 1] - speed) - own * (speed - below)
-        gain = span * (room.forces[k] - chain.masses[k] * base + drag)
-        if k == last - 1:
-            gain += half * above * change
-        room.diagonal[k] = chain.masses[k] + half * (own + above)
-        if k > 0:
-            ratio = half * own / room.diagonal[k - 1]
-            room.diagonal[k] -= ratio * half * own
-            gain += ratio * room.changes[k - 1]
-        room.changes[k] = gain
-    for back in range(last):
-        k = last - 1 - back
-        if k < last - 1 and dashpots:
-            room.changes[k] += half * chain.damping[k + 1] * room.changes[k + 1]
-        room.changes[k] /= room.diagonal[k]
-    if last < 0 or not dashpots:
-        return 0.0
-    room.changes[last] = change
-    below = room.kept[1, last - 1] + 0.5 * room.changes[last - 1] if last > 0 else 0.0
-    return -chain.damping[last] * (room.kept[1, last] + 0.5 * change - below)
-
-
-@compiled
-def _enter_dashpots(law: HostLaw, room: HostRoom, entry: int, span: float, state: State) -> None:
-    """Enter what the dashpots take at the mean velocities of a kick."""
-    below = 0.0
-    for k in range(law.chain.masses.size):
-        mean = room.kept[1, k] + 0.5 * room.changes[k]
-        state.ledger[entry] += span * law.chain.damping[k] * (mean - below) * (mean - below)
-        below = mean
-
-
-@compiled
 def _share(first: float, second: float) -> float:
     """By which the second correction is multiplied, for the third to vanish (secant rule)."""
     if first == second:
@@ -368,7 +267,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1
-    chain = _chain_forces(law, room, force)
+    chain = chain_forces(law.chain, room, force)
     outer, top = 0.0, 0.0
     if free:
         outer = outer_force(motion, time)
@@ -399,7 +298,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         _keep(room, state, constants)
     before, first = push, 0.0
     for attempt in range(passes):
-        held = _kick_bodies(law, room, span, base, span * (push - base), dashpots)
+        held = kick_bodies(law.chain, room, span, base, span * (push - base), dashpots)
         _kick_in_frame(push, room, span, state, constants, motion, time, start, opening)
         if attempt == passes - 1:
             break
@@ -422,7 +321,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         change = (span * (chain + held + outer) - taken) / mass - span * base
         room.changes[last] = change
         if dashpots:
-            _enter_dashpots(law, room, entry, span, state)
+            enter_dashpots(law.chain, room, entry, span, state)
         for k in range(last + 1):
             room.kept[1, k] += room.changes[k]
         state.ledger[WORK] += span * outer * 0.5 * (frame + room.kept[1, last])

@@ -7,13 +7,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import local_psi6
-from granular.observables.frames import checked_positions, chosen_frames
+from granular.observables.correlation_of_run import (
+    in_each_frame,
+    mean_of_frames,
+    mean_per_pair,
+    on_distance,
+)
+from granular.observables.frames import checked_positions
 from granular.observables.pairs_in_bins import (
     binned_pairs,
     binned_products,
     checked_edges,
     default_edges,
-    spanning,
 )
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
@@ -76,7 +81,7 @@ def bond_correlation(
         points, order.imag, edges
     )
     pairs = binned_pairs(points, edges)
-    return BondCorrelation(edges, _mean(products, pairs), pairs)
+    return BondCorrelation(edges, mean_per_pair(products, pairs), pairs)
 
 
 def bond_correlation_of_run(
@@ -97,22 +102,6 @@ def bond_correlation_of_run(
     InputError
         As `bond_correlation`, and where there is no such frame.
     """
-    import xarray
-
-    frames = spanning(run.dataset["position"].values[chosen_frames(run, start, stop)])
-    if edges is None:
-        edges = min((default_edges(one) for one in frames), key=lambda found: float(found[-1]))
-    found = [bond_correlation(one, edges) for one in frames]
-    pairs = np.sum([one.pairs for one in found], axis=0)
-    products = np.sum([np.where(one.pairs > 0, one.g6 * one.pairs, 0.0) for one in found], axis=0)
-    edges = found[0].edges
-    return xarray.DataArray(
-        _mean(products, pairs),
-        dims="distance",
-        coords={"distance": ("distance", 0.5 * (edges[:-1] + edges[1:]), {"units": "m"})},
-        attrs={"units": "1", "long_name": "correlation of bond orientation g6(r)"},
-    )
-
-
-def _mean(total: np.ndarray, number: np.ndarray) -> np.ndarray:
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+    found = in_each_frame(bond_correlation, run, edges, start, stop)
+    values = mean_of_frames([one.g6 for one in found], [one.pairs for one in found])
+    return on_distance(values, found[0].edges, "correlation of bond orientation g6(r)")

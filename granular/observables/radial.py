@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frames import chosen_frames, present_positions, spanned_box
-from granular.observables.pairs_in_bins import binned_pairs, checked_edges, default_edges, spanning
+from granular.observables.correlation_of_run import in_each_frame, on_distance
+from granular.observables.frames import present_positions, spanned_box
+from granular.observables.pairs_in_bins import binned_pairs, checked_edges, default_edges
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -108,20 +109,9 @@ def radial_distribution_of_run(
     InputError
         As `radial_distribution`, and where there is no such frame.
     """
-    import xarray
-
-    frames = spanning(run.dataset["position"].values[chosen_frames(run, start, stop)])
-    if edges is None:
-        edges = min((default_edges(one) for one in frames), key=lambda found: float(found[-1]))
-    found = [radial_distribution(one, edges) for one in frames]
+    found = in_each_frame(radial_distribution, run, edges, start, stop)
     pairs, expected = (np.sum([one[k] for one in found], axis=0) for k in (2, 3))
-    edges = found[0].edges
-    return xarray.DataArray(
-        pairs / expected,
-        dims="distance",
-        coords={"distance": ("distance", 0.5 * (edges[:-1] + edges[1:]), {"units": "m"})},
-        attrs={"units": "1", "long_name": "radial distribution function g(r)"},
-    )
+    return on_distance(pairs / expected, found[0].edges, "radial distribution function g(r)")
 
 
 def _expected_pairs(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -6,13 +6,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frames import chosen_frames, present_positions
+from granular.observables.correlation_of_run import (
+    in_each_frame,
+    mean_of_frames,
+    mean_per_pair,
+    on_distance,
+)
+from granular.observables.frames import present_positions
 from granular.observables.pairs_in_bins import (
     binned_pairs,
     binned_products,
     checked_edges,
     default_edges,
-    spanning,
 )
 from granular.observables.structure import lattice_vector
 from granular.shared.errors import InputError
@@ -93,7 +98,7 @@ def translational_correlation(
         points, np.sin(phase), edges
     )
     pairs = binned_pairs(points, edges)
-    return TranslationalCorrelation(edges, _mean(products, pairs), pairs)
+    return TranslationalCorrelation(edges, mean_per_pair(products, pairs), pairs)
 
 
 def translational_correlation_of_run(
@@ -116,22 +121,6 @@ def translational_correlation_of_run(
     InputError
         As `translational_correlation`, and where there is no such frame.
     """
-    import xarray
-
-    frames = spanning(run.dataset["position"].values[chosen_frames(run, start, stop)])
-    if edges is None:
-        edges = min((default_edges(one) for one in frames), key=lambda found: float(found[-1]))
-    found = [translational_correlation(one, edges) for one in frames]
-    pairs = np.sum([one.pairs for one in found], axis=0)
-    products = np.sum([np.where(one.pairs > 0, one.g * one.pairs, 0.0) for one in found], axis=0)
-    edges = found[0].edges
-    return xarray.DataArray(
-        _mean(products, pairs),
-        dims="distance",
-        coords={"distance": ("distance", 0.5 * (edges[:-1] + edges[1:]), {"units": "m"})},
-        attrs={"units": "1", "long_name": "correlation of translational order g_T(r)"},
-    )
-
-
-def _mean(total: np.ndarray, number: np.ndarray) -> np.ndarray:
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+    found = in_each_frame(translational_correlation, run, edges, start, stop)
+    values = mean_of_frames([one.g for one in found], [one.pairs for one in found])
+    return on_distance(values, found[0].edges, "correlation of translational order g_T(r)")

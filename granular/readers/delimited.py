@@ -2,61 +2,37 @@
 
 from __future__ import annotations
 
-import collections
-import csv
 import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from granular.readers.clock import is_stamp, seconds_of
+from granular.readers.delimited_form import (
+    LOST,
+    SEPARATORS,
+    Form,
+    Line,
+    fields_of,
+    form_of,
+    is_number,
+    is_row,
+    trimmed,
+    words_of,
+)
 from granular.readers.names import TIME, is_unit, name_and_unit, role_of
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
 from granular.shared.messages import quoted, visible
 
-SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
-LOST = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-",
-        "--", "---", "?")  # fmt: skip
-"""How programs write a sample that is not there."""
-_LOST = frozenset(LOST)
 COMMENTS = "#%!"
 """Signs that begin a line of comment."""
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
-_LOOKED_AT = 200
-"""Lines at the beginning, in the middle and at the end, from which the form is told."""
 _MOST_COLUMNS = 100_000
 _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
-
-
-class Line(NamedTuple):
-    """A line of a file: its number, from 1, and its text."""
-
-    number: int
-    text: str
-
-
-class Form(NamedTuple):
-    """How the lines of a table are written.
-
-    Attributes
-    ----------
-    separator, decimal : str
-    width : int
-        Fields of a line.
-    numeric : tuple of int
-        Fields that hold numbers, or times of day.
-    """
-
-    separator: str
-    decimal: str
-    width: int
-    numeric: tuple[int, ...]
 
 
 def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int = 0) -> Sheet:
@@ -87,7 +63,7 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
-    form = _form(plain, decimal)
+    form = form_of(plain, decimal)
     if form is None:
         raise RecordError(_no_table(path, plain or lines))
     start, head = _begin(plain, form)
@@ -104,12 +80,12 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
 
 def _no_table(path: Path, lines: Sequence[Line]) -> str:
     head = next((line.text for line in lines), "")
-    separator = max(SEPARATORS, key=lambda mark: len(_fields(head, mark)))
-    names = _fields(head, separator)
+    separator = max(SEPARATORS, key=lambda mark: len(fields_of(head, mark)))
+    names = fields_of(head, separator)
     for row, line in enumerate(lines[1:2]):
-        cells = _fields(line.text, separator)
+        cells = fields_of(line.text, separator)
         for name, cell in zip(names, cells, strict=False):
-            if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in _LOST:
+            if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in LOST:
                 return (
                     f"{visible(path)}: {visible(name_and_unit(name)[0])} of sample {row} (line "
                     f"{line.number}) is {quoted(cell)}, not a number; correct or drop it"
@@ -125,122 +101,22 @@ def _no_table(path: Path, lines: Sequence[Line]) -> str:
     )
 
 
-# Form ------------------------------------------------------------------------------------------
-
-
-def _form(lines: Sequence[Line], decimal: str | None) -> Form | None:
-    """The form that makes most lines rows of numbers."""
-    middle = len(lines) // 2
-    chosen = {*range(_LOOKED_AT), *range(middle, middle + _LOOKED_AT),
-              *range(len(lines) - _LOOKED_AT, len(lines))}  # fmt: skip
-    sample = [lines[k].text for k in sorted(chosen) if 0 <= k < len(lines)]
-    best: tuple[tuple[int, float, int], Form] | None = None
-    for separator in SEPARATORS:
-        for mark in (".", ",") if decimal is None else (decimal,):
-            found = _tried(sample, separator, mark)
-            if found is not None and (best is None or found[0] > best[0]):
-                best = found
-    return None if best is None else best[1]
-
-
-def _tried(
-    sample: Sequence[str], separator: str, decimal: str
-) -> tuple[tuple[int, float, int], Form] | None:
-    """How many lines a form explains, the share of numbers in them, and how many in a line."""
-    rows = [_fields(line, separator) for line in sample]
-    if decimal == "," and any(_with_point(cell) for row in rows for cell in row):
-        return None
-    numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
-    widths = collections.Counter(
-        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= 2
-    )
-    if not widths:
-        return None
-    raw = max(widths, key=lambda one: (widths[one], one))
-    same = [k for k, row in enumerate(rows) if len(row) == raw and numeric[k]]
-    width = raw  # without what stands behind a separator at the end of all lines: nothing
-    while not any(rows[k][width - 1] for k in same):
-        width -= 1
-    numbers = collections.Counter(field for k in same for field in numeric[k])
-    lost = collections.Counter(
-        field for k in same for field, cell in enumerate(rows[k]) if cell in _LOST
-    )
-    core = tuple(
-        field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same)
-    )
-    if len(core) < 2:
-        return None
-    share = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
-    return (widths[raw], share, len(core)), Form(separator, decimal, width, core)
-
-
-def _with_point(cell: str) -> bool:
-    return "." in cell and is_number(cell, ".") and not is_stamp(cell)
-
-
-def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell is a number, or a date or time of day."""
-    if decimal == ",":
-        if "." in cell:
-            return is_stamp(cell)
-        cell = cell.replace(",", ".", 1)
-    return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
-
-
-def _fields(line: str, separator: str) -> list[str]:
-    """The fields of a line; one that is empty behind the last separator is none."""
-    if separator == " ":
-        found = line.split()
-    elif '"' in line:
-        found = [cell.strip() for cell in next(_reader([line], separator))]
-    else:
-        found = [cell.strip() for cell in line.split(separator)]
-    return found
-
-
-_WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
-
-
-def _words(line: str, separator: str) -> list[str]:
-    """The fields of a header; between spaces, a unit in brackets belongs to its name."""
-    return _WORD.findall(line) if separator == " " else _fields(line, separator)
-
-
-def _reader(lines: Sequence[str], separator: str) -> Any:
-    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
-
-
 # Beginning, header, end ------------------------------------------------------------------------
-
-
-def _is_row(fields: Sequence[str], form: Form) -> bool:
-    """Whether a line is one of the table: as many fields, of which some are numbers."""
-    if not form.width <= len(_trimmed(fields, form.width)) <= form.width:
-        return False
-    return any(is_number(fields[k], form.decimal) for k in form.numeric)
-
-
-def _trimmed(fields: Sequence[str], width: int) -> Sequence[str]:
-    """Without empty fields beyond the width."""
-    end = len(fields)
-    while end > width and not fields[end - 1]:
-        end -= 1
-    return fields[:end]
 
 
 def _begin(lines: Sequence[Line], form: Form) -> tuple[int, Sequence[Line]]:
     """Where the rows begin, and the lines above them."""
     full = next(
         k for k, line in enumerate(lines)
-        if len(fields := _trimmed(_fields(line.text, form.separator), form.width)) == form.width
+        if len(fields := trimmed(fields_of(line.text, form.separator), form.width)) == form.width
         and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
-        and _is_row(fields, form)
+        and is_row(fields, form)
     )  # fmt: skip
     start = full
     # A row with a wrong number stands above the first that is right, and below the header.
-    while start and _is_row(_fields(lines[start - 1].text, form.separator), form):
+    while start and is_row(fields_of(lines[start - 1].text, form.separator), form):
         start -= 1
-    above = [k for k in range(start) if _is_header(_fields(lines[k].text, form.separator), form)]
+    above = [k for k in range(start) if _is_header(fields_of(lines[k].text, form.separator), form)]
     if not above and start != full:
         start = full
     return start, lines[:start]
@@ -259,11 +135,11 @@ def _is_header(fields: Sequence[str], form: Form) -> bool:
 def _check_above(path: Path, head: Sequence[Line], form: Form) -> None:
     """Refuse rows that have other numbers of fields than a header above them, or than it names."""
     for place in range(len(head) - 1, -1, -1):
-        fields = _fields(head[place].text, form.separator)
+        fields = fields_of(head[place].text, form.separator)
         names = len(fields) > 1 and any(role_of(name_and_unit(one)[0]) for one in fields)
         if not names or any(is_number(one, form.decimal) for one in fields):
             continue
-        below = [] if place + 1 == len(head) else _fields(head[place + 1].text, form.separator)
+        below = [] if place + 1 == len(head) else fields_of(head[place + 1].text, form.separator)
         odd = [one for one in below if is_number(one, form.decimal)]
         if odd or (not below and len(fields) < form.width):
             raise RecordError(
@@ -278,12 +154,12 @@ def _header(
     head: Sequence[Line], form: Form, every: Sequence[Line], start: int
 ) -> tuple[list[str], list[str]]:
     """Names and units above the rows; empty lists where there are none."""
-    rows = [_words(line.text, form.separator) for line in head[-_HEADER:]]
+    rows = [words_of(line.text, form.separator) for line in head[-_HEADER:]]
     found = [row for row in rows if _is_header(row, form)]
     if not found:
         comments = [line.text.lstrip().lstrip(COMMENTS + "/ ") for line in every
                     if line.number < start and line.text.lstrip()[0] in COMMENTS]  # fmt: skip
-        rows = [_words(text, form.separator) for text in comments[-3:]]
+        rows = [words_of(text, form.separator) for text in comments[-3:]]
         found = [row for row in rows if _is_header(row, form) and len(row) == form.width]
     if not found:
         return [], []
@@ -324,7 +200,7 @@ def _end(path: Path, lines: Sequence[Line], form: Form) -> tuple[list[Line], lis
     rows, notes = list(lines), []
     odd = [k for k, line in enumerate(rows) if _width(line.text, form) != form.width]
     while odd and odd[-1] == len(rows) - 1:
-        fields = _fields(rows[-1].text, form.separator)
+        fields = fields_of(rows[-1].text, form.separator)
         if len(fields) > form.width and any(is_number(cell, form.decimal) for cell in fields):
             break
         if len(rows) == 1 or (len(fields) < form.width and len(rows) - len(odd) < 2):
@@ -347,7 +223,7 @@ def _width(line: str, form: Form) -> int:
         width = line.count(form.separator) + 1
         if width <= form.width:
             return width
-    return len(_trimmed(_fields(line, form.separator), form.width))
+    return len(trimmed(fields_of(line, form.separator), form.width))
 
 
 # Columns ---------------------------------------------------------------------------------------

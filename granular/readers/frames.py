@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from granular.readers.clock import seconds_of
-from granular.readers.delimited import LOST
+from granular.readers.delimited_form import LOST
 from granular.readers.names import name_and_unit
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError

@@ -9,30 +9,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granular.readers.names import (
-    ACCELERATION,
-    FORCE,
     HEIGHT,
-    SYNONYMS,
     TIME,
     VELOCITY,
-    bare,
     plain_unit,
-    role_of,
 )
-from granular.readers.reading import OWN, Reading
+from granular.readers.reading import Reading
+from granular.readers.roles import SI, columns_by_role
 from granular.readers.sheet import Column, Sheet
 from granular.scene.schema import unknown
 from granular.scene.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.messages import quoted
 
-SI = {TIME: "s", HEIGHT: "m", VELOCITY: "m/s", FORCE: "N"}
-"""Of the columns that have a meaning; of an angle rad and rad/s instead of m and m/s."""
-
 TICK = 0.2
 """Share of equal neighbours from which on times are taken for rounded to a clock's tick."""
-
-_MOST_SHOWN = 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +66,7 @@ def meaning_of(sheet: Sheet, reading: Reading) -> Meaning:
         If there is no time or no coordinate, a unit does not fit, or a value is no number.
     """
     notes = list(sheet.notes)
-    chosen = _chosen(sheet, reading, notes)
+    chosen = columns_by_role(sheet, reading, notes)
     _check_doubles(sheet, chosen, reading)
     units = _units(sheet, chosen, reading)
     angle = _is_angle(units.get(HEIGHT))
@@ -110,156 +101,6 @@ def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: Reading)
                 f"the column {quoted(name)} is there twice, in columns {listed}; names "
                 f"must differ, or say which it is (columns: {role}={places[-1]})"
             )
-
-
-# Which column is what --------------------------------------------------------------------------
-
-
-def _chosen(sheet: Sheet, reading: Reading, notes: list[str]) -> dict[str, Column]:
-    chosen = {role: _said(sheet, column) for role, column in reading.columns.items()}
-    _choose_by_name(sheet, chosen, notes)
-    if TIME not in chosen:
-        _choose_time(sheet, chosen, notes)
-    if HEIGHT not in chosen:
-        _choose_height(sheet, chosen, notes)
-    return chosen
-
-
-def _said(sheet: Sheet, wanted: str | int) -> Column:
-    if isinstance(wanted, int) or wanted.isdigit():
-        number = int(wanted)
-        if not 1 <= number <= len(sheet.columns):
-            raise RecordError(
-                f"there is no column {number}; give a number from 1 to {len(sheet.columns)}"
-            )
-        return sheet.columns[number - 1]
-    for column in sheet.columns:
-        if column.name.lower() == wanted.strip().lower():
-            return column
-    raise RecordError(unknown(wanted, [one.name for one in sheet.columns if one.name], "column"))
-
-
-def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
-    taken = list(map(id, chosen.values()))
-    called: dict[str, list[Column]] = {}
-    for one in sheet.columns:
-        if not one.channel:
-            called.setdefault(bare(one.name), []).append(one)
-    for role in (role for role in OWN if role not in chosen):
-        found = [
-            one for word in SYNONYMS[role] for one in called.get(word, []) if id(one) not in taken
-        ]
-        if role in (HEIGHT, VELOCITY):
-            found = [one for one in found if one.name.lower() == role or _fits(one, role)]
-        if not found:
-            continue
-        chosen[role] = found[0]
-        taken.append(id(found[0]))
-        if len(found) > 1 and found[0].name.lower() != role:
-            others = ", ".join(quoted(one.name) for one in found[1:_MOST_SHOWN])
-            notes.append(
-                f"{role} is the column {quoted(found[0].name)}, not {others} (columns: {role}=...)"
-            )
-
-
-def _fits(column: Column, role: str) -> bool:
-    """Whether a column's unit, if it has one, is one of the role's."""
-    if column.unit is None:
-        return True
-    try:
-        dimension = unit_size(plain_unit(column.unit))[1]
-    except SceneError:
-        return True  # said when it is used
-    return dimension in (unit_size(SI[role])[1], unit_size("rad" if role == HEIGHT else "1/s")[1])
-
-
-def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
-    """Dates and times of day, else the first column that increases, where no name says more."""
-    taken = list(map(id, chosen.values()))
-    free = [one for one in sheet.columns if id(one) not in taken and one.values is not None]
-    stamps = [one for one in free if one.clock]
-    timed = [one for one in free if one.unit and _is_of(one.unit, "s") and _increases(one)]
-    nameless = [one for one in free if not one.name and _increases(one)]
-    found = (stamps or timed or nameless)[:1]
-    if not found:
-        raise RecordError(
-            f"no column 'time'; found: {_names(sheet)}; name the columns in the first line, such "
-            "as 'time [s], height [mm]', or say which is which (columns: time=NAME)"
-        )
-    chosen[TIME] = found[0]
-    if not stamps and not timed:
-        number = sheet.columns.index(found[0]) + 1
-        notes.append(f"there are no names: time is column {number}, in s (columns: time=...)")
-
-
-def _is_acceleration(column: Column) -> bool:
-    if column.channel:
-        return False
-    if role_of(column.name) == ACCELERATION:
-        return True
-    return column.unit is not None and _is_of(column.unit, "m/s^2")
-
-
-def _is_of(unit: str, wanted: str) -> bool:
-    """Whether a unit has the dimension of another."""
-    try:
-        return unit_size(plain_unit(unit))[1] == unit_size(wanted)[1]
-    except SceneError:
-        return False
-
-
-def _increases(column: Column) -> bool:
-    assert column.values is not None
-    known = column.values[np.isfinite(column.values)]
-    return len(known) > 1 and bool((np.diff(known) >= 0.0).all()) and known[-1] > known[0]
-
-
-def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
-    """The only other column of numbers, or of those without names the next."""
-    taken = list(map(id, chosen.values()))
-    free = [
-        one for one in sheet.columns
-        if id(one) not in taken and one.values is not None and np.isfinite(one.values).any()
-    ]  # fmt: skip
-    _check_channels(free)
-    lengths = [one for one in free if _fits(one, HEIGHT) and role_of(one.name) in (None, HEIGHT)]
-    nameless = [one for one in lengths if not one.name]
-    found = lengths if len(lengths) == 1 else nameless[:1]
-    if not found:
-        accelerations = [one for one in free if _is_acceleration(one)]
-        if accelerations and not lengths:
-            raise RecordError(
-                f"no column 'height', only the acceleration {quoted(accelerations[0].name)}: twice "
-                "integrated, its offset grows with the square of the time; record a position"
-            )
-        raise RecordError(
-            f"no column 'height'; found: {_names(sheet)}; name the columns in the first line, such "
-            "as 'time [s], height [mm]', or say which is which (columns: height=NAME)"
-        )
-    chosen[HEIGHT] = found[0]
-    if found[0].name:
-        notes.append(
-            f"height is the column {quoted(found[0].name)}, the only other one of numbers "
-            "(columns: height=..., and flip if it grows downwards)"
-        )
-    else:
-        number = sheet.columns.index(found[0]) + 1
-        notes.append(f"height is column {number}, in m (columns: height=..., units: height=mm)")
-
-
-def _check_channels(columns: Sequence[Column]) -> None:
-    """Refuse to guess which input of an instrument the height was connected to."""
-    names = [one.name for one in columns if one.channel]
-    if names and len(names) == len(columns):
-        raise RecordError(
-            f"no column 'height', only channels: {', '.join(map(quoted, names))}; say which it is "
-            f"and its unit (columns: height={names[0]}, units: height=mm)"
-        )
-
-
-def _names(sheet: Sheet) -> str:
-    names = [one.name.lower() for one in sheet.columns if one.name]
-    return ", ".join(map(quoted, names[:_MOST_SHOWN])) or "none with a name"
 
 
 # Units -----------------------------------------------------------------------------------------

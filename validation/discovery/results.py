@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.shared.errors import InputError
 from granular.shared.files import finite, write_text
 from validation.discovery.cases import LIBRARIES, METHODS, NOISES, SEEDS, Case
 from validation.discovery.peers import FUNCTIONS, PYOPERON, PYSINDY
 from validation.discovery.systems import DURATION, SAMPLES, SYSTEMS
+from validation.results_file import read_results
 
 COMMITTED = Path(__file__).parent / "results.json"
 """The results that come with the package."""
@@ -126,12 +126,7 @@ def read(path: Path) -> Results:
     InputError
         If the file holds something else.
     """
-    try:
-        return Results.from_plain(json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        return EMPTY
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} holds no results ({error}); make it anew") from None
+    return read_results(path, Results.from_plain, EMPTY)
 
 
 def committed() -> Results:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.shared.errors import InputError
 from validation.published.finding import Finding
 from validation.published.protocols import BEST_FIRST
+from validation.results_file import read_results
 
 COMMITTED = Path(__file__).parent / "results.json"
 """The results of the full run that come with the package."""
@@ -159,12 +158,7 @@ def read(path: Path) -> Results:
     InputError
         If the file holds something else.
     """
-    try:
-        return Results.from_plain(json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        return EMPTY
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} holds no results ({error}); make it anew") from None
+    return read_results(path, Results.from_plain, EMPTY)
 
 
 def committed() -> Results:

@@ -198,6 +198,7 @@ def test_a_walk_is_taken_out_and_put_back() -> None:
     np.testing.assert_allclose(with_walk(without_walk(noise, 0.2), 0.2), noise, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_fall_is_fitted_alike_by_every_seed() -> None:
     """Where the swing form of the Van der Pol-like law lies in a valley not the law's own."""
     time = np.linspace(0.0, 2.88, 2000)

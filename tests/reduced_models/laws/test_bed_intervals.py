@@ -27,6 +27,7 @@ def told(made: Any, name: str, seeds: range) -> tuple[np.ndarray, np.ndarray, np
     return np.array(holds), np.array(halves), np.array(values)
 
 
+@pytest.mark.long
 def test_few_records_are_held_mostly(made: Any) -> None:
     holds, _, _ = told(made, "annealing-bed", range(6))
     assert holds.mean() >= 0.75  # of 36 intervals, correlated in each record

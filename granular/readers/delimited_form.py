@@ -1,0 +1,143 @@
+"""How the lines of a table in text are written: separator, sign of the decimals, columns."""
+
+from __future__ import annotations
+
+import collections
+import csv
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from granular.readers.clock import is_stamp
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+LOST = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-",
+        "--", "---", "?")  # fmt: skip
+"""How programs write a sample that is not there."""
+_LOST = frozenset(LOST)
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
+_LOOKED_AT = 200
+"""Lines at the beginning, in the middle and at the end, from which the form is told."""
+
+
+class Line(NamedTuple):
+    """A line of a file: its number, from 1, and its text."""
+
+    number: int
+    text: str
+
+
+class Form(NamedTuple):
+    """How the lines of a table are written.
+
+    Attributes
+    ----------
+    separator, decimal : str
+    width : int
+        Fields of a line.
+    numeric : tuple of int
+        Fields that hold numbers, or times of day.
+    """
+
+    separator: str
+    decimal: str
+    width: int
+    numeric: tuple[int, ...]
+
+
+def form_of(lines: Sequence[Line], decimal: str | None) -> Form | None:
+    """The form that makes most lines rows of numbers."""
+    middle = len(lines) // 2
+    chosen = {*range(_LOOKED_AT), *range(middle, middle + _LOOKED_AT),
+              *range(len(lines) - _LOOKED_AT, len(lines))}  # fmt: skip
+    sample = [lines[k].text for k in sorted(chosen) if 0 <= k < len(lines)]
+    best: tuple[tuple[int, float, int], Form] | None = None
+    for separator in SEPARATORS:
+        for mark in (".", ",") if decimal is None else (decimal,):
+            found = _tried(sample, separator, mark)
+            if found is not None and (best is None or found[0] > best[0]):
+                best = found
+    return None if best is None else best[1]
+
+
+def _tried(
+    sample: Sequence[str], separator: str, decimal: str
+) -> tuple[tuple[int, float, int], Form] | None:
+    """How many lines a form explains, the share of numbers in them, and how many in a line."""
+    rows = [fields_of(line, separator) for line in sample]
+    if decimal == "," and any(_with_point(cell) for row in rows for cell in row):
+        return None
+    numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
+    widths = collections.Counter(
+        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= 2
+    )
+    if not widths:
+        return None
+    raw = max(widths, key=lambda one: (widths[one], one))
+    same = [k for k, row in enumerate(rows) if len(row) == raw and numeric[k]]
+    width = raw  # without what stands behind a separator at the end of all lines: nothing
+    while not any(rows[k][width - 1] for k in same):
+        width -= 1
+    numbers = collections.Counter(field for k in same for field in numeric[k])
+    lost = collections.Counter(
+        field for k in same for field, cell in enumerate(rows[k]) if cell in _LOST
+    )
+    core = tuple(
+        field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same)
+    )
+    if len(core) < 2:
+        return None
+    share = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
+    return (widths[raw], share, len(core)), Form(separator, decimal, width, core)
+
+
+def _with_point(cell: str) -> bool:
+    return "." in cell and is_number(cell, ".") and not is_stamp(cell)
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Whether a cell is a number, or a date or time of day."""
+    if decimal == ",":
+        if "." in cell:
+            return is_stamp(cell)
+        cell = cell.replace(",", ".", 1)
+    return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
+
+
+def fields_of(line: str, separator: str) -> list[str]:
+    """The fields of a line; one that is empty behind the last separator is none."""
+    if separator == " ":
+        found = line.split()
+    elif '"' in line:
+        found = [cell.strip() for cell in next(_reader([line], separator))]
+    else:
+        found = [cell.strip() for cell in line.split(separator)]
+    return found
+
+
+_WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
+
+
+def words_of(line: str, separator: str) -> list[str]:
+    """The fields of a header; between spaces, a unit in brackets belongs to its name."""
+    return _WORD.findall(line) if separator == " " else fields_of(line, separator)
+
+
+def _reader(lines: Sequence[str], separator: str) -> Any:
+    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
+
+
+def is_row(fields: Sequence[str], form: Form) -> bool:
+    """Whether a line is one of the table: as many fields, of which some are numbers."""
+    if not form.width <= len(trimmed(fields, form.width)) <= form.width:
+        return False
+    return any(is_number(fields[k], form.decimal) for k in form.numeric)
+
+
+def trimmed(fields: Sequence[str], width: int) -> Sequence[str]:
+    """Without empty fields beyond the width."""
+    end = len(fields)
+    while end > width and not fields[end - 1]:
+        end -= 1
+    return fields[:end]
