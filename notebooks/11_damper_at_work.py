@@ -122,7 +122,7 @@ stages = [
 seen = simulate(
     SCENE.replace(**{"output.frames": "15 ms", "protocol": stages}), "auto*4", progress=False
 )
-movie(seen, folder / "bed.gif", colour="speed", stage="shown", speed=0.5, width=760, progress=False)
+movie(seen, folder / "bed.gif", colour="speed", stage="shown", speed=0.5, fps=16, progress=False)
 Image(folder / "bed.gif")
 
 # %% [markdown]
@@ -143,14 +143,14 @@ found = frequency_response(
 )
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")
 found.plot(axes)
-axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # beside the curves
 plt.show()
 print(found.table)
 
 # %% [markdown]
 # The last two columns: how many times lower the peak is than without the damper, and how many times
-# higher than with the ideal tuned mass. The steady swing is what counts; `unsteady` says how much it
-# still changed in the part that was measured. Where it is large, runs should be longer.
+# higher than with the ideal tuned mass. The steady swing is what counts; `unsteady` says how much
+# it still changed in the part that was measured. Where it is large, runs should be longer.
 
 # %%
 weak, strong = found.peaks()
@@ -200,6 +200,7 @@ plt.show()
 
 # %%
 better = design_for(packaged.effects.host, packaged.effects.host.excitation, limit=7.75)
+helps = better.helps
 print(better)
 
 # %% [markdown]

@@ -22,7 +22,7 @@ WHAT = "frequency response of a machine that carries a damper"
 EXAMPLES = """\
 examples:
   %(prog)s machine --from 2.6Hz --to 3.6Hz --points 9 --dt 'auto*4' -o out/machine
-  %(prog)s machine --from 2.8Hz --to 3Hz --points 3 --dt 'auto*4' --force 5N --force 10N -o out/two"""
+  %(prog)s machine --from 2.8Hz --to 3Hz --points 3 --dt 'auto*4' --force 5N --force 10N -o two"""
 
 
 def add_options(one: Parser) -> None:
