@@ -20,9 +20,9 @@ from granular.observables import (
 )
 from granular.render import COLOURINGS, save, still
 from granular.render.colourings import SPECIES
-from granular.shared.plotting import SIDES
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
+from granular.shared.plotting import SIDES
 
 
 def grains(figure: Figure) -> EllipseCollection:
