@@ -412,19 +412,6 @@ def draw_machine() -> None:
         axes.set_title("displacement of the machine under 10 N", fontsize=10)
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         keep(drawing, "machine")
-    near = [2.75, 2.8, 2.85, 2.9, 2.95]
-    forces = (5.0, 10.0, 20.0)
-    strong = frequency_response(scene, near, amplitudes=forces, dt="auto*4")
-    rows = ["| force | simulated | law | its small swing, linear |", "|---|---|---|---|"]
-    for force in forces:
-        simulated_peak = float(strong.dataset.displacement.sel(amplitude=force).max())
-        said = predicted_response(scene, near, force)
-        told = [
-            f"{1e3 * one:.2f} mm ({100.0 * (one / simulated_peak - 1.0):+.0f} %)"
-            for one in (said.peak, float(said.linear.max()))
-        ]
-        rows.append(f"| {force:g} N | {1e3 * simulated_peak:.2f} mm | {told[0]} | {told[1]} |")
-    write_block("law", "\n".join([*rows, ""]), DOCS / "guide" / "machine.md", "machine")
     measured = found.peaks()[0]
     words = (
         f"Simulated, at 11 frequencies from 2.6 to 3.6 Hz: {1e3 * measured['alone']:.1f} mm at the "
@@ -656,12 +643,12 @@ def plt_image(content: bytes) -> Any:
     return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
 
 
-def write_block(name: str, text: str, path: Path, picture: str = "") -> None:
+def write_block(name: str, text: str, path: Path) -> None:
     """Write what was measured between its marks in a page, with the command and the date."""
     page = path.read_text(encoding="utf-8")
     begin, end = f"<!-- made by docs/pictures.py: {name} -->", f"<!-- end: {name} -->"
     before, _, rest = page.partition(begin)
-    made = f"  (`python docs/pictures.py {picture or name}`, {datetime.date.today():%Y-%m-%d}.)"
+    made = f"  (`python docs/pictures.py {name}`, {datetime.date.today():%Y-%m-%d}.)"
     after = rest.partition(end)[2]
     path.write_text(f"{before}{begin}\n{text}\n{made}\n{end}{after}", encoding="utf-8")
 

@@ -41,7 +41,7 @@ def block(source: str, *_: Any, **__: Any) -> str:
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Add both to what Markdown knows."""
-    config.markdown_extensions.append(Formulas())  # type: ignore[arg-type]
+    config.markdown_extensions.append(Formulas())  # type: ignore[arg-type]  # typed as names alone
     fences = config.mdx_configs.setdefault("pymdownx.superfences", {})
     fences["custom_fences"] = [{"name": "math", "class": "math", "format": block}]
     return config

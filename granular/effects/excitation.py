@@ -204,17 +204,16 @@ def excitation_at(drive: Drive, time: float) -> float:
     if drive.kind == IMPULSE:
         inside = t < drive.duration
         return drive.size * math.sin(math.pi * t / drive.duration) if inside else 0.0
-    omega, phase = drive.omega, drive.omega * t
+    omega, phase, gain = drive.omega, drive.omega * t, 0.0
     if drive.kind == SWEEP:
         if t > drive.duration:
             return 0.0
-        growth = math.exp(drive.ratio * t / drive.duration)
-        omega *= growth
-        phase = drive.omega * drive.duration / drive.ratio * (growth - 1.0)
-    size = drive.size
+        rate = drive.ratio / drive.duration
+        omega *= math.exp(rate * t)
+        phase, gain = (omega - drive.omega) / rate, omega * rate
     if drive.swings:
-        size *= -omega * omega
-    return size * math.sin(phase)
+        return drive.size * (gain * math.cos(phase) - omega * omega * math.sin(phase))
+    return drive.size * math.sin(phase)
 
 
 @compiled

@@ -173,10 +173,10 @@ def test_what_is_no_record_or_no_law(made: Callable[..., PistonRecord]) -> None:
     for wrong in (table, "lab.csv", None, [TIME]):
         with pytest.raises(InputError, match="is no record; give a PistonRecord"):
             # What types forbid is what is tried.
-            fit(wrong, "linear")  # type: ignore[call-overload]
+            fit(wrong, "linear")  # type: ignore[call-overload]  # what is refused
     with pytest.raises(InputError, match="give a name, an equation or a Law"):
         # Here too.
-        fit(made("linear"), 3)  # type: ignore[call-overload]
+        fit(made("linear"), 3)  # type: ignore[call-overload]  # what is refused
     alone = compare(made("linear"), "linear")
     assert [row.name for row in alone.rows] == ["linear"]
 

@@ -49,7 +49,7 @@ def test_small_swings_are_linear() -> None:
 def test_outside_of_what_was_measured_a_user_is_warned() -> None:
     scene = load_scene("machine")
     assert not predicted_response(scene, FREQUENCIES).outside
-    with pytest.warns(OutsideRangeWarning, match=r"0.5 to 3 D"):
+    with pytest.warns(OutsideRangeWarning, match=r"0.5 to 2 D"):
         assert predicted_response(scene, FREQUENCIES, 40.0).outside
     with pytest.raises(InputError, match="no host of one body"):
         predicted_response(load_scene("damper"), FREQUENCIES)

@@ -106,6 +106,6 @@ def test_even_and_uneven_fits_are_the_same() -> None:
 
 def test_unknown_estimators_and_short_records_are_refused() -> None:
     with pytest.raises(InputError, match="savitzky-golay"):
-        derivatives(noisy(TIME, 1e-4), "tea-leaves")  # type: ignore[arg-type]
+        derivatives(noisy(TIME, 1e-4), "tea-leaves")  # type: ignore[arg-type]  # what is refused
     with pytest.raises(RecordError, match="at least 20"):
         derivatives(PistonRecord(TIME[:19], TIME[:19] ** 2))

@@ -1,0 +1,146 @@
+"""What shakes a host, as functions of time."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular.compiled import entry
+from granular.effects.excitation import Excitation, excitation_at
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError
+
+AT = entry(excitation_at)
+SCALES = Scales(length=6e-3, mass=6.6e-4, force=2.4)
+
+
+def of(at: np.ndarray, **words: Any) -> np.ndarray:
+    """The force [N] or acceleration [m/s^2] at times [s]."""
+    drive = Excitation(**words).drive(SCALES)
+    size = SCALES.acceleration if drive.base else SCALES.force
+    return size * np.array([AT(drive, t / SCALES.time) for t in at])
+
+
+def test_a_sine_begins_at_its_start() -> None:
+    times = np.linspace(0.0, 2.0, 201)
+    wanted = np.where(times < 0.5, 0.0, 3.0 * np.sin(math.tau * 2.0 * (times - 0.5)))
+    found = of(times, kind="sine", force="3 N", frequency="2 Hz", start="0.5 s")
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_a_sweep_takes_equal_times_for_equal_ratios() -> None:
+    """From 1 to 8 Hz in 6 s: 2 Hz after 2 s, 4 Hz after 4 s; nothing behind the end."""
+    times = np.linspace(0.0, 6.5, 65_001)
+    found = of(times, kind="sweep", force="1 N", frequency="1 Hz", to="8 Hz", duration="6 s")
+    zeros = times[1:][(found[1:] > 0.0) & (found[:-1] <= 0.0)]
+    for at, frequency in ((2.0, 2.0), (4.0, 4.0), (5.9, 7.73)):
+        k = int(np.searchsorted(zeros, at))
+        assert 1.0 / (zeros[k] - zeros[k - 1]) == pytest.approx(frequency, rel=0.1)
+    assert len(zeros) == math.ceil(7.0 * 6.0 / math.log(8.0))
+    assert not found[times > 6.0].any()
+
+
+@pytest.mark.parametrize(
+    "words", [{"kind": "sine"}, {"kind": "sweep", "to": "4 Hz", "duration": "2 s"}]
+)
+def test_a_displacement_is_that_of_the_base(words: dict[str, Any]) -> None:
+    """The acceleration is the second derivative of A sin(phase)."""
+    h = 1e-4
+    times = np.arange(0.0, 1.8, h)
+    rate = math.log(4.0) / 2.0
+    swept = math.tau * np.expm1(rate * times) / rate
+    path = 2e-3 * np.sin(swept if words["kind"] == "sweep" else math.tau * times)
+    wanted = np.diff(path, 2) / h**2
+    found = of(times[1:-1], displacement="2 mm", frequency="1 Hz", **words)
+    np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
+
+
+def test_an_impulse_is_half_a_sine() -> None:
+    times = np.linspace(0.0, 0.3, 3001)
+    found = of(times, kind="impulse", force="5 N", duration="0.2 s")
+    momentum = float(np.trapezoid(found, times))
+    assert momentum == pytest.approx(2.0 / math.pi * 5.0 * 0.2, rel=1e-5)
+    assert not found[times >= 0.2].any()
+
+
+def test_noise_fills_its_band_and_is_of_its_seed() -> None:
+    times = np.arange(0.0, 20.0, 1e-2)
+    words = {"kind": "noise", "acceleration": "2 m/s^2", "frequency": "3 Hz", "to": "9 Hz",
+             "duration": "20 s"}  # fmt: skip
+    found = of(times, **words)
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(2.0, rel=0.02)
+    power = np.abs(np.fft.rfft(found * np.hanning(len(times)))) ** 2
+    frequencies = np.fft.rfftfreq(len(times), 1e-2)
+    inside = (frequencies > 2.9) & (frequencies < 9.1)
+    assert power[inside].sum() > 0.999 * power.sum()
+    halves = [power[inside & (frequencies < 6.0)].sum(), power[inside & (frequencies > 6.0)].sum()]
+    assert halves[0] == pytest.approx(halves[1], rel=0.5)
+    assert np.array_equal(found, of(times, **words))
+    assert not np.array_equal(found, of(times, seed=2, **words))
+
+
+def test_a_table_is_a_cubic_through_its_points() -> None:
+    knots = np.linspace(0.0, 1.0, 6)
+    cubic = knots**3 - knots**2 + 0.5
+    times = np.linspace(0.1, 1.3, 121)
+    found = of(
+        times, kind="table", force="2 N", start="0.1 s",
+        times=tuple(knots), values=tuple(cubic),
+    )  # fmt: skip
+    t = times - 0.1
+    wanted = np.where(t <= 1.0 + 1e-12, 2.0 * (t**3 - t**2 + 0.5), 0.0)
+    np.testing.assert_allclose(found[t < 0.999], wanted[t < 0.999], atol=1e-12)
+    assert not found[t > 1.001].any()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time [s], a [m/s^2]\n5.0, 0\n5.1, 1\n5.2, 0\n5.3, -1\n",
+        "Zeit;Wert\n5,0;0\n5,1;1\n5,2;0\n5,3;-1\n",
+        "5.0\t0\r\n5.1\t1\r\n5.2\t0\r\n5.3\t-1\r\n",
+    ],
+)
+def test_a_record_is_a_table_from_a_file(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "record.txt"
+    path.write_text(text, encoding="utf-8", newline="")
+    one = Excitation(kind="record", acceleration=1.0, file=str(path))
+    assert one.kind == "table"
+    assert one.file is None
+    np.testing.assert_allclose(one.times, [0.0, 0.1, 0.2, 0.3], atol=1e-12)
+    assert one.values == (0.0, 1.0, 0.0, -1.0)
+    assert Excitation.from_plain(one.to_plain()) == one
+
+
+def test_a_record_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "record.txt"
+    with pytest.raises(FieldError, match=r"record\.txt"):
+        Excitation(kind="record", force=1.0, file=str(path))
+    path.write_text("0 1\n1 2\n2 three\n3 4\n")
+    with pytest.raises(FieldError, match=r"line 3 .* is no time and number"):
+        Excitation(kind="record", force=1.0, file=str(path))
+    path.write_text("0 1\n1 2\n")
+    with pytest.raises(FieldError, match="2 lines"):
+        Excitation(kind="record", force=1.0, file=str(path))
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ({"kind": "sine", "frequency": 1.0}, "give one of"),
+        ({"kind": "sine", "force": 1.0, "acceleration": 1.0, "frequency": 1.0}, "give one of"),
+        ({"kind": "sweep", "force": 1.0, "frequency": 2.0, "to": 1.0, "duration": 1.0}, "above"),
+        ({"kind": "impulse", "displacement": 1.0, "duration": 1.0}, "only a sine or a sweep"),
+        ({"kind": "table", "force": 1.0, "times": (0.0, 2.0, 1.0, 3.0), "values": (0.0,) * 4},
+         "increase"),
+        ({"kind": "table", "force": 1.0, "times": (0.0, 1.0), "values": (0.0,)}, "1 numbers"),
+        ({"kind": "noise", "force": 1.0, "frequency": 1.0, "to": 1e6, "duration": 1e3}, "knots"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(words: dict[str, Any], reason: str) -> None:
+    with pytest.raises(FieldError, match=reason):
+        Excitation(**words)

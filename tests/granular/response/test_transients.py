@@ -1,0 +1,85 @@
+"""What is read off an impulse and a sweep, against one linear oscillator."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from granular import Scene, simulate
+from granular.response import come_down_time, swept_response
+from granular.response.come_down import come_down_of
+from granular.response.swept import swept_amplitudes
+from granular.shared.errors import InputError
+
+MASS, STIFFNESS, DAMPING = 2.0, 800.0, 8.0
+BODY = {"mass": MASS, "stiffness": STIFFNESS, "damping": DAMPING}
+
+
+def amplitude(frequency: np.ndarray) -> np.ndarray:
+    """Of the oscillator under 1 N, complex [m]."""
+    omega = math.tau * frequency
+    return np.asarray(1.0 / (STIFFNESS - MASS * omega**2 + 1j * omega * DAMPING))
+
+
+def machine(excitation: dict[str, object], duration: float) -> Scene:
+    return Scene.from_plain({
+        "name": "bare", "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
+        "cell": {"width": "60 D"}, "piston": {"height": "20 D"},
+        "effects": {"host": {"bodies": [BODY], "excitation": excitation}},
+        "protocol": [{"name": "shake", "kind": "hold", "duration": duration}],
+        "output": {"scalars": "2 ms", "frames": "1 s"},
+    })  # fmt: skip
+
+
+def test_a_decay_comes_down_in_its_own_time() -> None:
+    """exp(-delta t) cos(omega t), with peaks ten to a decade."""
+    time = np.linspace(0.0, 5.0, 50_001)
+    decay = np.exp(-2.0 * time) * np.cos(math.tau * 20.0 * time)
+    found = come_down_of(time + 1.0, decay, 1.0, 0.1)
+    assert found == pytest.approx(math.log(10.0) / 2.0, abs=0.5 / 20.0)
+    assert come_down_of(time + 1.0, decay, 1.0, 0.5) < found
+    with pytest.raises(InputError, match="still swings wider"):
+        come_down_of(time[:5000], decay[:5000], 0.0, 0.1)
+    with pytest.raises(InputError, match="below 1"):
+        come_down_of(time, decay, 0.0, 1.5)
+
+
+def off(length: float) -> float:
+    """How far a sweep is from the steady response, over its peak."""
+    low, high = 1.5, 6.0
+    rate = math.log(high / low) / length
+    time = np.linspace(0.0, length, round(500 * length) + 1)
+    force = np.sin(math.tau * low * np.expm1(rate * time) / rate)
+    moved = lsim(([1.0], [MASS, DAMPING, STIFFNESS]), force, time)[1]
+    frequencies, (swings,) = swept_amplitudes(time, [moved + 3.0], (low, high, length), 50)
+    exact = amplitude(frequencies)
+    return float(np.abs(swings - exact).max() / np.abs(exact).max())
+
+
+def test_a_slower_sweep_is_nearer_to_the_steady_response() -> None:
+    """By the rate of the sweep over delta^2/(2 pi), at 3.2 Hz."""
+    once, twice = off(50.0), off(100.0)
+    assert once < 3.2 * math.log(4.0) / 50.0 * math.tau / 2.0**2
+    assert once / twice == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.long  # quick: both functions on exact motions
+def test_runs_tell_the_same() -> None:
+    struck = {"kind": "impulse", "force": 50.0, "duration": 0.01, "start": 0.2}
+    found = come_down_time(simulate(machine(struck, 3.0), progress=False))
+    assert found == pytest.approx(math.log(10.0) / 2.0, abs=math.pi / 20.0)
+    sweep = {"kind": "sweep", "force": 1.0, "frequency": 1.5, "to": 6.0, "duration": 100.0}
+    data = swept_response(simulate(machine(sweep, 100.0), progress=False), points=40)
+    exact = np.abs(amplitude(data.frequency.values))
+    assert np.abs(data.displacement.values - exact).max() < 0.07 * exact.max()
+
+
+def test_other_runs_are_refused() -> None:
+    run = simulate(machine({"force": 1.0, "frequency": 3.0}, 0.1), progress=False)
+    with pytest.raises(InputError, match="give an impulse"):
+        come_down_time(run)
+    with pytest.raises(InputError, match="no host under a sweep"):
+        swept_response(run)
