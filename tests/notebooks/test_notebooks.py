@@ -143,6 +143,19 @@ def designing_a_damper(found: Numbers) -> None:
     assert len(found["refusals"]) == 2
 
 
+def why_a_bed_damps(found: Numbers) -> None:
+    # Drag stops grains at once: they never hold a piston's energy.
+    assert found["greatest_share"] < 0.03
+    # Far from even: half a spacing of the squeezed lattice and more.
+    assert found["typical"] > 0.3
+    assert found["likeness"] > 0.8
+    # What the law promises of falls that nothing was fitted to.
+    assert found["error"] < 0.025
+    # Large swings rearrange the bed, small ones do not.
+    assert found["first_loss"] > 1.3
+    assert found["last_loss"] == pytest.approx(1.0, abs=0.1)
+
+
 def damper_at_work(found: Numbers) -> None:
     # The machine alone: force over (2 pi)^2 f0 f c, closely; its own dashpot is 0.5 % of critical.
     weak, strong = found["weak"], found["strong"]
@@ -163,6 +176,7 @@ CHECKS: dict[str, Callable[[Numbers], None]] = {
     "07_hard_cases": hard_cases,
     "08_own_effect_and_law": own_effect_and_law,
     "09_designing_a_damper": designing_a_damper,
+    "10_why_a_bed_damps": why_a_bed_damps,
     "11_damper_at_work": damper_at_work,
 }
 KEEP = """
