@@ -5,7 +5,7 @@ Matplotlib is imported where it is used. Save a picture with ``ax.figure.savefig
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -122,7 +122,7 @@ def plot_defect_paths(
                 color="#333333", zorder=4,
             )  # fmt: skip
     if shown:
-        looks = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
+        looks: dict[str, Any] = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
         signs = [("o", "first seen"), ("x", "last seen"), (r"$\rightarrow$", "Burgers vector")]
         sides, handles = ax.get_legend(), ax.get_legend_handles_labels()[0]
         handles += [

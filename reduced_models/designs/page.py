@@ -36,7 +36,7 @@ class Line(NamedTuple):
     factor: float
     levels: Any
     colour: str
-    style: str
+    style: Any
 
 
 DARK = "#54585e"
@@ -179,7 +179,7 @@ def _draw(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
         values = one.factor * np.exp([[maps.at(name, place) for place in row] for row in places])
         lines = axes.contour(mass, drag, values, one.levels, colors="none")
         for level, ways in zip(lines.levels, lines.allsegs, strict=True):
-            longest = max(ways, key=len, default=())
+            longest: np.ndarray = max(ways, key=len, default=np.empty((0, 2)))
             if len(longest) > _SHORTEST:
                 axes.plot(*longest.T, one.style, color=one.colour, linewidth=1.1)
                 _label(axes, name, float(level), longest)
