@@ -167,7 +167,7 @@ print(table)
 # records.
 
 # %%
-found = discover(training, method="sindy")
+found = discover(training, method="sindy", library="physical")
 print(found)
 
 # %% [markdown]

@@ -60,7 +60,7 @@ def discovered(training: list[PistonRecord]) -> list[ReducedModel]:
     found = []
     for method in METHODS:
         try:
-            law = discover(training, method)
+            law = discover(training, method, library="physical")
             print(f"{law}\n")
             found.append(law.model)
         except GranularError as error:

@@ -165,8 +165,8 @@ def _add_discover(one: Parser) -> None:
     )
     one.add_argument(
         "--library", action="append", default=[], metavar="NAME",
-        help="terms to choose from: physical (default), polynomial, trigonometric, rational, dry "
-        "friction, contact, driven (repeatable); auto: the one that the record speaks for",
+        help="terms to choose from: auto (default: those that the record speaks for), physical, "
+        "polynomial, trigonometric, rational, dry friction, contact, driven (repeatable)",
     )  # fmt: skip
     one.add_argument(
         "--terms", action="append", default=[], metavar="TERM",

@@ -138,7 +138,7 @@ def _units(law: str) -> Mapping[str, str]:
 def discover_source(options: Any) -> None:
     """Discover a law in the records of some sources."""
     from reduced_models.discovery.discovering import discover
-    from reduced_models.discovery.libraries import PHYSICAL
+    from reduced_models.discovery.proposal import AUTO
 
     records = _records(options.sources, options)
     found = discover(
@@ -146,7 +146,7 @@ def discover_source(options: Any) -> None:
         method=options.method,
         form=options.form,
         degree=options.degree,
-        library=options.library or PHYSICAL,
+        library=options.library or AUTO,
         terms=options.terms,
         functions=options.functions,
         input=options.drive,

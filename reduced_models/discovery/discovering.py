@@ -49,7 +49,7 @@ def discover(
     ensemble: bool = False,
     derivative: DerivativeMethod = "savitzky-golay",
     degree: int = 3,
-    library: str | Sequence[str] = PHYSICAL,
+    library: str | Sequence[str] = AUTO,
     terms: Sequence[str] = (),
     functions: Sequence[str] = (),
     input: str | None = None,  # noqa: A002
@@ -84,14 +84,14 @@ def discover(
     derivative : str
         Estimator of z' and z'', see `derivatives`.
     degree : int
-        Of the powers of z in the physical library, from 1 to 5.
+        Of the powers of z in the physical library, from 1 to 5. With ``library="auto"`` it is the
+        least one: it grows while the held-out error falls.
     library : str, or a sequence of them
-        Which terms there are to choose from, one or more of
+        Which terms there are to choose from. ``"auto"``: those of the library that the record
+        speaks for, with a note why where it is not the physical one. Or one or more of
         `reduced_models.discovery.libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
-        Symbolic regressions are given what of it is no product of powers as variables. ``"auto"``:
-        the one that the record speaks for, with a note why; its degree grows while the held-out
-        error falls.
+        Symbolic regressions are given what of it is no product of powers as variables.
     terms : sequence of str
         Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
@@ -132,7 +132,9 @@ def discover(
     _check_kinds(library, map, seed)
     terms, functions = _texts(terms), _texts(functions)
     automatic = library in (AUTO, (AUTO,), [AUTO])
-    known = () if automatic else terms_named(library, terms, degree, input)
+    known = tuple(own_terms(terms, input)) if automatic else terms_named(
+        library, terms, degree, input
+    )  # fmt: skip
     allowed = functions_named(functions, method)
     records = [record] if isinstance(record, PistonRecord) else list(record)
     if not records:
@@ -154,8 +156,9 @@ def discover(
         return height_equations(records[0], method, height_map, effort, seed)
     proposal_note = ""
     if automatic:
-        _, known, height_map, weak, proposal_note = proposed(records, derivative, input, map)
-        known = (*known, *(one for one in own_terms(terms, input) if one not in known))
+        proposal = proposed(records, derivative, input, height_map if own else map, degree)
+        height_map, weak, proposal_note = proposal.map, proposal.weak, proposal.note
+        known = (*proposal.terms, *(one for one in known if one not in proposal.terms))
     else:
         weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
     _check_finite(weak, known)

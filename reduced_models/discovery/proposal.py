@@ -64,6 +64,7 @@ def proposed(
     derivative: DerivativeMethod,
     column: str | None,
     wanted: HeightMap | str = AUTO,
+    degree: int = _DEGREES[0],
 ) -> Proposal:
     """The library whose best sum of terms says most of the records for its price.
 
@@ -73,7 +74,7 @@ def proposed(
     usual_map = map_of(records, wanted)
     plain = usual_map == HeightMap() or isinstance(wanted, HeightMap)
     weak = weak_form(*(motion_of(each, usual_map, derivative, column) for each in records))
-    usual = _usual(weak, column)
+    usual = _usual(weak, column, degree)
     proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
         own_map, own_weak = usual_map, weak
@@ -153,11 +154,11 @@ def _best(proposal: Proposal) -> _Judged:
     return _Judged(tuple(in_order(best.terms)), squares, judge.criterion(0.0, count), judge)
 
 
-def _usual(weak: WeakForm, column: str | None) -> tuple[AnyTerm, ...]:
+def _usual(weak: WeakForm, column: str | None, least_degree: int) -> tuple[AnyTerm, ...]:
     """The physical library; its degree grows while that makes the error less that is held out."""
     chosen: tuple[AnyTerm, ...] = ()
     least = math.inf
-    for degree in _DEGREES:
+    for degree in (least_degree, *(one for one in _DEGREES if one > least_degree)):
         terms = terms_named(PHYSICAL, (), degree, column)
         error = held_out_error(weak, terms)
         if chosen and error > _BETTER * least:

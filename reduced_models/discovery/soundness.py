@@ -38,12 +38,15 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
         (sizes >= np.append(sizes[1:], 0.0)) & (sizes >= np.insert(sizes[:-1], 0, 0.0))
     )
     peaks = peaks[np.argsort(sizes[peaks])[-_PEAKS:]]
-    before = sizes[peaks]
+    # A term that is zero at a peak, as one of a contact away from it, has grown by nothing there.
+    usual = np.median(sizes[sizes > 0.0]) if sizes.any() else 1.0
+    before = np.maximum(sizes[peaks], usual)
     centres, half = peaks.astype(float), 1.0
+    first, end = np.clip((centres[:, None] - 1.0, centres[:, None] + 1.0), 0.0, float(last))
     places = np.arange(last + 1.0)
     greatest = before
     for _ in range(_ZOOMS):
-        near = np.clip(centres[:, None] + half * _GRID, 0.0, float(last))
+        near = np.clip(centres[:, None] + half * _GRID, first, end)
         along = [None if each is None else np.interp(near, places, each) for each in (z, v, u)]
         found = np.abs(term.values(along[0], along[1], along[2]))  # type: ignore[arg-type]  # z, v
         if not np.isfinite(found).all():

@@ -31,6 +31,7 @@ _AMPLITUDES = 48
 _PLACES = 24  # of a quarter period, for the means
 _NODES = 400  # of the slow motion
 _MOST_FITS = 80
+_ALONG = 101  # heights of a swing at which the damping is looked at
 _POOR = 0.5  # of the record's standard deviation: a residual that follows nothing
 
 
@@ -91,6 +92,15 @@ class AveragedFit:
 
         Its damping 2 alpha (z^2 - 2 z) is 2 alpha (r^2 - 2 r) at the level of rest r, and curved by
         alpha/scale^2; what is odd in x averages out. Both tell alpha, each by its certainty.
+
+        Averaging is of the first order in the damping. On made records with 1 % of noise alpha is
+        off by 0.6 % where the damping comes to 0.13 of critical within the swing, by 2 % at 0.4 and
+        by 3 % at 0.75; beyond critical all numbers go astray (a tenth at 1.8, a quarter at 2.3).
+
+        Raises
+        ------
+        RecordError
+            If the damping comes to critical within the swing.
         """
         one = self.motion
         level = float(height_map.to_law(one.rest))
@@ -99,7 +109,15 @@ class AveragedFit:
         weight = np.linalg.pinv(self.covariance[np.ix_(places, places)])
         found = np.array([one.decay, one.bend])
         alpha = float(share @ weight @ found / (share @ weight @ share))
-        return {"alpha": alpha, "omega": self._stiffness**0.5, "g0": self._stiffness * level}
+        rate = self._stiffness**0.5
+        z = level + one.swing / height_map.scale * np.linspace(-1.0, 1.0, _ALONG)
+        critical = float(np.abs(alpha * (z**2 - 2.0 * z)).max()) / rate
+        if critical >= 1.0:
+            raise RecordError(
+                f"within the swing the damping comes to {critical:.2g} of critical, and averaging "
+                "holds below 1: fit the law itself, fit(record, 'van-der-pol-like')"
+            )
+        return {"alpha": alpha, "omega": rate, "g0": self._stiffness * level}
 
 
 def averaged_motion(time: np.ndarray, motion: AveragedMotion) -> np.ndarray:
@@ -196,15 +214,15 @@ def fit_averaged_motion(record: PistonRecord) -> AveragedFit:
         left = (averaged_motion(time, found) - record.height) / swing
         return np.where(np.isfinite(left), left, 1e3)
 
-    best = None
     share = guess.decay / guess.frequency
-    for bend, hardness in ((0.0, 0.0), (share, 0.3), (0.0, -0.2)):
-        start = np.array([guess.rest / swing, 1.0, phase, share, bend, 1.0 - 0.75 * hardness,
-                          hardness])  # fmt: skip
-        found = least_squares(residual, start, x_scale="jac", max_nfev=_MOST_FITS)
-        best = found if best is None or found.cost < best.cost else best
-    rms = float(np.sqrt(2.0 * best.cost / len(time)))  # type: ignore[union-attr]
-    if best is None or not swing * rms < _POOR * float(record.height.std()):
+    starts = (
+        np.array([guess.rest / swing, 1.0, phase, share, bend, 1.0 - 0.75 * hardness, hardness])
+        for bend, hardness in ((0.0, 0.0), (share, 0.3), (0.0, -0.2))
+    )
+    fits = [least_squares(residual, one, x_scale="jac", max_nfev=_MOST_FITS) for one in starts]
+    best = min(fits, key=lambda one: float(one.cost))
+    rms = float(np.sqrt(2.0 * best.cost / len(time)))
+    if not swing * rms < _POOR * float(record.height.std()):
         raise RecordError(
             "no start led to a damped elliptic motion that follows the record; it must swing "
             "about one level of rest: give a later part of it, record.between(start, stop)"

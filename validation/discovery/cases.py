@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.shared.errors import GranularError
-from reduced_models.discovery.libraries import PHYSICAL
 from reduced_models.laws.height_map import HeightMap
 from validation.discovery.judging import worth
 from validation.discovery.peers import pyoperon_law, pysindy_law
@@ -22,9 +21,12 @@ if TYPE_CHECKING:
 NOISES = (0.001, 0.01, 0.03, 0.1)
 """Standard deviations of the noise, over that of the motion."""
 SEEDS = 5
-OURS, SINDY, OPERON, TUNED = "discover", "PySINDy", "pyoperon", "PySINDy, tuned"
-METHODS = (OURS, SINDY, OPERON, TUNED)
-"""The last one with a window of smoothing that was tried out on these records."""
+OURS = "discover"
+SINDY, OPERON = PEERS = ("PySINDy", "pyoperon")
+"""Set up as their own guides do."""
+SINDY_TUNED, OPERON_TUNED = TUNED = ("PySINDy, tuned", "pyoperon, tuned")
+"""With a window of smoothing that was tried out on these records."""
+METHODS = (OURS, *PEERS, *TUNED)
 LIBRARIES = ("named", "default")
 
 
@@ -105,18 +107,18 @@ def measured(case: Case) -> dict[str, Any]:
 
 def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, HeightMap]:
     named = case.library == "named"
-    if case.method in (SINDY, TUNED):
-        return pysindy_law(record, system, named, case.method == TUNED), HeightMap()
-    if case.method == OPERON:
-        return pyoperon_law(record, system, named, case.seed), HeightMap()
+    tuned = case.method in TUNED
+    if case.method in (SINDY, SINDY_TUNED):
+        return pysindy_law(record, system, named, tuned), HeightMap()
+    if case.method in (OPERON, OPERON_TUNED):
+        return pyoperon_law(record, system, named, case.seed, tuned), HeightMap()
     from reduced_models.discovery.discovering import discover
 
-    found = discover(
-        record,
-        library=system.library if named else PHYSICAL,
-        input=INPUT if system.driven else None,
-        seed=case.seed,
-    )
+    column = INPUT if system.driven else None
+    if named:
+        found = discover(record, library=system.library, input=column, seed=case.seed)
+    else:
+        found = discover(record, input=column, seed=case.seed)
     return found.expression, found.map
 
 

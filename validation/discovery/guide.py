@@ -56,12 +56,10 @@ def draw(results: Results) -> Figure:
                     results.rate(method, library, SHOWN_NOISE, [one.name]).share for one in SYSTEMS
                 ]
                 known = [0.0 if share is None else 100.0 * share for share in shares]
-                ax.barh(places + 0.2 * (1.5 - k), known, 0.19, color=COLOURS[k], label=method)
+                ax.barh(places + 0.16 * (2.0 - k), known, 0.15, color=COLOURS[k], label=method)
             ax.set(xlabel="found [%]", xlim=(0.0, 104.0), yticks=places, yticklabels=[])
             ax.set_title(f"{library} library", fontsize=READABLE)
             ax.grid(visible=False, axis="y")
         axes[0].set_yticklabels([one.name for one in SYSTEMS])
-        drawing.legend(
-            *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(METHODS)
-        )
+        drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return drawing

@@ -1,11 +1,12 @@
-"""Two peers, set up as their own guides do: PySINDy and pyoperon on smoothed derivatives.
+"""Two peers, set up as their own guides do, and with help: PySINDy and pyoperon.
 
 PySINDy's practical tips (https://pysindy.readthedocs.io/en/latest/tips.html) smooth a noisy record
 before it is differenced, begin with the default optimizer and scan its threshold; its feature
-overview judges by parts of the record that were not fitted. pyoperon's example
-(https://github.com/heal-research/pyoperon, example/operon-sklearn.py) gives the search's settings.
-Both are handed z', and pyoperon z'', from smoothed differences. Their window is PySINDy's own; a
-second row of PySINDy, and pyoperon, have one that was tried out on these very records.
+overview judges by parts of the record that were not fitted. pyoperon's examples
+(https://github.com/heal-research/pyoperon, example/) give the search's settings and say how its
+uncertainty is estimated; of derivatives they say nothing, so it is handed z' and z'' from PySINDy's
+smoothed differences. A second row of each has a window of smoothing that was tried out on these
+very records; there pyoperon is told the noise of z'' as well, and divides.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ PYSINDY = {
 TUNED_PERIODS = 0.2
 """Window of the smoothing that was tried out, the best of 0.1, 0.2 and 0.3 periods."""
 PYOPERON = {
-    "allowed_symbols": "add,sub,mul,div,constant,variable",
+    "allowed_symbols": "add,sub,mul,aq,sin,constant,variable",
     "offspring_generator": "basic",
     "reinserter": "keep-best",
     "initialization_method": "btc",
@@ -52,10 +53,18 @@ PYOPERON = {
     "max_length": 50,
     "max_evaluations": 100_000,
     "epsilon": 1e-3,
-    "smoothing": f"that of the tuned PySINDy, {TUNED_PERIODS:g} periods",
-    "model": "of the least description length, as pyoperon chooses, told the noise of z''",
+    "smoothing": "that of PySINDy",
+    "uncertainty": "error of a random forest on what it was fitted to",
+    "model": "of the least description length, as pyoperon chooses",
 }
 """Settings of pyoperon."""
+PYOPERON_TUNED = PYOPERON | {
+    "allowed_symbols": "add,sub,mul,div,constant,variable",
+    "smoothing": f"that of the tuned PySINDy, {TUNED_PERIODS:g} periods",
+    "uncertainty": "the noise of z''",
+}
+"""The same with help."""
+_WORDS = ("smoothing", "uncertainty", "model")
 FUNCTIONS = {
     "trigonometric": "sin,cos",
     "contact": "fmax",
@@ -158,8 +167,12 @@ def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
     )
 
 
-def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int) -> sympy.Expr:
+def pyoperon_law(
+    record: PistonRecord, system: System, named: bool, seed: int, tuned: bool
+) -> sympy.Expr:
     """The law that pyoperon finds for the smoothed z'', with the functions of a named library.
+
+    ``tuned`` has the window that was tried out, and is told the noise.
 
     Raises
     ------
@@ -169,23 +182,37 @@ def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int) -
     import sympy
     from pyoperon.sklearn import SymbolicRegressor
 
-    z, v, a = smoothed(record, tuned_window(record))
+    z, v, a = smoothed(record, tuned_window(record) if tuned else _WINDOW)
     inputs = {"z": z, "v": v, "speed": np.abs(v), "direction": np.sign(v)}
     if system.driven:
         inputs["u"] = record.extra[INPUT]
-    settings = {
-        name: value for name, value in PYOPERON.items() if name not in ("model", "smoothing")
-    }
+    own = PYOPERON_TUNED if tuned else PYOPERON
+    settings = {name: value for name, value in own.items() if name not in _WORDS}
     if named and system.library in FUNCTIONS:
-        settings["allowed_symbols"] = f"{settings['allowed_symbols']},{FUNCTIONS[system.library]}"
+        symbols_more = f"{settings['allowed_symbols']},{FUNCTIONS[system.library]}"
+        settings["allowed_symbols"] = ",".join(dict.fromkeys(symbols_more.split(",")))
     settings["objectives"] = list(_OBJECTIVES)
-    rough = np.diff(a, 4) / math.sqrt(70.0)
+    samples = np.stack(list(inputs.values()), axis=1)
+    error = _roughness(a) if tuned else _forest_error(samples, a, seed)
     search = SymbolicRegressor(
-        **settings, n_threads=1, random_state=seed + 1, uncertainty=[float(rough.std())]
-    ).fit(np.stack(list(inputs.values()), axis=1), a)
+        **settings, n_threads=1, random_state=seed + 1, uncertainty=[error]
+    ).fit(samples, a)
     text = search.get_model_string(search.model_, 12, list(inputs))
     _, slope, _ = symbols()
     named_symbols = {one.name: one for one in symbols()} | {
         "speed": sympy.Abs(slope), "direction": sympy.sign(slope),
     }  # fmt: skip
-    return algebra.expression(parse(text), named_symbols)
+    return algebra.expression(parse(text, multiplied=False), named_symbols)
+
+
+def _roughness(values: np.ndarray) -> float:
+    """The noise of samples, from their fourth differences."""
+    return float((np.diff(values, 4) / math.sqrt(70.0)).std())
+
+
+def _forest_error(samples: np.ndarray, target: np.ndarray, seed: int) -> float:
+    """How pyoperon's example estimates the uncertainty."""
+    from sklearn.ensemble import RandomForestRegressor
+
+    forest = RandomForestRegressor(n_estimators=100, random_state=seed).fit(samples, target)
+    return float(np.sqrt(((forest.predict(samples) - target) ** 2).mean()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -85,11 +86,19 @@ def _run(cases: Sequence[Case], shelf: Shelf | None, progress: bool) -> dict[Cas
             row = None if shelf is None else shelf.read(case.key)
             if row is None:
                 row = measured(case)
+                _forget_compiled()
                 if shelf is not None:
                     shelf.keep(case.key, row)
             rows[case] = row
             bar.update()
     return rows
+
+
+def _forget_compiled() -> None:
+    """What JAX compiled for a case: that of hundreds would take gigabytes."""
+    jax = sys.modules.get("jax")
+    if jax is not None:
+        jax.clear_caches()
 
 
 def _kept(shelf: Shelf, former: Results) -> Results:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from granular.shared.files import finite, write_text
 from validation.discovery.cases import LIBRARIES, METHODS, NOISES, SEEDS, Case
-from validation.discovery.peers import FUNCTIONS, PYOPERON, PYSINDY
+from validation.discovery.peers import FUNCTIONS, PYOPERON, PYOPERON_TUNED, PYSINDY
 from validation.discovery.systems import DURATION, SAMPLES, SYSTEMS
 from validation.results_file import read_results
 
@@ -89,6 +89,7 @@ class Results:
                 "record": f"{SAMPLES} samples over {DURATION:g} s",
                 "PySINDy": PYSINDY,
                 "pyoperon": {**PYOPERON, "more where the library is named": FUNCTIONS},
+                "pyoperon, tuned": PYOPERON_TUNED,
             },
             "rates": [
                 {"method": method, "library": library, "noise": noise}

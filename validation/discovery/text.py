@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from validation.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, SEEDS
+from validation.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, PEERS, SEEDS, TUNED
 from validation.discovery.judging import USABLE
-from validation.discovery.peers import PYOPERON, PYSINDY, TUNED_PERIODS
+from validation.discovery.peers import PYOPERON, PYOPERON_TUNED, PYSINDY, TUNED_PERIODS
 from validation.discovery.results import Rate, Results
 from validation.discovery.systems import SYSTEMS
 from validation.table import TextTable, table
@@ -15,6 +15,10 @@ from validation.table import TextTable, table
 SHOWN_NOISE = 0.01
 """The level of which every system is shown."""
 NOT_RUN = "not run"
+_PEER_WORDS = (
+    (PEERS, "set up as in its own guide"),
+    (TUNED, "with a window of smoothing that was tried out on these records,"),
+)
 _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
 
@@ -86,20 +90,19 @@ def words(found: Results) -> str:
     """Which share is found at `SHOWN_NOISE`, beside the better peer; crashes; what was not run."""
     sentences = []
     for library in LIBRARIES:
-        ours, *peers, tuned = (found.rate(method, library, SHOWN_NOISE) for method in METHODS)
+        rates = {method: found.rate(method, library, SHOWN_NOISE) for method in METHODS}
+        ours = rates[OURS]
         if ours.share is None:
             continue
         sentence = (
             f"With {SHOWN_NOISE * 100:g} % of noise and the {_LIBRARY_WORDS[library]}, `discover` "
             f"finds the law in {100 * ours.share:.0f} % of {ours.run} runs"
         )
-        known = [(one.share, name) for one, name in zip(peers, METHODS[1:-1], strict=True)
-                 if one.share is not None]  # fmt: skip
-        if known:
-            share, name = max(known)
-            sentence += f", the better peer, {name}, in {100 * share:.0f} %"
-        if tuned.share is not None:
-            sentence += f"; {METHODS[-1]} to these records, in {100 * tuned.share:.0f} %"
+        for methods, how in _PEER_WORDS:
+            known = [(rates[name].share or 0.0, name) for name in methods if rates[name].run]
+            if known:
+                share, name = max(known)
+                sentence += f"; {how} the better peer, {name}, does in {100 * share:.0f} %"
         sentences.append(sentence + ".")
     ours_rows = [row for case, row in found.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)
@@ -122,7 +125,11 @@ def systems_words() -> str:
 def settings() -> str:
     """How the peers are set up."""
     tuned = f"a window of {TUNED_PERIODS:g} periods, the best of three that were tried here"
-    return f"PySINDy: {_setting(PYSINDY)}. PySINDy, tuned: {tuned}. pyoperon: {_setting(PYOPERON)}."
+    helped = {name: value for name, value in PYOPERON_TUNED.items() if value != PYOPERON[name]}
+    return (
+        f"PySINDy: {_setting(PYSINDY)}. PySINDy, tuned: {tuned}. pyoperon: {_setting(PYOPERON)}. "
+        f"pyoperon, tuned: {_setting(helped)}."
+    )
 
 
 def _setting(found: Mapping[str, object]) -> str:

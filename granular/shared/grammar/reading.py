@@ -19,7 +19,9 @@ MOST_TERMS, MOST_SIZE = 300, 5000
 within about a second."""
 
 
-def parse(text: str, functions: Mapping[str, Function] = FUNCTIONS) -> Node:
+def parse(
+    text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplied: bool = True
+) -> Node:
     """Read a formula.
 
     Numbers, names (Latin and Greek letters, digits, underscores), the constants ``pi`` and ``e``,
@@ -30,20 +32,23 @@ def parse(text: str, functions: Mapping[str, Function] = FUNCTIONS) -> Node:
     text : str
     functions : mapping of str to Function
         Those that the formula may name.
+    multiplied : bool
+        Whether the formula will be multiplied out, so that one too large for it is refused.
 
     Raises
     ------
     FormulaError
         If it holds anything else, or is too large to be reckoned with.
     """
-    return _Reader(Words(text, functions)).tree()
+    return _Reader(Words(text, functions), multiplied).tree()
 
 
 class _Reader:
     """Orders the words of one text."""
 
-    def __init__(self, words: Words) -> None:
+    def __init__(self, words: Words, multiplied: bool) -> None:
         self.words = words
+        self.multiplied = multiplied
         self.starts: list[int] = []
 
     def tree(self) -> Node:
@@ -147,7 +152,7 @@ class _Reader:
         value = self._value(head, parts, word)
         # Also of numbers: SymPy keeps roots as they are, and multiplies them out.
         terms, size = _multiplied_out(head, parts)
-        if terms > MOST_TERMS or size > MOST_SIZE:
+        if self.multiplied and (terms > MOST_TERMS or size > MOST_SIZE):
             raise self.words.error(
                 word.place, f"{terms:.3g} terms ({size:.3g} numbers and names) when multiplied out",
                 f"at most {MOST_TERMS} ({MOST_SIZE}) are taken: write lower powers, or products "

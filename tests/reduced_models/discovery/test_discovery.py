@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import sympy
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, discover
+from reduced_models.discovery.discovering import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import all_subsets, scored
 from reduced_models.discovery.terms import Term, library, sum_of, symbols, terms_of
@@ -108,8 +110,8 @@ def test_every_candidate_that_matters_is_polished() -> None:
 @pytest.mark.parametrize("method", ["sindy", "operon"])
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.long
-def test_ten_seeds(method: str, name: str) -> None:
-    found = [discover(made(name, seed), method) for seed in range(10)]  # type: ignore[arg-type]
+def test_ten_seeds(method: Method, name: str) -> None:
+    found = [discover(made(name, seed), method) for seed in range(10)]
     exact = [one for one in found if is_exact(one, name)]
     assert len(exact) >= (9 if method == "sindy" else 8)
     errors = np.abs([coefficient_errors(one, name) for one in exact])
@@ -141,9 +143,9 @@ def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
     "options",
     [{}, {"form": "strong"}, pytest.param({"method": "operon"}, marks=pytest.mark.long)],
 )
-def test_several_records_have_one_structure(options: dict[str, object]) -> None:
+def test_several_records_have_one_structure(options: dict[str, Any]) -> None:
     """A small and a large swing of the same spring, which stiffens in the large one alone."""
-    found = discover(pair("duffing", (0.1, 1.8)), polish=0, **{"method": "sindy", **options})  # type: ignore[arg-type]
+    found = discover(pair("duffing", (0.1, 1.8)), polish=0, **{"method": "sindy", **options})
     assert is_exact(found, "duffing")
     assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
 
@@ -164,10 +166,10 @@ def test_several_records_share_the_polished_numbers() -> None:
     for model, record in zip(found.best.models, records, strict=True):
         assert model.quality.relative == pytest.approx(0.01, rel=0.15)
         assert model.quality.samples == len(record)
-    for bad, words in ((([],), "no record"), ((records, "operon"), "of one record, not of 2")):
-        options = {"target": "height"} if len(bad) > 1 else {}
-        with pytest.raises(InputError, match=words):
-            discover(*bad, **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no record"):
+        discover([])
+    with pytest.raises(InputError, match="of one record, not of 2"):
+        discover(records, "operon", target="height")
 
 
 @pytest.mark.long  # quick: several records in Python, and the commands as they are shown
@@ -353,9 +355,9 @@ def test_symbolic_regression_finds_a_damped_cosine() -> None:
         ({"map": "no"}, "HeightMap"),
     ],
 )
-def test_bad_options_are_refused(options: dict[str, object], words: str) -> None:
+def test_bad_options_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        discover(made("duffing", 0), **options)  # type: ignore[arg-type]
+        discover(made("duffing", 0), **options)
 
 
 def test_bad_records_are_refused() -> None:

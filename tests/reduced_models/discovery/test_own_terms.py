@@ -81,6 +81,27 @@ def test_the_structure_is_found_from_five_seeds(name: str) -> None:
     assert sum(found_in(name, seed) == SYSTEMS[name][3] for seed in range(5)) >= 4
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "least"), [
+    ("pendulum", 0), ("quintic spring", 4), ("cubic drag", 4), ("driven spring", 4),
+])  # fmt: skip
+def test_symbolic_regression_without_the_library(name: str, least: int) -> None:
+    """It makes the powers that the library lacks; of a sine it finds the series."""
+    law, start, options, right = SYSTEMS[name]
+    z = motion(law, start)
+    exact = 0
+    for seed in range(5):
+        noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
+        record = PistonRecord(TIME, z + noise, extra={"push": FORCE})
+        found = discover(
+            record, "operon", library="physical", input=options.get("input"), polish=0, seed=seed
+        )
+        print(name, seed, f"{found.best.error:.2f}", found.best.text)
+        assert found.best.error < 1.5
+        exact += {term.text for term in found.best.terms or ()} == right
+    assert exact >= least
+
+
 @pytest.mark.long  # quick: structures without polishing
 def test_a_pendulum_of_a_polished_discovery() -> None:
     """Its model solves the own term, and says so as text."""

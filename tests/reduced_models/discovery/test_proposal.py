@@ -36,8 +36,8 @@ def pendulum(share: float) -> PistonRecord:
     [
         (lambda z, v: -0.15 * v - 2.0 * np.sin(z), 2.5, "trigonometric", {"sin(z)", "z'"}),
         pytest.param(
-            lambda z, v: -0.1 * v - z - 1.5 * max(z, 0.0), 1.0, "contact", None,
-            marks=pytest.mark.long,
+            lambda z, v: -0.1 * v - z - 1.5 * max(z, 0.0), 1.0, "contact",
+            {"z", "max(0, z)", "z'"}, marks=pytest.mark.long,
         ),
         pytest.param(
             lambda z, v: z**-2.5 - 1.0 - 0.1 * v, 1.8, "rational", {"1", "z'", "z**(-5/2)"},
@@ -46,21 +46,21 @@ def pendulum(share: float) -> PistonRecord:
     ],
 )  # fmt: skip
 def test_a_record_speaks_for_its_library(
-    law: Callable[[float, float], float], start: float, library: str, terms: set[str] | None
+    law: Callable[[float, float], float], start: float, library: str, terms: set[str]
 ) -> None:
-    found = discover(record(law, start, 0.01), "sindy", library="auto", polish=0)
+    found = discover(record(law, start, 0.01), "sindy", polish=0)
     assert any(f"library {library!r}" in note for note in found.notes)
-    assert terms is None or {term.text for term in found.best.terms or ()} == terms
+    assert {term.text for term in found.best.terms or ()} == terms
 
 
 def test_a_plain_swing_speaks_for_no_other_library() -> None:
     """Nor does one about a level far from zero, which is then seen from its rest."""
     plain = record(lambda z, v: -0.1 * v - z - 0.5 * z**3, 1.5, 0.01)
-    found = discover(plain, "sindy", library="auto", polish=0)
+    found = discover(plain, "sindy", polish=0)
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**3"}
     assert not any("library" in note for note in found.notes)
     lifted = PistonRecord(TIME, 5.0 + 0.1 * plain.height)
-    found = discover(lifted, "sindy", library="auto", polish=0)
+    found = discover(lifted, "sindy", polish=0)
     assert found.map != HeightMap()
     assert {"z", "z'", "z**3"} <= {term.text for term in found.best.terms or ()}
 
@@ -68,21 +68,27 @@ def test_a_plain_swing_speaks_for_no_other_library() -> None:
 @pytest.mark.long  # quick: the plain swing, whose degree stays
 def test_the_degree_grows_with_the_spring() -> None:
     quintic = record(lambda z, v: -0.1 * v - z - 0.5 * z**5, 1.3, 0.01)
-    found = discover(quintic, "sindy", library="auto", polish=0)
+    found = discover(quintic, "sindy", polish=0)
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**5"}
 
 
 @pytest.mark.long  # quick: the pendulum among the libraries
 def test_a_pendulum_of_56_degrees_is_a_sine() -> None:
-    found = discover(pendulum(0.003), "sindy", library="auto", polish=0)
+    found = discover(pendulum(0.003), "sindy", polish=0)
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
     assert values == pytest.approx({"sin(z)": -9.0, "z'": -0.05}, rel=0.02)
 
 
 @pytest.mark.long  # quick: terms have their price
 def test_noise_hides_whether_it_is_a_sine_or_a_cubic() -> None:
-    found = discover(pendulum(0.1), "sindy", library="auto", polish=0)
+    found = discover(pendulum(0.1), "sindy", polish=0)
     assert "the data cannot tell" in " ".join(found.notes)
+
+
+def test_own_terms_mean_the_height_beside_the_proposed_library() -> None:
+    lifted = PistonRecord(TIME, 5.0 + 0.1 * np.cos(TIME))
+    found = discover(lifted, "sindy", terms=["sin(3*z)"], polish=0)
+    assert found.map == HeightMap()
 
 
 def test_terms_have_their_price() -> None:

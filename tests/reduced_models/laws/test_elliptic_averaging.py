@@ -79,6 +79,13 @@ def test_the_van_der_pol_like_law_from_the_drift(alpha: float) -> None:
     assert direct["omega"] == pytest.approx(1.05, rel=0.001)
 
 
+@pytest.mark.long  # quick: the Duffing law
+def test_a_damping_beyond_critical_is_refused() -> None:
+    """The source's own alpha: averaging would be off by a quarter."""
+    with pytest.raises(RecordError, match=r"comes to 2\.\d of critical"):
+        fit_averaged_motion(van_der_pol_like(0.17)).van_der_pol_like(HeightMap())
+
+
 @pytest.mark.long  # quick: the residual of a motion that is there
 def test_noise_has_no_averaged_motion() -> None:
     rough = np.random.default_rng(0).normal(size=len(TIME))
