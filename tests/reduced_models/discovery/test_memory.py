@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from granular import PistonRecord
+from granular import PistonRecord, damper, simulate
 from granular.shared.errors import GranularError, InputError
 from reduced_models import discover
 from reduced_models.__main__ import main
@@ -138,3 +138,28 @@ def test_a_fall_tells_the_law_of_its_bed(
     best = found["candidates"][found["chosen"]]["equation"]
     assert "w/z**(5/2)" in best
     assert best.count("z'") == 4  # z'', one term with the speed, and two in the rate
+
+
+@pytest.mark.long
+def test_simulated_falls_show_the_structure_of_the_law() -> None:
+    """On the front of their forces; the drag is that of grains that follow the piston affinely."""
+
+    def fall(height: float) -> PistonRecord:
+        stage = {"kind": "free", "name": "drop", "duration": 3.0}
+        changes = {
+            "piston.height": f"{height} D", "arrangement.height": f"{height - 1.0} D",
+            "protocol": [stage], "output.record": "drop",
+        }  # fmt: skip
+        return simulate(damper().replace(**changes), dt="auto*2", progress=False).piston()
+
+    found = discover([fall(20.0), fall(28.0)], "sindy", library="memory", target="force")
+    assert found.best.memory is not None
+    assert found.best.memory.state.name == "yielding strain"
+    law = {"z**(-5/2)", "u/z**(5/2)", "z'"}
+    same = [
+        one.terms for one in found.candidates
+        if one.terms is not None and {term.text for term in one.terms} == law
+    ]  # fmt: skip
+    values = {term.text: value for term, value in same[0].items()}
+    assert values["z'"] == pytest.approx(-368 * 0.1 / 3.0, rel=0.1)
+    assert 0.2 < values["u/z**(5/2)"] / values["z**(-5/2)"] < 0.45
