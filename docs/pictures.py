@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import base64
 import datetime
 import functools
+import io
 import itertools
+import json
 import math
+import os
+import resource
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,13 +22,17 @@ import numpy as np
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
-from granular.observables import radial_distribution_of_run
-from granular.observables.plots import plot_correlation_function
+from granular.observables import radial_distribution_of_run, tracked_defects
+from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save, still
-from granular.shared.plotting import COLOURS, GREY, figure
-from reduced_models import damper_maps, fit, predict
+from granular.response import frequency_response
+from granular.shared.plotting import COLOURS, GREY, figure, line_look
+from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
+from reduced_models.machines import predicted_response
 from validation import convergence, exact_problem
+from validation.published import committed
+from validation.published.judging import judged
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -134,8 +145,8 @@ def draw_theory() -> None:
         f"| frequency with the shear modulus of falling beds | {1.0 / told.period:.2f} Hz "
         f"| {1.0 / at_rest.period:.2f} Hz |",
         f"| damping ratio by affine drag | {ratio:.4f} | {at_rest.damping_ratio:.4f} |",
-        f"| loss over affine loss, first swing | 1 | {ratios[0]:.2f} |",
-        f"| the same, last of {len(ratios)} swings | 1 | {ratios[-1]:.2f} |",
+        f"| loss over affine loss, swings 1 to {len(ratios)} | 1 "
+        f"| {', '.join(f'{one:.2f}' for one in ratios)} |",
     ]
     write_block("theory", "\n".join([*rows, ""]), DOCS / "guide" / "theory.md")
 
@@ -335,9 +346,301 @@ def draw_maps() -> None:
     keep(plot_maps(damper_maps()), "maps")
 
 
+def write_whole_falls() -> None:
+    """Two whole falls, simulated and by the law."""
+    rows = [
+        "| bed | | settles | greatest force | deepest | affine loss | all loss |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for mass, drag, height in ((7.5, 0.1, 20), (10.0, 0.2, 24)):
+        scene = damper(mass).replace(
+            **{
+                "piston.height": f"{height} D",
+                "arrangement.height": f"{height - 1} D",
+                "effects.drag.coefficient": drag,
+                "output.record": None,
+                "protocol": [{"kind": "free", "name": "drop", "duration": 4.0}],
+            }
+        )
+        run = simulated(scene)
+        motion, rest = run.piston(), float(run.dataset["piston_height"].values[-500:].mean())
+        assert motion.velocity is not None
+        assert motion.force is not None
+        away = np.abs(motion.height - rest) > 0.05 * (height * DIAMETER - rest)
+        affine = scene.grains.count * drag / 3.0
+        loss = affine * float(np.trapezoid(motion.velocity**2, motion.time))
+        law = whole_fall(scene, height * DIAMETER)
+        bed = f"{scene.grains.count} grains, {mass:g} kg, {drag:g} kg/s, from {height} D"
+        for name, *figures in (
+            (f"{bed} | simulated", motion.time[away][-1], motion.force.max(), motion.height.min(),
+             loss, run.dataset["drag_loss"].values[-1]),
+            ("| law", law.settling_time, law.greatest_force, law.deepest, law.affine_loss,
+             law.affine_loss + law.excess_loss),
+        ):  # fmt: skip
+            settled, force, deepest, one, whole = map(float, figures)
+            rows.append(f"| {name} | {settled:.2f} s | {force:.0f} N | {1e3 * deepest:.1f} mm "
+                        f"| {one:.2f} J | {whole:.2f} J |")  # fmt: skip
+    write_block("whole-fall", "\n".join([*rows, ""]), DOCS / "guide" / "design.md")
+
+
 def draw_first_bed() -> None:
     """The bed of the first page, coloured by force."""
     keep(still(simulated(load_scene("bed"), t_end=0.5), -1, colour="force"), "bed")
+
+
+def draw_defects() -> None:
+    """Paths of defects within the last second of a compression."""
+    scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
+    run = simulated(scene, t_end=20.0)
+    found = tracked_defects(run, start=19.0)
+    with figure(width=7.8, height=3.6) as (drawing, axes):
+        plot_defect_paths(found, run.dataset["position"].values[-1], axes)
+        keep(drawing, "defects")
+
+
+def draw_machine() -> None:
+    """The packaged machine with its damper, simulated and by the law, and without."""
+    scene = load_scene("machine")
+    frequencies = [2.6, 2.75, 2.8, 2.85, 2.9, 2.95, 3.0, 3.1, 3.25, 3.4, 3.6]
+    found = frequency_response(scene, frequencies, dt="auto*4")
+    dense = np.linspace(2.6, 3.6, 101)
+    law = predicted_response(scene, dense)
+    with figure(width=7.0, height=3.4) as (drawing, axes):
+        found.plot(axes)
+        axes.get_lines()[0].set(linestyle="none", marker="o", label="with the damper, simulated")
+        axes.plot(dense, 1e3 * law.displacement, color=COLOURS[1], label="with the damper, law")
+        axes.set_title("displacement of the machine under 10 N", fontsize=10)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        keep(drawing, "machine")
+    measured = found.peaks()[0]
+    words = (
+        f"Simulated, at 11 frequencies from 2.6 to 3.6 Hz: {1e3 * measured['alone']:.1f} mm at the "
+        f"peak without the damper,\n{1e3 * measured['peak']:.2f} mm with it, at "
+        f"{measured['frequency']:g} Hz, and {1e3 * measured['ideal']:.2f} mm with the ideal tuned "
+        "mass."
+    )
+    write_block("machine", words, DOCS / "guide" / "machine.md")
+
+
+def draw_guarantees() -> None:
+    """A run cut and resumed, and one that rounds otherwise, beside the run in one piece."""
+    scene = damper(count=92)
+    whole = simulated(scene, t_end=2.0).dataset
+    with tempfile.TemporaryDirectory() as name:
+        simulated(scene, t_end=0.7, out=Path(name) / "run")
+        cut = simulated(scene, t_end=2.0, out=Path(name) / "run", resume=True).dataset.load()
+    other = simulated(scene, method="stormer-verlet+compensated", t_end=2.0).dataset
+    with figure(width=7.0, height=3.2) as (drawing, axes):
+        for place, (label, one) in enumerate(
+            (("cut at 0.7 s and resumed", cut), ("sums rounded otherwise", other))
+        ):
+            apart = np.abs(one["piston_height"].values - whole["piston_height"].values)
+            axes.plot(whole["time"], apart, label=label, **line_look(place))
+        axes.axvline(0.7, color=GREY, linestyle=":")
+        axes.set_yscale("symlog", linthresh=1e-17)
+        axes.set(xlabel="time [s]", ylabel="difference of the\npiston's height [m]")
+        axes.set_ylim(-4e-18, 1e-2)
+        axes.set_yticks([0.0, 1e-16, 1e-13, 1e-10, 1e-7, 1e-4])
+        axes.legend(loc="center right")
+        keep(drawing, "guarantees")
+
+
+def draw_verification() -> None:
+    """Each published number that was run by means over starts: ours over de Paula's."""
+    groups: dict[str, list[tuple[float, float, bool]]] = {}
+    for row in judged(committed()):
+        if row.verdict.words not in ("agrees", "differs") or row.found is None:
+            continue
+        half = row.found.half_width()
+        if row.published == 0.0 or half is None or row.entry.key.endswith("_std"):
+            continue
+        unit = f"[{row.entry.unit or 1}]"
+        group = "hysteresis" if "hysteresis" in row.entry.key else unit
+        ratio = row.found.value / row.published
+        error = half / abs(row.published)
+        if 0.5 < ratio < 2.0:
+            agrees = row.verdict.words == "agrees"
+            groups.setdefault(group, []).append((ratio, error, agrees))
+    flat = [one for unit in sorted(groups) for one in groups[unit]]
+    with figure(width=7.0, height=3.4) as (drawing, axes):
+        for agrees, colour, label in ((True, 0, "agrees"), (False, 1, "differs")):
+            chosen = [k for k, one in enumerate(flat) if one[2] is agrees]
+            values, errors = ([flat[k][one] for k in chosen] for one in (0, 1))
+            axes.errorbar(chosen, values, errors, color=COLOURS[colour], label=label,
+                          fmt="o" if agrees else "s", markersize=3.5, linewidth=1.0)  # fmt: skip
+        axes.axhline(1.0, color="black", linewidth=0.8)
+        start = 0
+        for unit in sorted(groups):
+            axes.axvline(start - 0.5, color=GREY, linestyle=":")
+            axes.annotate(unit, (start, 1.0), (2, 4), textcoords="offset points",
+                          xycoords=("data", "axes fraction"), fontsize=9)  # fmt: skip
+            start += len(groups[unit])
+        axes.set(xlabel="numbers that de Paula (2025) prints", ylabel="here over published",
+                 xticks=[])  # fmt: skip
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        keep(drawing, "verification")
+
+
+STARTS = {
+    "simulate": "from granular import load_scene, simulate\n"
+                "simulate(load_scene('bed'), t_end=0.01)",
+    "fit": "import numpy as np\nfrom reduced_models import PistonRecord, fit\n"
+           "t = np.linspace(0.0, 6.0, 1500)\n"
+           "z = 0.06 + 1e-3 * np.exp(-0.8 * t) * np.cos(21.8 * t)\n"
+           "fit(PistonRecord(t, z), law='linear')",
+}  # fmt: skip
+"""A first use of each half, as a script."""
+
+
+def draw_installation() -> None:
+    """Processor time of a first start, which compiles, and of the next."""
+    seconds: dict[str, list[float]] = {}
+    for name, code in STARTS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            os.chmod(folder, 0o700)
+            keys = ("NUMBA_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR")
+            kept = {key: str(Path(folder) / key.lower()) for key in keys}
+            seconds[name] = [run_seconds(code, kept) for _ in range(2)]
+    with figure(width=7.0, height=2.2) as (drawing, axes):
+        for k, label in enumerate(("first start, which compiles", "second start")):
+            places = [place - 0.2 + 0.4 * k for place in range(len(seconds))]
+            spent = [one[k] for one in seconds.values()]
+            axes.barh(places, spent, 0.38, color=COLOURS[k], label=label)
+        axes.set_yticks(range(len(seconds)), list(seconds))
+        axes.invert_yaxis()
+        axes.set_xlabel("processor time of a script with one call [s]")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        keep(drawing, "installation")
+
+
+def run_seconds(code: str, kept: Mapping[str, str]) -> float:
+    """Processor time of a process that runs the code, with its compiled code kept there [s]."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | dict(kept),
+                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def draw_libraries() -> None:
+    """Processor time that the import of each library takes."""
+    names = ("numpy", "scipy.optimize", "numba", "xarray", "zarr", "pandas", "matplotlib.pyplot",
+             "sympy", "jax", "diffrax", "optimistix")  # fmt: skip
+    empty = min(run_seconds("", {}) for _ in range(3))
+    costs = {}
+    for name in names:
+        costs[name] = min(run_seconds(f"import {name}", {}) for _ in range(3)) - empty
+    costs["granular, reduced_models"] = (
+        min(run_seconds("import granular, reduced_models", {}) for _ in range(3)) - empty
+    )
+    ordered = sorted(costs, key=lambda one: costs[one])
+    ours = [COLOURS[1] if "granular" in one else COLOURS[0] for one in ordered]
+    with figure(width=7.0, height=3.6) as (drawing, axes):
+        axes.barh(ordered, [costs[one] for one in ordered], color=ours)
+        axes.set_xlabel("processor time of the import, beyond an empty Python [s]")
+        keep(drawing, "libraries")
+
+
+def draw_forms() -> None:
+    """One swing in four forms of a file, each as it is read."""
+    times = np.linspace(0.0, 2.0, 400)
+    height = 0.06 + 1.2e-3 * np.exp(-0.8 * times) * np.cos(21.8 * times)
+    pairs = list(zip(times, height, strict=True))
+    labview = """LabVIEW Measurement
+Separator\tTab
+Decimal_Separator\t.
+X_Columns\tOne
+***End_of_Header***
+Channels\t1
+Y_Unit_Label\tm
+X_Dimension\tTime
+***End_of_Header***
+X_Value\theight"""
+    forms = {
+        "plain.csv": ("time [s],height [mm]", [f"{t:.4f},{1e3 * z:.5f}" for t, z in pairs]),
+        "messung.txt": (
+            "Messung 4;Labor 2\n\nZeit [ms];Weg [cm]",
+            [f"{1e3 * t:.2f};{100 * z:.6f}".replace(".", ",") for t, z in pairs],
+        ),
+        "logger.tsv": (
+            "Timestamp\tdist (m)",
+            [f"2026-03-01 12:00:{t:06.3f}\t{z:.7f}" for t, z in pairs],
+        ),
+        "labview.lvm": (labview, [f"{t:.6f}\t{z:.8f}" for t, z in pairs]),
+    }
+    with (
+        figure(len(forms), 2, width=8.0, height=5.6, sharex="col") as (drawing, rows),
+        tempfile.TemporaryDirectory() as folder,
+    ):
+        for place, ((name, (head, lines)), (left, right)) in enumerate(
+            zip(forms.items(), rows, strict=True)
+        ):
+            path = Path(folder) / name
+            path.write_text("\n".join([head, *lines, ""]), encoding="utf-8")
+            record = PistonRecord.from_file(path)
+            top = head.split("\n")
+            shown = top if len(top) < 4 else [top[0], "...", top[-1]]
+            text = "\n".join([*shown, *lines[:2], "..."]).expandtabs(4)
+            left.axis("off")
+            left.set_title(name, fontsize=10, loc="left")
+            left.text(0.0, 0.98, text, va="top", family="monospace", fontsize=9,
+                      transform=left.transAxes)  # fmt: skip
+            right.plot(record.from_zero().time, 1e3 * record.height, color=COLOURS[place])
+            right.set_ylabel("height [mm]")
+        rows[-1][1].set_xlabel("time [s]")
+        keep(drawing, "forms")
+
+
+def draw_own() -> None:
+    """A bed under its weight alone, and pulled down by springs that a formula brings."""
+    scene = load_scene("bed").replace(
+        **{"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D",
+           "arrangement.height": "5.5 D", "output.frames": "5 ms"}
+    )  # fmt: skip
+    pulled = scene.replace(**{"effects.field": [{"energy": "k*y**2/2", "k": "10 N/m"}]})
+    with figure(1, 2, width=9.0, height=3.0) as (drawing, (left, right)):
+        for place, (one, sign, label) in enumerate(
+            ((scene, "o", "weight alone"), (pulled, "s", "with k*y**2/2"))
+        ):
+            data = simulated(one, t_end=0.5).dataset
+            places = 1e3 * data["position"].values
+            left.plot(*places[-1].T, sign, color=COLOURS[place], fillstyle="none", label=label)
+            right.plot(data["frame_time"], places[:, :, 1].mean(axis=1), label=label,
+                       **line_look(place))  # fmt: skip
+        left.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", xlim=(0, 90), ylim=(0, 36))
+        right.set(xlabel="time [s]", ylabel="mean height of the grains [mm]")
+        right.legend()
+        keep(drawing, "own")
+
+
+def draw_notebooks() -> None:
+    """The first picture of each notebook."""
+    pictures = []
+    for path in sorted((DOCS.parent / "notebooks").glob("[0-9][0-9]_*.ipynb")):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        found = [
+            output["data"]["image/png"]
+            for cell in cells
+            for output in cell.get("outputs", ())
+            if "image/png" in output.get("data", {})
+        ]
+        largest = max(found, key=len)
+        pictures.append((path.stem, plt_image(base64.b64decode("".join(largest)))))
+    columns = 3
+    lines = -(-len(pictures) // columns)
+    with figure(lines, columns, width=11.0, height=2.5 * lines) as (drawing, rows):
+        for axes in rows.flat:
+            axes.axis("off")
+        for axes, (name, picture) in zip(rows.flat, pictures, strict=False):
+            axes.imshow(picture)
+            axes.set_title(name.replace("_", " "), fontsize=9)
+        keep(drawing, "notebooks")
+
+
+def plt_image(content: bytes) -> Any:
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
 
 
 def write_block(name: str, text: str, path: Path) -> None:
@@ -366,6 +669,16 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "limits": draw_limits,
     "misprints": draw_misprints,
     "maps": draw_maps,
+    "whole-fall": write_whole_falls,
+    "defects": draw_defects,
+    "machine": draw_machine,
+    "guarantees": draw_guarantees,
+    "verification": draw_verification,
+    "installation": draw_installation,
+    "libraries": draw_libraries,
+    "forms": draw_forms,
+    "own": draw_own,
+    "notebooks": draw_notebooks,
 }
 
 

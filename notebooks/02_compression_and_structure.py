@@ -121,8 +121,8 @@ plt.show()
 # ## Order
 #
 # Each grain has a Voronoi cell; only cells inside the box of the outermost grains count. In perfect
-# order all are hexagons. Hexagons are green (the darker, the more regular), cells with fewer sides
-# grey, with more sides red. Left: before the compression. Right: at full compression.
+# order all are hexagons: light grey here. A cell of five sides (orange) beside one of seven
+# (purple) is a dislocation. Left: before the compression. Right: at full compression.
 
 # %%
 figure, pair = plt.subplots(1, 2, figsize=(7, 4.6), sharex=True, sharey=True, layout="constrained")

@@ -83,8 +83,8 @@ for ratio, run in runs.items():
 still(runs[0.5])
 
 # %% [markdown]
-# The Voronoi cells of both beds: hexagons are green (the darker, the more regular), cells with
-# fewer sides grey, with more sides red. Without small grains large parts are regular.
+# The Voronoi cells of both beds: hexagons are light grey, cells with fewer sides orange, with more
+# sides purple. Without small grains large parts are regular.
 
 # %%
 figure, pair = plt.subplots(2, 1, figsize=(8, 3.8), sharex=True, layout="constrained")

@@ -36,9 +36,8 @@ QUICK = True  # False: 368 grains for the first design, the published number
 #
 # They hold how high the piston rests, how fast it swings, and how strongly that swing is
 # damped, over mass of the piston, number of grains, drag of a grain and share of small grains.
-# Blue: frequency [Hz]; red: damping ratio; grey: height of rest [D]. Each error is that of
-# predicting a damper that the maps did not see; most of that of the damping is the scatter over
-# random starts.
+# Each error is that of predicting a damper that the maps did not see; most of that of the damping
+# is the scatter over random starts.
 
 # %%
 maps = damper_maps()
@@ -52,6 +51,13 @@ plot_maps(maps)
 
 # %%
 plot_maps(maps, 0.5)
+
+# %% [markdown]
+# The same under sliders: move them, and see figures and swing change. (The page is self-contained:
+# it works in a browser, without a kernel and without further packages.)
+
+# %%
+maps.view()
 
 # %% [markdown]
 # ## What the maps say of one damper

@@ -80,7 +80,7 @@ examples:
 _SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 _LAW = (
     "law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" (repeatable); "
-    "without, those that can win"
+    "if not given, all that a quick first fit does not rule out"
 )
 
 
@@ -108,15 +108,21 @@ def _add_identify(one: Parser) -> None:
     add_scene(one, "source", _SOURCE)
     one.add_argument("-o", "--out", metavar="DIR", help="directory for report, models and run")
     one.add_argument("--law", dest="laws", action="append", metavar="LAW", help=_LAW)
-    one.add_argument("--discover", metavar="METHOD", help="also discover one: sindy, operon, pysr")
+    one.add_argument("--discover", metavar="METHOD",
+        help="also search for a law of unknown form, by sindy, operon or pysr",
+    )  # fmt: skip
     one.add_argument(
         "--input", dest="drive", metavar="COLUMN",
         help="column of the record that drives the motion: all laws have it as their input",
     )  # fmt: skip
     one.add_argument(
-        "--mass", metavar="M", help="of what moves, for N/m and N s/m (a scene's piston has one)"
+        "--mass",
+        metavar="M",
+        help="mass of what moves [kg], for stiffness and damping (a scene has its own)",
     )
-    one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
+    one.add_argument(
+        "--starts", type=int, default=16, help="how many starting points each fit tries (16)"
+    )
     one.add_argument(
         "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
     )
@@ -137,9 +143,11 @@ def _add_fit(one: Parser) -> None:
     )  # fmt: skip
     one.add_argument(
         "--holdout", type=in_unit("1"), default=0.3, metavar="S",
-        help="share held out, at the end: 0.3 (default) or '30 %%'",
+        help="share of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
     )  # fmt: skip
-    one.add_argument("--starts", type=int, default=16, help="random starts")
+    one.add_argument(
+        "--starts", type=int, default=16, help="how many starting points the fit tries (16)"
+    )
     one.add_argument(
         "--intervals", default="linear", metavar="HOW",
         help="linear (default), bootstrap (resampled records) or profile (right also where "
@@ -205,9 +213,11 @@ def _add_compare(one: Parser) -> None:
     )  # fmt: skip
     one.add_argument(
         "--holdout", type=in_unit("1"), default=0.3, metavar="S",
-        help="share held out, at the end: 0.3 (default) or '30 %%'",
+        help="share of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
     )  # fmt: skip
-    one.add_argument("--starts", type=int, default=16, help="random starts of each fit")
+    one.add_argument(
+        "--starts", type=int, default=16, help="how many starting points each fit tries (16)"
+    )
     one.add_argument("-o", "--out", metavar="DIR", help="directory for report and models")
     add_output(one)
 
@@ -231,7 +241,9 @@ def _add_calibrate(one: Parser) -> None:
         help="directory for report, scene and simulations; the same one again goes on",
     )  # fmt: skip
     one.add_argument("--dt", default="auto", help="time step [s], 'auto' or a multiple of it")
-    one.add_argument("--method", default="stormer-verlet", help="integration method")
+    one.add_argument("--method", default="stormer-verlet",
+        help="integration method, by name (stormer-verlet); 'granular methods' lists them",
+    )  # fmt: skip
     add_output(one)
 
 
@@ -244,9 +256,14 @@ def _add_design(one: Parser) -> None:
         "--damping", type=in_unit("1"), required=True, metavar="R",
         help="damping ratio, as 0.04 or '4 %%'",
     )  # fmt: skip
-    one.add_argument("--grains", type=int, metavar="N", help="number of grains; chosen without")
     one.add_argument(
-        "--mass", type=in_unit("kg"), metavar="M", help="of the piston [kg]; chosen without"
+        "--grains", type=int, metavar="N", help="number of grains; chosen if not given"
+    )
+    one.add_argument(
+        "--mass",
+        type=in_unit("kg"),
+        metavar="M",
+        help="mass of the piston [kg]; chosen if not given",
     )
     one.add_argument(
         "--small-share",
@@ -258,7 +275,7 @@ def _add_design(one: Parser) -> None:
     one.add_argument(
         "--maps",
         metavar="FILE",
-        help="study.csv that 'maps --simulate' wrote; the package's without",
+        help="study.csv that 'maps --simulate' wrote; if not given, the package's own",
     )
     one.add_argument(
         "-o", "--out", metavar="DIR",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import re
 from collections.abc import Iterator
@@ -14,6 +15,8 @@ from mkdocs.structure.files import File, Files
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 PICTURES = {"image/png": "png", "image/gif": "gif"}
+FRAME = re.compile(r'<iframe srcdoc="([^"]*)"')
+"""A page that a cell shows: sliders, or a run in motion."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -53,5 +56,11 @@ def shown(output: dict[str, Any], stem: str, pictures: dict[str, bytes]) -> Iter
             pictures[name] = base64.b64decode("".join(data[kind]))
             yield f"![what the cell above draws]({name})"
             return
+    page = "".join(data.get("text/html", ""))
+    if found := FRAME.search(page):
+        name = f"{stem}_{len(pictures) + 1}.html"
+        pictures[name] = html.unescape(found[1]).encode()
+        yield f'<iframe src="{name}" title="sliders" class="live"></iframe>'
+        return
     if text := "".join(output.get("text", data.get("text/plain", ""))).rstrip():
         yield f"```text\n{text}\n```"

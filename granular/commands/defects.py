@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 WHAT = "follow dislocations, vacancies and other defects of a run from frame to frame"
 EXAMPLES = """\
 examples:
-  %(prog)s runs/bed --start 2s --stop 4s
+  %(prog)s runs/bed --start 0.2s --stop 0.5s
   %(prog)s runs/bed -o defects
 
 what is written to the directory:

@@ -45,7 +45,7 @@ def add_options(one: Parser) -> None:
     one.add_argument("--time", metavar="T", help="take the frame nearest to this time [s]")
     one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
     one.add_argument(
-        "--fps", type=in_unit("Hz"), metavar="F", help="the movie's pictures a second (25)"
+        "--fps", type=in_unit("Hz"), metavar="F", help="pictures per second of the movie (25)"
     )
     one.add_argument(
         "--speed", metavar="X",

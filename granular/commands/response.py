@@ -21,15 +21,29 @@ from granular.shared.files import make_directory, write_text
 WHAT = "frequency response of a machine that carries a damper"
 EXAMPLES = """\
 examples:
-  %(prog)s machine --from 2Hz --to 5Hz --points 25 -o out/machine
-  %(prog)s machine --from 2Hz --to 5Hz --force 5N --force 10N -o out/forces    # again: goes on"""
+  %(prog)s machine --from 2.6Hz --to 3.6Hz --points 9 --dt 'auto*4' -o out/machine
+  %(prog)s machine --from 2.8Hz --to 3Hz --points 3 --dt 'auto*4' --force 5N --force 10N -o two"""
 
 
 def add_options(one: Parser) -> None:
     """The command's options."""
     add_scene(one)
-    one.add_argument("--from", dest="lowest", type=in_unit("Hz"), metavar="F", required=True)
-    one.add_argument("--to", dest="highest", type=in_unit("Hz"), metavar="F", required=True)
+    one.add_argument(
+        "--from",
+        dest="lowest",
+        type=in_unit("Hz"),
+        metavar="F",
+        required=True,
+        help="lowest frequency of the sine",
+    )
+    one.add_argument(
+        "--to",
+        dest="highest",
+        type=in_unit("Hz"),
+        metavar="F",
+        required=True,
+        help="highest frequency of the sine",
+    )
     one.add_argument("--points", type=int, default=25, metavar="N", help="frequencies (25)")
     for name, unit in (("force", "N"), ("acceleration", "m/s^2"), ("displacement", "m")):
         one.add_argument(

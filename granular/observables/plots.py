@@ -5,7 +5,7 @@ Matplotlib is imported where it is used. Save a picture with ``ax.figure.savefig
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,9 +13,8 @@ from granular.observables.biexponential import BiexponentialFit
 from granular.observables.defects import Dislocations
 from granular.observables.force_distribution import Histogram
 from granular.observables.forces import piston_force
-from granular.observables.regularity import hexagon_regularity
 from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
-from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new, plain_label
+from granular.shared.plotting import COLOURS, GREY, SIDES, STYLES, axes_or_new, plain_label
 
 if TYPE_CHECKING:
     import xarray
@@ -39,36 +38,39 @@ __all__ = [
     "plot_shares",
 ]
 
-_FEWER = "#a0a4a8"
-_MORE = "#b5179e"
+_PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
+"""Colours of paths, none of which is like a colour of the cells below them."""
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Interior Voronoi cells in the colours of [D, 4.2.3.4], and the grains' centres.
+    """Interior Voronoi cells, coloured by their number of sides, and the grains' centres.
 
-    Five sides or fewer are grey, hexagons green (the darker, the more regular), seven or more
-    purple: de Paula has red, which some eyes do not tell from green.
+    The colours are those of ``granular render --colour sides``: de Paula has green and red, which
+    some eyes do not tell apart.
     """
-    from matplotlib import colormaps
     from matplotlib.collections import PolyCollection
+    from matplotlib.patches import Patch
 
     ax = axes_or_new(ax, 7.2, 4.2)
     polygons = cell_polygons(cells)
-    regularity = hexagon_regularity(cells)
-    greens = colormaps["Greens"]
-    colours = [
-        greens(0.15 + 0.7 * np.clip(2.0 * regularity[i] - 1.0, 0.0, 1.0))
-        if cells.sides[i] == 6
-        else (_FEWER if cells.sides[i] < 6 else _MORE)
-        for i in polygons
-    ]
+    classes, colours = np.clip(cells.sides, 4, 8) - 4, tuple(SIDES.values())
     ax.add_collection(
         PolyCollection(
             [1e3 * one for one in polygons.values()],
-            facecolors=colours, edgecolors="white", linewidths=0.6,
+            facecolors=[colours[classes[i]] for i in polygons], edgecolors="white", linewidths=0.6,
         )
     )  # fmt: skip
     ax.plot(*(1e3 * np.asarray(positions)).T, ".", color="#333333", markersize=2.0)
+    present = {int(classes[i]) for i in polygons}
+    patches = [
+        Patch(facecolor=colour, edgecolor="#333333", linewidth=0.4, label=name)
+        for k, (name, colour) in enumerate(SIDES.items())
+        if k in present
+    ]
+    ax.legend(
+        handles=patches, title="sides of the cell", loc="upper left", alignment="left",
+        bbox_to_anchor=(1.0, 1.0),
+    )  # fmt: skip
     return _as_map(ax)
 
 
@@ -94,15 +96,12 @@ def plot_dislocations(found: Dislocations, positions: np.ndarray, ax: Axes | Non
 def plot_defect_paths(
     tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Paths of `tracked_defects` over the Voronoi cells of a frame, with their Burgers vectors.
-
-    A path begins at a ring and ends at a cross.
-    """
+    """Paths of `tracked_defects` over the Voronoi cells of a frame, with their Burgers vectors."""
+    from matplotlib.lines import Line2D
     from matplotlib.patheffects import withStroke
 
     positions = np.asarray(positions, dtype=np.float64)
     ax = plot_cells(voronoi_cells(positions), positions, ax)
-    ax.collections[0].set_alpha(0.55)
     border = [withStroke(linewidth=3.2, foreground="white")]
     kinds = list(tracked["defect"].values)
     shown = set()
@@ -110,7 +109,7 @@ def plot_defect_paths(
         path = 1e3 * tracked["position"].values[:, track]
         path = path[np.isfinite(path).all(axis=1)]
         kind = str(tracked["kind"].values[track])
-        colour = COLOURS[kinds.index(kind)]
+        colour = _PATHS[kinds.index(kind) % len(_PATHS)]
         label = None if kind in shown else kind
         shown.add(kind)
         ax.plot(*path.T, color=colour, linewidth=1.6, label=label, path_effects=border)
@@ -123,7 +122,17 @@ def plot_defect_paths(
                 color="#333333", zorder=4,
             )  # fmt: skip
     if shown:
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+        looks: dict[str, Any] = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
+        signs = [("o", "first seen"), ("x", "last seen"), (r"$\rightarrow$", "Burgers vector")]
+        sides, handles = ax.get_legend(), ax.get_legend_handles_labels()[0]
+        handles += [
+            Line2D([], [], marker=sign, label=name, markerfacecolor="white", **looks)
+            for sign, name in (signs if "dislocation" in shown else signs[:2])
+        ]
+        ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+        if sides is not None:
+            sides.set_clip_on(False)  # it stands beside the axes
+            ax.add_artist(sides)
     return _as_map(ax)
 
 

@@ -22,11 +22,9 @@ from granular.observables.voronoi import VoronoiCells
 from granular.scene.scene import Scene
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError
+from granular.shared.plotting import SIDES
 
 SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
-SIDES = {
-    "4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"
-}  # fmt: skip
 
 
 class View(NamedTuple):

@@ -63,14 +63,15 @@ class Response:
             row["frequency"] = float(part.frequency[int(part.displacement.values.argmax())])
             row["peak"] = float(part.displacement.max())
             if "alone" in part:
-                row |= self._linear_peaks(float(one))
+                curves = self._linear_curves(float(one))
+                row |= {key: float(curves[key].max()) for key in ("alone", "ideal")}
                 row["reduction"] = row["alone"] / row["peak"]
                 row["over_ideal"] = row["peak"] / row["ideal"]
             found.append(row)
         return found
 
-    def _linear_peaks(self, size: float) -> dict[str, float]:
-        """Peaks without damper and with the tuned mass, in the range of the frequencies."""
+    def _linear_curves(self, size: float) -> dict[str, np.ndarray]:
+        """Closely spaced frequencies, and what is left without damper and with the tuned mass."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         host = at_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
@@ -78,8 +79,9 @@ class Response:
         mass = damper_mass(self.scene)
         hung = hanging_mass(dense, mass, *tuned_mass(host, mass))
         return {
-            "alone": float(np.abs(linear_response(host, dense)[:, -1]).max()),
-            "ideal": float(np.abs(linear_response(host, dense, hung)[:, -1]).max()),
+            "frequency": dense,
+            "alone": np.abs(linear_response(host, dense)[:, -1]),
+            "ideal": np.abs(linear_response(host, dense, hung)[:, -1]),
         }
 
     @property
@@ -100,9 +102,10 @@ class Response:
             label = f"with the damper, {one:g} {unit}"
             ax.plot(part.frequency, 1e3 * part.displacement, label=label, **line_look(k))
         if "alone" in data:
-            part = data.isel(amplitude=-1)
-            ax.plot(part.frequency, 1e3 * part.alone, "k--", lw=0.8, label="without")
-            ax.plot(part.frequency, 1e3 * part.ideal, "k:", lw=0.8, label="ideal tuned mass")
+            curves = self._linear_curves(float(data.amplitude[-1]))
+            for key, style, label in (("alone", "k--", "without"), ("ideal", "k:", "tuned mass")):
+                ax.plot(curves["frequency"], 1e3 * curves[key], style, lw=0.8,
+                        label=f"{label}, {data.amplitude.values[-1]:g} {unit}")  # fmt: skip
         ax.set(xlabel="frequency [Hz]", ylabel="displacement [mm]", yscale="log")
         ax.legend(frameon=False)
         return ax

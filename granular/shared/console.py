@@ -159,9 +159,13 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2"
     )
-    parser.add_argument("--method", default="stormer-verlet", help="integration method")
+    parser.add_argument("--method", default="stormer-verlet",
+        help="integration method, by name (stormer-verlet); 'granular methods' lists them",
+    )  # fmt: skip
     add_import(parser)
-    parser.add_argument("--threads", type=int, help="number of threads (same bits for any)")
+    parser.add_argument("--threads", type=int,
+        help="number of threads; the result is the same to the last bit with any number",
+    )  # fmt: skip
 
 
 def add_accuracy(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,34 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SIDE = 41
+_SHORTEST = 15
+"""Points of a line that is drawn: shorter ones are corners of the map, with no room for a label."""
+
+
+class Line(NamedTuple):
+    """How the lines of one figure look on a map."""
+
+    words: str
+    factor: float
+    levels: Any
+    colour: str
+    style: Any
+
+
+DARK = "#54585e"
+LINES = {
+    "frequency": Line("frequency [Hz]", 1.0, 6, COLOURS[0], "-"),
+    "damping_ratio": Line(
+        "damping ratio", 1.0, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.4), COLOURS[1], "--"
+    ),
+    "rest_height": Line("height of rest [D]", 1.0 / DIAMETER, 6, DARK, ":"),
+}
+ENDS: dict[str, tuple[int, Any, tuple[int, int], tuple[str, str]]] = {
+    "frequency": (1, np.argmin, (0, -2), ("center", "top")),
+    "damping_ratio": (0, np.argmax, (3, 0), ("left", "center")),
+    "rest_height": (1, np.argmax, (0, 2), ("center", "bottom")),
+}
+"""Where a line has its label: axis, which end along it, offset in points, and alignment."""
 COUNTS, SHARES = (92, 184, 368), (0.0, 0.5)
 """Beds that the page of maps shows."""
 
@@ -65,8 +93,8 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
         words = "equal grains" if share == 0.0 else f"{100.0 * share:g} % small grains"
         page.figure(
             plot_maps(maps, share),
-            f"{words}: frequency [Hz] (blue), damping ratio (red, dashed) and height of rest [D] "
-            "(grey, dotted) over the piston's mass and the drag of a grain.",
+            f"{words}: frequency, damping ratio and height of rest over the piston's mass and the "
+            "drag of a grain.",
         )
     page.section("The law")
     page.text(
@@ -111,6 +139,7 @@ def plot_maps(maps: DamperMaps, share: float = 0.0) -> Figure:
         for place, count in zip(axes, COUNTS, strict=True):
             _draw(place, maps, count, share)
             place.set_title(f"{count} grains", fontsize=10)
+        _legend(drawing)
         axes[0].set_ylabel("drag of a grain [kg/s]")
         return drawing
 
@@ -125,6 +154,7 @@ def plot_design(found: DesignData, maps: DamperMaps) -> Figure:
                 continue  # lies on another map
             left.plot(one.damper.mass, one.damper.drag, "*" if last else "o", color="black",
                       markersize=14 if last else 5)  # fmt: skip
+        _legend(drawing)
         left.set_ylabel("drag of a grain [kg/s]")
         left.set_title(f"{found.damper.grains} grains; star: the design", fontsize=10)
         for colour, check in zip(COLOURS, found.checks, strict=False):
@@ -145,17 +175,16 @@ def _draw(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
     dampers = [[_exact(place, count) for place in row] for row in places]
     mass = np.array([[one.mass for one in row] for row in dampers])
     drag = np.array([[one.drag for one in row] for row in dampers])
-    looks: tuple[tuple[str, float, str, str], ...] = (
-        ("frequency", 1.0, COLOURS[0], "solid"),
-        ("damping_ratio", 1.0, COLOURS[1], "dashed"),
-        ("rest_height", 1.0 / DIAMETER, GREY, "dotted"),
-    )
-    for name, factor, colour, line in looks:
-        values = factor * np.exp([[maps.at(name, place) for place in row] for row in places])
-        levels: Any = (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.4) if name == "damping_ratio" else 6
-        lines = axes.contour(mass, drag, values, levels, colors=colour, linestyles=line,
-                             linewidths=1.1)  # fmt: skip
-        axes.clabel(lines, fontsize=7)
+    for name, one in LINES.items():
+        values = one.factor * np.exp([[maps.at(name, place) for place in row] for row in places])
+        lines = axes.contour(mass, drag, values, one.levels, colors="none")
+        for level, ways in zip(lines.levels, lines.allsegs, strict=True):
+            longest: np.ndarray = max(ways, key=len, default=np.empty((0, 2)))
+            if len(longest) > _SHORTEST:
+                axes.plot(*longest.T, one.style, color=one.colour, linewidth=1.1)
+                _label(axes, name, float(level), longest)
+    axes.set_xlim(mass.min() / 1.12, mass.max() * 1.12)
+    axes.set_ylim(drag.min() / 1.4, drag.max() * 1.3)
     axes.set_xscale("log")
     axes.set_yscale("log")
     for values, ticks, set_ticks in (
@@ -166,6 +195,26 @@ def _draw(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
         set_ticks(shown, [f"{tick:g}" for tick in shown])
         set_ticks([], minor=True)
     axes.set_xlabel("mass of the piston [kg]")
+
+
+def _label(axes: Axes, name: str, level: float, way: np.ndarray) -> None:
+    """The level at an end of its line, where no other line has its labels."""
+    along, end, offset, (left, top) = ENDS[name]
+    axes.annotate(
+        f"{level:g}", way[end(way[:, along])], offset, textcoords="offset points", ha=left, va=top,
+        color=LINES[name].colour, fontsize=8, annotation_clip=False,
+    )  # fmt: skip
+
+
+def _legend(drawing: Figure) -> None:
+    """What the lines of a map are, above it."""
+    from matplotlib.lines import Line2D
+
+    drawing.legend(
+        handles=[Line2D([], [], color=one.colour, linestyle=one.style, label=one.words)
+                 for one in LINES.values()],
+        loc="outside upper center", ncols=len(LINES),
+    )  # fmt: skip
 
 
 def _exact(place: np.ndarray, count: int) -> Candidate:
@@ -212,9 +261,8 @@ def design_page(found: DesignData, maps: DamperMaps) -> Page:
     )  # fmt: skip
     page.figure(
         plot_design(found, maps),
-        "Left: frequency [Hz] (blue), damping ratio (red) and height of rest [D] (grey) over mass "
-        "and drag; dots are earlier proposals with as many grains. Right: the simulated motions "
-        "after a lift of 0.2 D.",
+        "Left: frequency, damping ratio and height of rest over mass and drag; dots are earlier "
+        "proposals with as many grains. Right: the simulated motions after a lift of 0.2 D.",
     )
     page.section("The scene")
     page.preformatted(found.scene.to_toml())

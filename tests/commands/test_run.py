@@ -17,6 +17,8 @@ from pathlib import Path
 
 import pytest
 
+from granular import mono_bed, simulate
+
 from .material import prepared, rows
 from .shown import ROOT, blocks, commands, of_help
 
@@ -25,7 +27,7 @@ LONGEST = 1200.0
 
 HOURS = re.compile(
     r"recovery --full|report --full|validation report( |$)(?!.*--quick)|maps --simulate"
-    r"|validation prices|published --quick"
+    r"|validation prices|published --quick|discovery --full"
 )
 """Commands that take many minutes or hours: begun as they stand, and stopped by Ctrl-C."""
 BEGUN = 45.0
@@ -41,7 +43,10 @@ BROUGHT = re.compile(r"SNLS80mV\.csv")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the commands run."""
-    return prepared(tmp_path_factory.mktemp("work"))
+    here = prepared(tmp_path_factory.mktemp("work"))
+    scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
+    simulate(scene, t_end=20.0, out=here / "runs" / "compression", progress=False)  # as a page does
+    return here
 
 
 def prepare(line: str, folder: Path) -> None:

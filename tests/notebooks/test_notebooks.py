@@ -127,6 +127,9 @@ def own_effect_and_law(found: Numbers) -> None:
     assert found["mud_residual"] < 1e-4
     assert min(found["lost"].values()) > 0.0
     assert len(found["formula_refusals"]) == 3
+    assert found["wall_error"] < 1e-9
+    assert found["method_residuals"]["mclachlan-2"] < found["method_residuals"]["stormer-verlet"]
+    assert "too-short" in found["wrong_method"]
     assert found["rise_may_be_none"]
     # A weight that is known costs hardly anything; both beat the linear law.
     assert found["fixed_error"] < 1.2 * found["own_error"] < found["errors"]["linear"]
@@ -153,6 +156,16 @@ def why_a_bed_damps(found: Numbers) -> None:
     assert found["last_loss"] == pytest.approx(1.0, abs=0.1)
 
 
+def damper_at_work(found: Numbers) -> None:
+    # The machine alone: force over (2 pi)^2 f0 f c, closely; its own dashpot is 0.5 % of critical.
+    weak, strong = found["weak"], found["strong"]
+    assert weak["alone"] == pytest.approx(10.0 / (14.4 * 2.0 * 3.14159265 * 4.6), rel=0.01)
+    assert weak["reduction"] > 4.0
+    assert strong["peak"] < 2.5 * weak["peak"]  # 3 times the force
+    assert found["grains_share"] > 0.5
+    assert found["helps"]
+
+
 CHECKS: dict[str, Callable[[Numbers], None]] = {
     "01_first_bed": first_bed,
     "02_compression_and_structure": compression,
@@ -164,6 +177,7 @@ CHECKS: dict[str, Callable[[Numbers], None]] = {
     "08_own_effect_and_law": own_effect_and_law,
     "09_designing_a_damper": designing_a_damper,
     "10_why_a_bed_damps": why_a_bed_damps,
+    "11_damper_at_work": damper_at_work,
 }
 KEEP = """
 import pickle as _pickle

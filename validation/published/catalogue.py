@@ -52,28 +52,28 @@ ASPECT_NAMES = ("0.75", "0.6", "0.5", "0.75 (6:8)")
 
 OTHER_MACHINE = (
     "Times depend on machine and code. Here a loop over all pairs and one over a list stand side "
-    "by side, as plainly as the source writes them; the toolkit's own direct sum takes eight pairs "
+    "by side, as plainly as the thesis writes them; the toolkit's own direct sum takes eight pairs "
     "at once, and is faster than both at this size."
 )
 SCALED_BY_EYE = (
-    "The source compares by eye; in its own scaling (z = 1 at the start, rest at z = -0.907) a fit "
+    "De Paula compares by eye; in that scaling (z = 1 at the start, rest at z = -0.907) a fit "
     "to the swing gives these, and no unit of time is printed. alpha/omega and g0/omega² need none."
 )
-UNIT = "In 1/s. A unit of time of 0.038 s would make it 1.05, which is none of the source's."
+UNIT = "In 1/s. A unit of time of 0.038 s would make it 1.05, which the thesis does not have."
 ILL_CONDITIONED = (
     "The four parameters are nearly open at this aspect ratio: curves that agree within the "
     "scatter have quite other ones. The curve itself is compared under Statements."
 )
 HYSTERESIS = "What was tried to find the cause stands at the head of the report and under Causes."
 FROM_DEVIATION = (
-    "The printed 0.001 contradicts the 0.24 N of the source's own Table 3.2; ours is like the "
+    "The printed 0.001 contradicts the 0.24 N of the thesis's own Table 3.2; ours is like the "
     "latter."
 )
 
 
 @cache
 def entries() -> tuple[Entry, ...]:
-    """All entries, in the order of the source.
+    """All entries, in the order of the thesis.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def _independence() -> list[Entry]:
 def _distances() -> list[Entry]:
     name = "half_mean_distance"
     notes = {
-        92: "The source starts its smallest bed higher up, it does not say from where.",
+        92: "De Paula starts the smallest bed higher up, and does not say from where.",
         184: "Neither 7.58 D nor 11.10 D lies on the smooth course of the other sizes; see Causes "
         "for a cell whose scale, the root of 1/2, is rounded to 0.70.",
     }
@@ -204,7 +204,7 @@ def _forces() -> list[Entry]:
 def _list_forces() -> list[Entry]:
     name = "piston_force_verlet"
     line = Line("list", LISTED)
-    rows = _force_rows(name, "list", "source's list")
+    rows = _force_rows(name, "list", "de Paula's list")
     rows += [
         Entry(f"{name}.percent_difference[{k}]", f"what the list loses, N = {n}",
               percent_difference(n), "%", PERCENT)
@@ -286,18 +286,18 @@ def _mixtures() -> list[Entry]:
         *rows,
         Entry("bidisperse_further.greatest_force_difference", "greatest difference of the force "
               "between two starts of one mixture", greatest_pair_difference(beds), "N", digits=1,
-              note="The greatest of thirty pairs; the source does not say how many it had."),
+              note="The greatest of thirty pairs; the thesis does not say how many it had."),
     ]  # fmt: skip
 
 
 LEAST = (
-    "The source's friction law at its own step, and the cell of 0.36 m that its Table 4.3 prints, "
+    "De Paula's friction law at its own step, and the cell of 0.36 m that its Table 4.3 prints, "
     "where text and Table A.1 have 0.33 m, move this distance; see Causes. A cell of 0.36 m "
     "contradicts the packing of 0.34."
 )
-RATIO = "Not explained: the source's friction law moves it the other way; see Causes."
+RATIO = "Not explained: de Paula's friction law moves it the other way; see Causes."
 REGULAR = (
-    "With the source's regularised friction at its own step (1e-6 T) grains creep where the exact "
+    "With de Paula's regularised friction at its own step (1e-6 T) grains creep where the exact "
     "law holds them; see Causes."
 )
 
@@ -348,7 +348,7 @@ def _damper() -> list[Entry]:
     return [
         Entry("damper.rest_height", "height of rest of the damper",
               mean_of(damper_name(MASSES[1]), "rest_height_D"), "D", MADE,
-              note="The source does not print the piston's mass; 6.24 kg were chosen."),
+              note="The thesis does not print the piston's mass; 6.24 kg were chosen."),
         Entry("damper.nudge", "lift after the rest", mean_of(source, "nudge_D"), "D", MADE),
         Entry(f"{law}.alpha", "alpha of the Van der Pol-like law, 1 kg/s", mean_of(source, "alpha"),
               "", OWN_TERMS, note=SCALED_BY_EYE),
@@ -360,7 +360,7 @@ def _damper() -> list[Entry]:
               mean_of(source, "alpha_over_omega"), "", MADE, digits=3),
         Entry("damper_implied.g0_over_omega2", "g0/omega² of the same",
               mean_of(source, "g0_over_omega2"), digits=3,
-              note="It is the height of rest in the source's scaling; what the fit misses of it is "
+              note="It is the height of rest in de Paula's scaling; what the fit misses of it is "
               "that the law does not follow the swing."),
         Entry("damper_implied.damping_ratio_at_rest", "damping ratio of the law at rest, 1 kg/s",
               mean_of(source, "ratio_of_source_law"), "", MADE, digits=3,

@@ -138,7 +138,7 @@ HYSTERESIS_CHANGES = {
     "source's friction": _FRICTION,
     "wider cell": "a cell wider by 9 %",
     "loose start": "a loose start",
-    "all together": "source's friction, wider cell and loose start together",
+    "all together": "de Paula's friction, wider cell and loose start together",
     "half the friction": "half the coefficients of friction (none of them printed by de Paula)",
 }
 """Changes by which the hysteresis was looked into, by the ends of the series' names."""
@@ -180,7 +180,7 @@ def comparisons(results: Results) -> list[ChangedFigure]:
         for protocol in BEST_FIRST:
             found += _changed(results, change, protocol, protocol)
         if change.words == _FRICTION and change.bed.startswith("direct"):
-            words = "source's friction and source's protocol together"
+            words = "de Paula's friction and de Paula's protocol together"
             both = change._replace(words=words)
             found += _changed(results, both, QUICK.name, PUBLISHED.name)
     for name in (*(f"direct {n}" for n in SIZES), *MIXTURES):

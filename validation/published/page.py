@@ -111,7 +111,7 @@ def _how_to_read(made: Page) -> None:
         "no deviation its number counts as exact to its digits, and where ours has none the digits "
         "decide. A comparison could fail if it allows less than a tenth of the published value. "
         "By construction: ours was made from the published number. Protocols: published is the "
-        "source's own (relaxation of 5 T; 8.33 or 5.63 mm/s, mixtures 1 mm/s); quick compresses "
+        "de Paula's own (relaxation of 5 T; 8.33 or 5.63 mm/s, mixtures 1 mm/s); quick compresses "
         "mixtures at 16 mm/s, and beds of equal grains at 33 mm/s after 5 s. An entry rests on the "
         "longest protocol that is planned for it, and is not run until all of its starts are: no "
         "shorter one stands in. What the quick one changes stands under Causes."

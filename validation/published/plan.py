@@ -10,17 +10,17 @@ from validation.published.series import Series, fall, mixture, mono, pressed
 
 SIZES = (92, 184, 276, 368, 460, 552, 644, 736)
 LISTED = (368, 460, 552, 644, 736)
-"""Sizes that the source ran three times both ways."""
+"""Sizes that de Paula ran three times both ways."""
 LARGE = (1472, 2208)
 ASPECTS = (0.75, 0.6, 0.5)
 RATIOS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 VARIANT_RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0)
 OWN_RATIOS = (0.25, 0.3, 0.4, 0.45, 0.55, 0.6, 0.7, 0.75)
-"""R of Table A.1 where the source's mixing rule makes another share than its R, or the next one."""
+"""R of Table A.1 where de Paula's mixing rule makes another share than its R, or the next one."""
 SPEEDS = (5.63, 8.33, 16.0, 32.0, 64.0, 128.0)
 """[mm/s]"""
 RADII = (6.26, 7.26, 8.26, 9.26, 10.26, 11.26, 12.26)
-"""Radii of the source's list in Fig. 5.2 [D]."""
+"""Radii of de Paula's list in Fig. 5.2 [D]."""
 TEN = tuple(range(1, 11))
 CYCLE_SPEED = 5.63e-3
 """Speed of the studies of start and friction [m/s]."""
@@ -33,15 +33,15 @@ WIDER = WIDE_CELL / 0.33
 """The same change of width for beds of equal grains."""
 LOOSE = 1.35
 """Height of a loose arrangement over that of the compression's start: its grains stand farther
-apart, and fall from higher. The source does not print the height of its grid."""
+apart, and fall from higher. The thesis does not print the height of the grid."""
 MASSES = (7.5, 6.24)
-"""Pistons [kg]: that of the packaged damper, and the one that rests where the source's does."""
+"""Pistons [kg]: that of the packaged damper, and the one that rests where de Paula's does."""
 GAMMAS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2)
 """Drag of a grain [kg/s]."""
 SOURCE_DRAG = 1.0
-"""Drag with which the source's law fits [kg/s]; the source prints none for its damper."""
+"""Drag with which de Paula's law fits [kg/s]; the thesis prints none for its damper."""
 NEAR_MASSES = (6.0, 6.5)
-"""Pistons beside the one that rests where the source's does [kg]."""
+"""Pistons beside the one that rests where de Paula's does [kg]."""
 MIXTURE_PERIOD = 400.0
 """Duration of the compression of a mixture at 1 mm/s [s], within 7 % for every size ratio."""
 HYSTERESIS_SIZES = (92, 184, 368, 736)
@@ -105,25 +105,25 @@ def full_plan() -> list[Group]:
         Group("causes of the hysteresis, 92 and 184 grains", _hysteresis_causes((92, 184))),
         Group("368 grains", _direct(PUBLISHED, (368,))),
         Group("loose starts", [*_loose_starts(QUICK), *_loose_starts(PUBLISHED, SIZES[:4])]),
-        Group("source's friction and protocol, 92 and 184 grains", _source_cycle((92, 184))),
+        Group("de Paula's friction and protocol, 92 and 184 grains", _source_cycle((92, 184))),
         Group("causes of the hysteresis, 368 and 736 grains", _hysteresis_causes((368, 736))),
         Group("large sizes", _direct(PUBLISHED, SIZES[4:])),
         Group("large sizes, loose starts", _loose_starts(PUBLISHED, SIZES[4:])),
         Group("mixtures at R = 0 and 0.5", _halves(PUBLISHED)),
         Group("starts, speeds and friction", _cycle()),
-        Group("mixtures, the source's friction and the wide cell", _mixture_causes()),
+        Group("mixtures, de Paula's friction and the wide cell", _mixture_causes()),
         Group("mixtures over R, quick protocol", _scan(QUICK)),
         Group("drag and weightlessness, quick protocol", _variants(QUICK)),
         Group("walls, quick protocol", _walls()),
         Group("sizes, with the list", [_listed(n, PUBLISHED) for n in LISTED]),
         Group("small grains alone, and 6 and 8 mm", _ends(PUBLISHED)),
         Group("lists and cut-offs, quick protocol", _lists()),
-        Group("the source's mixing rule, quick protocol", _mixing_rule()),
+        Group("de Paula's mixing rule, quick protocol", _mixing_rule()),
         Group("up to 110 N", _pressed()),
         Group("shorter steps", _steps()),
         Group("every pair by the mesh", _meshes()),
-        Group("source's friction and protocol, 368 grains", _source_cycle((368,))),
-        Group("source's friction and protocol, 736 grains", _source_cycle((736,), (1,))),
+        Group("de Paula's friction and protocol, 368 grains", _source_cycle((368,))),
+        Group("de Paula's friction and protocol, 736 grains", _source_cycle((736,), (1,))),
         Group("large beds, with the list", [_listed(n, PUBLISHED) for n in LARGE]),
     ]
 
@@ -187,7 +187,7 @@ def _ends(protocol: Protocol) -> list[Series]:
 
 
 def _scan(protocol: Protocol) -> list[Series]:
-    """All other R, two starts each, as in the source."""
+    """All other R, two starts each, as in the thesis."""
     two = (1, 2)
     between = [r for r in reversed(RATIOS) if r not in (0.0, 0.5, 1.0)]
     return [
@@ -226,18 +226,18 @@ def _steps() -> list[Series]:
 
 
 def _regularised(period: float, diameter: float) -> dict[str, Any]:
-    """The source's friction, with its threshold of 1e-6 D/T; its step is 1e-6 T."""
+    """De Paula's friction, with its threshold of 1e-6 D/T; its step is 1e-6 T."""
     return {"scheme": "regularised", "threshold": 1e-6 * diameter / period}
 
 
 def _source_friction(count: int) -> dict[str, Any]:
-    """Step and friction of a bed of equal grains, as the source has them."""
+    """Step and friction of a bed of equal grains, as the thesis has them."""
     period = duration(count, PUBLISHED.speed)
     return {"step": 1e-6 * period, "effects__friction": _regularised(period, 0.006)}
 
 
 def _source_cycle(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> list[Series]:
-    """The source's friction at its own step, through its own protocol."""
+    """De Paula's friction at its own step, through the thesis's protocol."""
     return [
         mono(f"direct {n}, source's friction", n, PUBLISHED, seeds=seeds, **_source_friction(n))
         for n in sizes
@@ -285,9 +285,9 @@ def _rounded_184() -> Series:
 
 
 def _mixture_causes() -> list[Series]:
-    """The source's friction at its own step, the wide cell, both, and a misprint taken at its word.
+    """De Paula's friction at its own step, the wide cell, both, and a misprint taken at its word.
 
-    The step is 1e-6 T of the source's own compression.
+    The step is 1e-6 T of the thesis's own compression.
     """
     friction: dict[str, Any] = {
         "step": 1e-6 * MIXTURE_PERIOD, "effects__friction": _regularised(MIXTURE_PERIOD, 0.005),

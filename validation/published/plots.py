@@ -83,7 +83,7 @@ def _force_over_size(page: Page, results: Results) -> None:
     with figure(width=WIDTH) as (drawing, axes):
         for k, (way, section, label) in enumerate((
             ("direct", "piston_force_direct_sum", "every pair"),
-            ("list", "piston_force_verlet", "source's list"),
+            ("list", "piston_force_verlet", "de Paula's list"),
         )):  # fmt: skip
             x, y, errors = _points(results, [f"{way} {n}" for n in sizes], sizes, "force")
             axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=STYLES[k], marker="o",
@@ -133,7 +133,7 @@ def _distance_over_size(page: Page, results: Results) -> None:
 
 def _shares_over_size(page: Page, results: Results) -> None:
     kinds = ("hexagons", "pentagons", "heptagons")
-    ways = (("direct", "direct_sum", "every pair"), ("list", "verlet", "source's list"))
+    ways = (("direct", "direct_sum", "every pair"), ("list", "verlet", "de Paula's list"))
     with figure(1, 2, width=WIDTH) as (drawing, both):
         for k, kind in enumerate(kinds):
             axes = both[0 if k == 0 else 1]
@@ -228,7 +228,7 @@ def _hysteresis(page: Page, results: Results) -> None:
         x, y, errors = _points(results, together_names, SIZES, "hysteresis_D")
         if len(x):
             axes.errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="s",
-                          markersize=4, label="source's friction, ours")  # fmt: skip
+                          markersize=4, label="de Paula's friction, ours")  # fmt: skip
         axes.set(xlabel="number of grains", ylabel="hysteresis of the half mean distance [D]")
         axes.legend(fontsize=8)
         page.figure(drawing, "Half mean distance at the start less that at the end of the cycle.")

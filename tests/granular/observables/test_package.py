@@ -7,9 +7,11 @@ import sys
 from types import ModuleType
 
 import numpy as np
+from matplotlib.colors import to_rgba
 
 from granular import observables
 from granular.observables import plots
+from granular.shared.plotting import SIDES
 
 from .conftest import MakeRun, hexagonal
 
@@ -44,11 +46,14 @@ def test_cells_are_drawn_in_the_colours_of_their_sides(random: np.random.Generat
     axes = plots.plot_cells(cells, points)
     (drawn,) = axes.collections
     assert len(drawn.get_paths()) == cells.interior.sum()
-    colours = drawn.get_facecolors()
     sides = cells.sides[cells.interior]
-    red, green = colours[:, 0] > colours[:, 1] + 0.1, colours[:, 1] > colours[:, 0] + 0.03
-    np.testing.assert_array_equal(red, sides > 6)
-    np.testing.assert_array_equal(green, sides == 6)
+    for name, number in (("5", 5), ("6", 6), ("7", 7)):
+        alike = (drawn.get_facecolors() == to_rgba(SIDES[name])).all(axis=1)
+        np.testing.assert_array_equal(alike, sides == number)
+    legend = axes.get_legend()
+    assert legend is not None
+    named = [one.get_text() for one in legend.get_texts()]
+    assert named == [list(SIDES)[k] for k in sorted(set(np.clip(sides, 4, 8) - 4))]
 
 
 def test_pictures_show_what_was_measured(make_run: MakeRun, random: np.random.Generator) -> None:

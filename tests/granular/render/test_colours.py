@@ -10,9 +10,8 @@ import pytest
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
-from granular.observables import plots
-from granular.render.colourings import COLOURINGS, SIDES, SPECIES
-from granular.shared.plotting import COLOURS
+from granular.render.colourings import COLOURINGS, SPECIES
+from granular.shared.plotting import COLOURS, SIDES
 
 EYES = {
     "all cones": np.eye(3),
@@ -52,8 +51,6 @@ def seen(colours: Sequence[str | tuple[float, ...]] | np.ndarray, eyes: str) -> 
     return np.stack([116.0 * fy - 16.0, 500.0 * (fx - fy), 200.0 * (fy - fz)], axis=1)
 
 
-GREENS = colormaps["Greens"](np.linspace(0.15, 0.85, 15))
-
 PALETTES = {
     "species": SPECIES,
     "sides": tuple(SIDES.values()),
@@ -67,16 +64,6 @@ def test_classes_are_told_apart(name: str, eyes: str) -> None:
     found = seen(PALETTES[name], eyes)
     least = min(float(np.linalg.norm(a - b)) for a, b in itertools.combinations(found, 2))
     assert least > APART
-
-
-@pytest.mark.parametrize("eyes", EYES)
-def test_cells_of_unlike_sides_are_told_apart(eyes: str) -> None:
-    """Hexagons are green, the darker, the more regular; no green is like the other two."""
-    fewer, more = seen([plots._FEWER, plots._MORE], eyes)
-    for green in seen(GREENS, eyes):
-        assert np.linalg.norm(green - fewer) > APART
-        assert np.linalg.norm(green - more) > APART
-    assert np.linalg.norm(fewer - more) > APART
 
 
 @pytest.mark.parametrize("eyes", EYES)

@@ -19,9 +19,10 @@ from granular.observables import (
     voronoi_cells,
 )
 from granular.render import COLOURINGS, save, still
-from granular.render.colourings import SIDES, SPECIES
+from granular.render.colourings import SPECIES
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
+from granular.shared.plotting import SIDES
 
 
 def grains(figure: Figure) -> EllipseCollection:
