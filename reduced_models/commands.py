@@ -154,6 +154,7 @@ def discover_source(options: Any) -> None:
         map="auto" if options.map is None else _height_map(options.map),
         effort=options.effort,
         seed=options.seed,
+        progress=not options.quiet,
     )
     text = str(found)
     if found.best.model is not None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 LINES_EVERY = 60.0
@@ -22,6 +24,13 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
         options["bar_format"] = form.replace(" {bar:20}", "")
         options |= {"file": _Lines(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
     return tqdm(disable=not wanted, **options)
+
+
+@contextmanager
+def stages(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
+    """What to call with the words for each stage of some work, for a line that shows them."""
+    with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
+        yield lambda words: bar.set_description_str(f"{name}: {words}")
 
 
 def say(words: str) -> None:

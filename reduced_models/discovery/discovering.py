@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from granular.shared.progress import stages
 from reduced_models.discovery.choice import notes_on, polished_front
 from reduced_models.discovery.evidence import evidence
 from reduced_models.discovery.libraries import (
@@ -23,8 +24,8 @@ from reduced_models.discovery.libraries import (
 from reduced_models.discovery.motion import map_of, motion_of
 from reduced_models.discovery.polishing import polished
 from reduced_models.discovery.proposal import AUTO, proposed
-from reduced_models.discovery.result import Discovery
-from reduced_models.discovery.selection import scored
+from reduced_models.discovery.result import CandidateEquation, Discovery
+from reduced_models.discovery.selection import Judge, scored
 from reduced_models.discovery.soundness import fault
 from reduced_models.discovery.structures import (
     Search,
@@ -44,6 +45,7 @@ _NO_OPERON = (
     "pip install 'granular-damper[discover]'"
 )
 _GREATEST_SEED = 2**32 - 1
+_LINE = 70  # signs of a formula that a line of progress shows
 METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
@@ -64,6 +66,7 @@ def discover(
     polish: int = 3,
     effort: float = 1.0,
     seed: int = 0,
+    progress: bool = False,
 ) -> Discovery:
     """Discover the equation of motion z'' = f(z, z', input) of a record, or of several at once.
 
@@ -125,6 +128,8 @@ def discover(
         Times the usual length of a symbolic regression.
     seed : int
         Of random searches.
+    progress : bool
+        Whether a line on standard error shows what is being done.
 
     Returns
     -------
@@ -163,42 +168,43 @@ def discover(
 
         require_julia()
     if remembers:
-        return _with_memory(
-            records, method, allowed, terms, derivative, input, target, map, form, ensemble,
-            polish, effort, seed,
-        )  # fmt: skip
+        with stages("discover", wanted=progress) as now:
+            now("hidden states")
+            return _with_memory(
+                records, method, allowed, terms, derivative, input, target, map, form, ensemble,
+                polish, effort, seed,
+            )  # fmt: skip
     own = bool(terms) or not (automatic or library in (PHYSICAL, (PHYSICAL,), [PHYSICAL]))
     height_map = HeightMap() if own and map == "auto" else map_of(records, map)
     if target == "height":
         from reduced_models.discovery.height import height_equations
 
-        return height_equations(records[0], method, height_map, effort, seed)
-    proposal_note, inclusion = "", dict[str, float]()
-    if automatic:
-        proposal = proposed(records, derivative, input, height_map if own else map, degree)
-        height_map, weak, proposal_note = proposal.map, proposal.weak, proposal.note
-        known = (*proposal.terms, *(one for one in known if one not in proposal.terms))
-    else:
-        weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
-    _check_finite(weak, known)
-    supports: list[np.ndarray] = []
-    if method in ("auto", "sindy"):
-        supports, inclusion = sindy_supports(weak, known, form, ensemble, seed)
-    if method == "sindy" or lacking:
+        with stages("discover", wanted=progress) as now:
+            now("symbolic regression of z(t)")
+            return height_equations(records[0], method, height_map, effort, seed)
+    if lacking:
         method = "sindy"
-        ranked, judge = scored(weak, known, known, supports)
-        candidates = [candidate_of(one) for one in ranked]
-    else:
-        symbolic = "pysr" if method == "pysr" else "operon"
-        search = Search(symbolic, allowed, effort, seed)
-        candidates, judge = symbolic_candidates(weak, known, search, supports)
-    name = f"discovered by {_words(method, form, ensemble)}"
-    front, chosen = polished_front(
-        candidates,
-        lambda one: polished(one, records, height_map, input, seed, name),
-        polish,
-        judge,
-    )
+    proposal_note, name = "", f"discovered by {_words(method, form, ensemble)}"
+    with stages("discover", wanted=progress) as now:
+        if automatic:
+            now("libraries")
+            proposal = proposed(records, derivative, input, height_map if own else map, degree)
+            height_map, weak, proposal_note = proposal.map, proposal.weak, proposal.note
+            known = (*proposal.terms, *(one for one in known if one not in proposal.terms))
+        else:
+            weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
+        _check_finite(weak, known)
+        candidates, judge, inclusion = _structures(
+            weak, known, method, (form, ensemble, seed),
+            Search("pysr" if method == "pysr" else "operon", allowed, effort, seed), now,
+        )  # fmt: skip
+
+        def fitted(one: CandidateEquation) -> CandidateEquation:
+            now(f"fit of z'' = {one.expression.evalf(3)}"[:_LINE])
+            return polished(one, records, height_map, input, seed, name)
+
+        front, chosen = polished_front(candidates, fitted, polish, judge)
+        now("done")
     sure = evidence(front[chosen], candidates, judge, seed)
     notes = (
         proposal_note,
@@ -215,6 +221,22 @@ def discover(
         tuple(note for note in notes if note),
         {} if sure is None else sure.prices,
     )
+
+
+def _structures(
+    weak: WeakForm, known: tuple[AnyTerm, ...], method: str, sparse: tuple[str, bool, int],
+    search: Search, now: Callable[[str], None],
+) -> tuple[list[CandidateEquation], Judge, dict[str, float]]:  # fmt: skip
+    """Candidates of a method, who judges them, and how often ensembles held each term."""
+    supports, inclusion = list[np.ndarray](), dict[str, float]()
+    if method in ("auto", "sindy"):
+        now("sparse sums of terms")
+        supports, inclusion = sindy_supports(weak, known, *sparse)
+    if method == "sindy":
+        ranked, judge = scored(weak, known, known, supports)
+        return [candidate_of(one) for one in ranked], judge, inclusion
+    now("symbolic regression")
+    return *symbolic_candidates(weak, known, search, supports), inclusion
 
 
 def _with_memory(
