@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from granular import PistonRecord, damper, simulate
 from granular.shared.errors import GranularError, InputError
 from reduced_models import discover
 from reduced_models.__main__ import main
-from reduced_models.discovery.hidden_states import HIDDEN_STATES
+from reduced_models.discovery.hidden_states import HIDDEN_STATES, HiddenState
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 
@@ -47,21 +48,21 @@ def forced(noise: float, modulus: float = TRUE["modulus"]) -> PistonRecord:
 
 
 @pytest.mark.parametrize("state", [one for one in HIDDEN_STATES if len(one.scales) == 1])
-def test_hidden_states_are_those_of_their_rates(state: object) -> None:
+def test_hidden_states_are_those_of_their_rates(state: HiddenState) -> None:
     time = np.linspace(0.0, 2.0, 4000)
     z, speed = 0.06 - 0.02 * np.sin(9.0 * time), 9.0
     rates = {
         "yielding strain": lambda w, v, h: -(v + abs(v) * abs(w) * w / 0.1**2) / h,
         "strain that yields as in Dahl's model": lambda w, v, h: -(v + abs(v) * w / 0.1) / h,
         "relaxing strain": lambda w, v, h: -v / h - w / 0.1,
-    }[state.name]  # type: ignore[attr-defined]
+    }[state.name]
     exact = solve_ivp(
         lambda t, w: [
             rates(w[0], -0.02 * speed * np.cos(speed * t), 0.06 - 0.02 * np.sin(speed * t))
         ],
         (0.0, 2.0), [0.0], "LSODA", time, rtol=1e-9, atol=1e-11,
     ).y[0]  # fmt: skip
-    found = state.values(time, z, np.array([[0.1]]))[0]  # type: ignore[attr-defined]
+    found = state.values(time, z, np.array([[0.1]]))[0]
     np.testing.assert_allclose(found, exact, atol=1e-4)
 
 
@@ -98,10 +99,10 @@ def test_a_force_without_memory_is_said_to_have_none() -> None:
         ({"terms": ["q*z"]}, "names q"),
     ],
 )
-def test_what_memory_cannot_do_is_refused(changes: dict[str, object], said: str) -> None:
-    options = {"method": "sindy", "library": "memory"} | changes
+def test_what_memory_cannot_do_is_refused(changes: dict[str, Any], said: str) -> None:
+    options: dict[str, Any] = {"method": "sindy", "library": "memory"} | changes
     with pytest.raises(InputError, match=said):
-        discover(forced(0.01), **options)  # type: ignore[arg-type]
+        discover(forced(0.01), **options)
 
 
 def test_records_without_force_or_below_the_floor_are_refused() -> None:
