@@ -370,9 +370,9 @@ def test_bad_records_are_refused() -> None:
 
 
 def test_a_line_shows_what_is_done(capsys: pytest.CaptureFixture[str]) -> None:
-    discover(made("duffing", 0), "sindy", polish=1, progress=True)
+    discover(made("duffing", 0), "sindy", polish=0, progress=True)
     shown = capsys.readouterr().err
-    for words in ("discover: libraries", "sparse sums of terms", "fit of z'' =", "done"):
+    for words in ("discover: libraries", "sparse sums of terms", "done"):
         assert words in shown
     discover(made("duffing", 0), "sindy", polish=0)
     assert capsys.readouterr().err == ""

@@ -82,6 +82,7 @@ def test_checks_of_scikit_learn(kind: type[LawEstimator], impossible: dict[str, 
     assert not passed & set(impossible)  # the list holds no check that can be met
 
 
+@pytest.mark.long  # quick: a step of a pipeline, and the checks of scikit-learn
 def test_a_search_over_the_law() -> None:
     selection = pytest.importorskip("sklearn.model_selection")
     record = _damped(240)

@@ -119,10 +119,12 @@ def test_few_digits_where_little_is_known(made: Any) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.long if name == "relaxing-column" else ())
+        pytest.param(
+            name, marks=() if name in ("bouc-wen", "elastoplastic-bed") else pytest.mark.long
+        )
         for name, law in LAWS.items()
         if law.hidden
-    ],  # quick: three others that have memory
+    ],  # quick: two that have memory
 )
 def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> None:
     """Its small swing, hidden states included, lies within the printed intervals."""
