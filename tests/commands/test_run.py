@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from granular import mono_bed, simulate
+from granular import damper, mono_bed, simulate
 
 from .material import prepared, rows
 from .shown import ROOT, blocks, commands, of_help
@@ -46,6 +46,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     here = prepared(tmp_path_factory.mktemp("work"))
     scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
     simulate(scene, t_end=20.0, out=here / "runs" / "compression", progress=False)  # as a page does
+    for height in (20, 28):  # as another page's function does
+        stage = {"kind": "free", "name": "drop", "duration": 3.0}
+        begun = {"piston.height": f"{height} D", "arrangement.height": f"{height - 1} D"}
+        fall = damper().replace(**begun, protocol=[stage], **{"output.record": "drop"})
+        simulate(fall, progress=False).piston().to_csv(here / f"fall-{height}.csv")
     return here
 
 
