@@ -128,7 +128,8 @@ def test_scene_force_is_minus_gradient(law: str) -> None:
         assert -slope == pytest.approx(force[grain, axis], rel=1e-7, abs=1e-7 * np.abs(force).max())
 
 
-@pytest.mark.parametrize("law", [pytest.param("infinite", marks=pytest.mark.long), "slab"])
+@pytest.mark.long  # quick: ledgers in plain Python
+@pytest.mark.parametrize("law", ["infinite", "slab"])
 def test_energy_is_kept_between_the_walls(law: str) -> None:
     # No drag, by its coefficient: the bed at rest on slabs is then compiled code already.
     scene = walled(law, **{"effects.drag.coefficient": 0.0, "grains.count": 60})

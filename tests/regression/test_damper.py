@@ -15,7 +15,7 @@ from reduced_models import fit
 
 
 @pytest.mark.filterwarnings("ignore:two grains came as close")
-@pytest.mark.parametrize("dt", ["auto", pytest.param("auto*2", marks=pytest.mark.long)])
+@pytest.mark.parametrize("dt", [pytest.param("auto", marks=pytest.mark.long), "auto*2"])
 def test_rest_height_period_and_damping(damper: Scene, tmp_path: Path, dt: str) -> None:
     """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D."""
     run = simulate(damper, dt=dt, progress=False)

@@ -55,7 +55,7 @@ class Bed:
     ("differing", "smooth"),
     [
         (False, None),
-        (True, None),
+        pytest.param(True, None, marks=pytest.mark.long),
         (True, True),
         pytest.param(False, True, marks=pytest.mark.long),
     ],
@@ -124,6 +124,7 @@ def test_lists_made_again_give_the_same_bits() -> None:
         np.testing.assert_array_equal(bed.sums(), wanted)
 
 
+@pytest.mark.long  # quick: those of the mesh, tests/granular/pairs/test_far_field.py
 def test_threads_give_the_same_bits() -> None:
     one, several = (Bed(scattered(3000, 5), 6.0, differing=True) for _ in range(2))
     several.threaded = True

@@ -39,7 +39,7 @@ def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray]:
     return forces, float(energy[0]), moments if differing else np.ones(COUNT)
 
 
-@pytest.mark.parametrize("differing", [False, True])
+@pytest.mark.parametrize("differing", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
     forces, energy, q = found(differing)
     apart = places()[:, None] - places()[None]

@@ -70,7 +70,8 @@ def _damped(count: int) -> PistonRecord:
 
 @pytest.mark.filterwarnings("ignore")  # fits of noise have notes
 @pytest.mark.parametrize(
-    ("kind", "impossible"), [(LawEstimator, OF_VECTORS), (FirstColumn, EITHER_WAY)]
+    ("kind", "impossible"),
+    [(LawEstimator, OF_VECTORS), pytest.param(FirstColumn, EITHER_WAY, marks=pytest.mark.long)],
 )
 def test_checks_of_scikit_learn(kind: type[LawEstimator], impossible: dict[str, str]) -> None:
     checks = pytest.importorskip("sklearn.utils.estimator_checks")

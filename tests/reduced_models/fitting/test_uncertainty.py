@@ -58,7 +58,9 @@ def test_a_start_that_the_motion_forgets_at_once_takes_no_information() -> None:
     assert_allclose(marginal(normal, asked, np.ones(SIZE, dtype=bool)), without, rtol=1e-10)
 
 
-@pytest.mark.parametrize("how", ["linear", "bootstrap", "profile"])
+@pytest.mark.parametrize(
+    "how", [pytest.param("linear", marks=pytest.mark.long), "bootstrap", "profile"]
+)
 def test_intervals_of_a_product_that_alone_matters_stay_open(
     monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:

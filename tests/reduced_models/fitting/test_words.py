@@ -58,6 +58,7 @@ def test_home_lies_within_bounds() -> None:
     assert held["rest"].tolist() == [0.2, 9.0, -7.0]
 
 
+@pytest.mark.long
 def test_a_search_starts_within_bounds_on_the_other_sign() -> None:
     """A stiffness below zero with the rest half a turn on is the same pendulum."""
     model = fit(pendulum(), PENDULUM, bounds={"k": (-20.0, 0.0)})

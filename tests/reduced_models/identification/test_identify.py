@@ -62,6 +62,7 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
+@pytest.mark.long  # quick: from a run, from a file by command, a check that fails, falls
 def test_from_scene_with_checks(
     small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

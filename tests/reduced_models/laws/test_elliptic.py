@@ -171,6 +171,7 @@ def test_the_damped_ansatz_without_cubic_term_is_a_damped_cosine() -> None:
     np.testing.assert_allclose(damped_elliptic(time, ansatz), expected, atol=1e-7)
 
 
+@pytest.mark.long  # quick: tests/reduced_models/identification/test_elliptic.py
 def test_the_ansatz_is_found_in_a_record() -> None:
     """From its own motion with noise, in metres, within five standard errors."""
     true = elliptic.DampedElliptic(0.06, 0.004, 0.7, 0.6, 21.0, 1.2e7)

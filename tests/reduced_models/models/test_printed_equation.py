@@ -89,7 +89,7 @@ def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
     "name",
     [name for name, law in LAWS.items() if not law.hidden],  # else two equations, one by one
 )
-@pytest.mark.parametrize("level", [0.01, 1e-5])
+@pytest.mark.parametrize("level", [0.01, pytest.param(1e-5, marks=pytest.mark.long)])
 def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:
     """Level, period and damping ratio of the printed equation lie within their intervals."""
     with warnings.catch_warnings():
