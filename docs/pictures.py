@@ -26,6 +26,9 @@ from granular.observables import radial_distribution_of_run, tracked_defects
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save, still
 from granular.response import frequency_response
+from granular.run.accuracy import FLOORS
+from granular.run.prices import Prices
+from granular.run.prices import table as prices
 from granular.shared.plotting import COLOURS, GREY, figure, line_look
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
@@ -422,6 +425,35 @@ def draw_machine() -> None:
     write_block("machine", words, DOCS / "guide" / "machine.md")
 
 
+def write_prices() -> None:
+    """The fastest rung of the stored table for three errors, of each scene and quantity."""
+    levels = {"1 %": 1e-2, "0.1 %": 1e-3, "10⁻⁶": 1e-6}
+    rows = [
+        f"| scene | quantity | {' | '.join(levels)} | starts scatter by |",
+        f"|---|---|{'---|' * len(levels)}---|",
+    ]
+    for scene in prices():
+        for quantity, floor in scene.floors.items():
+            cells = [fastest(scene, quantity, level) for level in levels.values()]
+            scatter = f"{100.0 * floor:.2g} %" if floor else "nothing"
+            where = f"{scene.name}, {scene.grains} grains"
+            rows.append(f"| {where} | {quantity} | {' | '.join(cells)} | {scatter} |")
+    words = "\n".join([*rows, "", f"By the stored table, measured on {prices()[0].date}."])
+    write_block("prices", words, DOCS / "guide" / "methods.md")
+
+
+def fastest(scene: Prices, quantity: str, level: float) -> str:
+    """The fastest rung whose bound is within a level, and its seconds; or why there is none."""
+    if level < FLOORS * scene.floors[quantity]:
+        return "more starts"
+    found = [one for one in scene.rungs if one.bounds[quantity] <= level]
+    if not found:
+        return "finer than the table"
+    best = min(found, key=lambda one: one.seconds)
+    method = "" if best.method == "stormer-verlet" else f"`{best.method}`, "
+    return f"{method}`{best.dt}`, {best.seconds:.2g} s"
+
+
 def draw_guarantees() -> None:
     """A run cut and resumed, and one that rounds otherwise, beside the run in one piece."""
     scene = damper(count=92)
@@ -672,6 +704,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "whole-fall": write_whole_falls,
     "defects": draw_defects,
     "machine": draw_machine,
+    "prices": write_prices,
     "guarantees": draw_guarantees,
     "verification": draw_verification,
     "installation": draw_installation,
