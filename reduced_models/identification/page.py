@@ -13,11 +13,12 @@ from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.data import IdentificationData
 from reduced_models.identification.engineering import between, decimals, fixed
 from reduced_models.identification.page_engineering import add_engineering, engineering_words
+from reduced_models.identification.page_equation import add_equations
 from reduced_models.identification.page_falls import add_falls
 from reduced_models.identification.page_record import add_fits, add_lift, add_portrait, add_record
 from reduced_models.identification.page_run import add_run
 from reduced_models.identification.words import direction_words, sentence, times
-from reduced_models.laws.printing import mathml, symbol
+from reduced_models.laws.printing import symbol
 from reduced_models.models.model import ReducedModel
 
 
@@ -125,10 +126,7 @@ def _equations(page: Page, found: IdentificationData) -> None:
 
 def _equation(page: Page, model: ReducedModel, remark: str) -> None:
     page.section(f"{model.law.name}{remark}")
-    page.equation(mathml(model.equation))
-    page.equation(mathml(model.printed_equation))
-    for name, rate in model.law.parsed.hidden.items():
-        page.text(f"Hidden state: {name}' = {rate}".replace("z_first", "z'"))
+    add_equations(page, model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.angle else 'metres'}"
     if model.law.mapped:
         how = "fitted" if model.map.fitted else "given, not fitted"

@@ -7,8 +7,8 @@ import numpy as np
 from granular.shared.html import Page
 from granular.shared.plotting import GREY, READABLE, figure, line_look, plain_label
 from reduced_models.falls.data import Falls
+from reduced_models.identification.page_equation import add_equations
 from reduced_models.identification.page_record import thinned
-from reduced_models.laws.printing import mathml
 
 _MOST_LINES = 3  # of laws over a fall; more hide each other
 
@@ -18,10 +18,7 @@ def add_falls(page: Page, falls: Falls) -> None:
     page.section("The whole fall")
     best = falls.best.model
     if best is not None:
-        page.equation(mathml(best.equation))
-        page.equation(mathml(best.printed_equation))
-        for name, rate in best.law.parsed.hidden.items():
-            page.text(f"Hidden state: {name}' = {rate}, 0 at the start".replace("z_first", "z'"))
+        add_equations(page, best)
     page.table(falls.header, falls.cells())
     page.text(
         "Each law was fitted to the scene's own fall, and predicts the others from the height that "

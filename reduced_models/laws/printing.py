@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import sympy
 
-_MARKS = {"zddot": ("\\ddot{z}", "&#xa8;"), "zdot": ("\\dot{z}", "&#x2d9;")}
+_DOT = "&#x2d9;"
+_MARKS = {"zddot": ("\\ddot{z}", "&#xa8;"), "zdot": ("\\dot{z}", _DOT)}
 
 
 _GREEK = {
@@ -39,9 +40,16 @@ def rounded_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
     """An equation with all its numbers, as they stand in the end, cut to so many digits."""
     import sympy
 
-    numbers = {one: sympy.Float(rounded(float(one), digits)) for one in equation.atoms(sympy.Float)}
-    sides = (side.xreplace(numbers) for side in (equation.lhs, equation.rhs))
+    sides = (rounded_expression(side, digits) for side in (equation.lhs, equation.rhs))
     return sympy.Eq(*sides, evaluate=False)
+
+
+def rounded_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
+    """As `rounded_equation`, of one side."""
+    import sympy
+
+    found = expression.atoms(sympy.Float)
+    return expression.xreplace({one: sympy.Float(rounded(float(one), digits)) for one in found})
 
 
 def _terms(side: Any) -> list[Any]:
@@ -84,24 +92,33 @@ def latex(equation: sympy.Eq) -> str:
 
 def mathml(equation: sympy.Eq) -> str:
     """An equation in z(t) as presentation MathML, a formula a term: lines break between them."""
+    return _formulas(_side(equation.lhs), _side(equation.rhs))
+
+
+def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
+    """The equation of a hidden state, whose rate is an expression in z(t), as `mathml`."""
+    return _formulas([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _side(rate))
+
+
+def _formulas(left: list[str], right: list[str]) -> str:
+    first, *others = right
+    terms = [*left, f"<mo>=</mo>{first}", *others]
+    return " ".join(f'<math displaystyle="true"><mrow>{term}</mrow></math>' for term in terms)
+
+
+def _side(expression: Any) -> list[str]:
+    """The terms of a side, with their signs."""
     from sympy.printing.mathml import MathMLPresentationPrinter
 
     printer = MathMLPresentationPrinter()
-
-    def side(expression: Any) -> list[str]:
-        found: list[str] = []
-        for term in _terms(expression):
-            negative = term.could_extract_minus_sign()
-            text = ""
-            if found or negative:
-                text += f"<mo>{'&#x2212;' if negative else '+'}</mo>"
-            text += printer.doprint(-term if negative else term)
-            for name, (_, mark) in _MARKS.items():
-                dot = f"<mover><mi>z</mi><mo>{mark}</mo></mover>"
-                text = text.replace(f"<mi>{name}</mi>", dot)
-            found.append(text)
-        return found
-
-    left, (first, *others) = side(equation.lhs), side(equation.rhs)
-    terms = [*left, f"<mo>=</mo>{first}", *others]
-    return " ".join(f'<math displaystyle="true"><mrow>{term}</mrow></math>' for term in terms)
+    found: list[str] = []
+    for term in _terms(expression):
+        negative = term.could_extract_minus_sign()
+        text = ""
+        if found or negative:
+            text += f"<mo>{'&#x2212;' if negative else '+'}</mo>"
+        text += printer.doprint(-term if negative else term)
+        for name, (_, mark) in _MARKS.items():
+            text = text.replace(f"<mi>{name}</mi>", f"<mover><mi>z</mi><mo>{mark}</mo></mover>")
+        found.append(text)
+    return found

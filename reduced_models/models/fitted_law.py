@@ -17,7 +17,7 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.laws.printing import latex, rounded, rounded_equation
+from reduced_models.laws.printing import latex, rounded, rounded_equation, rounded_expression
 from reduced_models.laws.small_swing import NoSwing, small_swing, swing_of_equation
 from reduced_models.records.inputs import TIME, Interpolation, column
 
@@ -190,6 +190,12 @@ class FittedLaw:
     def printed_equation(self) -> sympy.Eq:
         """The law in z(t), with the fitted numbers to `printed_digits`."""
         return rounded_equation(self.fitted_equation, self.printed_digits)
+
+    @property
+    def printed_hidden(self) -> dict[str, sympy.Expr]:
+        """The rate of each hidden state in z(t), with the fitted numbers to `printed_digits`."""
+        rates = self.law.sympy_hidden(self.parameters)
+        return {name: rounded_expression(one, self.printed_digits) for name, one in rates.items()}
 
     def simulate(
         self,

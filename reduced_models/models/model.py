@@ -185,9 +185,10 @@ class ReducedModel(FittedLaw):
 
     def _repr_html_(self) -> str:
         from granular.shared.html import preformatted
-        from reduced_models.laws.printing import mathml
+        from reduced_models.laws.printing import mathml, mathml_of_rate
 
-        return f"{mathml(self.printed_equation)}{preformatted(self)}"
+        rates = [mathml_of_rate(name, rate) for name, rate in self.printed_hidden.items()]
+        return f"{'<br>'.join([mathml(self.printed_equation), *rates])}{preformatted(self)}"
 
     def _repr_latex_(self) -> str:
         return f"$${self.fitted_latex}$$"

@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 
 from granular import PistonRecord
 from reduced_models import HeightMap, ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.printing import rounded
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.printing import mathml, mathml_of_rate, rounded
 from reduced_models.laws.small_swing import NoSwing, small_swing, swing_of_equation
 from reduced_models.models.fitted_law import AtRest
 
@@ -45,8 +47,6 @@ def record(request: pytest.FixtureRequest) -> PistonRecord:
 
 def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
     """In LaTeX, on the page, and as a list of parameters."""
-    from reduced_models.laws.printing import mathml
-
     model = fit(record, "linear")
     pattern = rf"\\ddot{{z}} \+ {NUMBER} \\dot{{z}} \+ {NUMBER} z = {NUMBER}"
     match = re.fullmatch(pattern, model.fitted_latex)
@@ -147,6 +147,25 @@ def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> No
     for key, value in figures.items():
         low, high = rest.intervals[key]
         assert low <= value <= high, key
+    assert_rates_as_printed(model)
+
+
+def assert_rates_as_printed(model: ReducedModel) -> None:
+    """The equations of the hidden states are those that the motion follows."""
+    law, z, speed = model.law, 0.9, -0.3
+    states = [0.02 + 0.01 * k for k in range(len(law.hidden))]
+    field = compiled_field(law.equation, law.inputs, "math")
+    numbers = [model.parameters[name] for name in law.parameters]
+    _, *rates = field(z, speed, *states, *numbers)
+    t = sympy.Symbol("t")
+    motion = sympy.Function("z")(t)
+    at = dict(zip(map(sympy.Symbol, law.hidden), states, strict=True))
+    for (name, printed), rate in zip(model.printed_hidden.items(), rates, strict=True):
+        value = printed.subs(motion.diff(t), speed).subs(motion, z).subs(at)
+        assert float(value) == pytest.approx(rate, rel=2e-3)
+        formula = mathml_of_rate(name, printed)
+        assert f"<mi>{name}</mi><mo>&#x2d9;</mo>" in formula
+        assert "<mover><mi>z</mi>" in formula
 
 
 def test_what_a_law_says_of_rest_is_printed_to_its_intervals() -> None:
