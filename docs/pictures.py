@@ -436,7 +436,7 @@ def write_prices() -> None:
         for quantity, floor in scene.floors.items():
             cells = [fastest(scene, quantity, level) for level in levels.values()]
             scatter = f"{100.0 * floor:.2g} %" if floor else "nothing"
-            where = f"{scene.name}, {scene.grains} grains"
+            where = f"{scene.name.split('-')[0]}, {scene.grains} grains"
             rows.append(f"| {where} | {quantity} | {' | '.join(cells)} | {scatter} |")
     words = "\n".join([*rows, "", f"By the stored table, measured on {prices()[0].date}."])
     write_block("prices", words, DOCS / "guide" / "methods.md")
