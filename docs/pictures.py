@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measured import averaging, head_on_steps, source_swing
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
@@ -39,6 +40,7 @@ from validation.published.judging import judged
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
+DISCOVERY = DOCS / "guide" / "discovery.md"
 DIAMETER = 0.006
 GRAVITY = 9.8
 
@@ -543,6 +545,13 @@ def draw_installation() -> None:
         axes.set_xlabel("processor time of a script with one call [s]")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         keep(drawing, "installation")
+    (run, again), (fitted, later) = seconds["simulate"], seconds["fit"]
+    words = (
+        f"A script with one call takes, for `simulate`, {run:.0f} s of processor time at the first "
+        f"start, which compiles,\nand {again:.1f} s at the second; for `fit`, {fitted:.0f} s and "
+        f"{later:.1f} s."
+    )
+    write_block("installation", words, DOCS / "guide" / "installation.md")
 
 
 def run_seconds(code: str, kept: Mapping[str, str]) -> float:
@@ -705,6 +714,9 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "defects": draw_defects,
     "machine": draw_machine,
     "prices": write_prices,
+    "head-on": lambda: write_block("head-on", head_on_steps(), DOCS / "guide" / "methods.md"),
+    "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
+    "source-swing": lambda: write_block("source-swing", source_swing(), DISCOVERY),
     "guarantees": draw_guarantees,
     "verification": draw_verification,
     "installation": draw_installation,
