@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from granular import PistonRecord, Trajectory, load_scene, simulate
+from granular import PistonRecord, Scene, Trajectory, load_scene, simulate
 from granular.shared.errors import RecordError
-from reduced_models import HeightMap, fit
+from reduced_models import HeightMap, fit, judged_falls
 from reduced_models.laws.elliptic_averaging import fit_averaged_motion
 from validation import energy_change, head_on
 
@@ -22,6 +22,11 @@ DUFFING = ((0.05, 1.1, 0.8), (0.02, 1.0, -0.3), (0.1, 1.0, 0.5), (0.3, 1.0, 0.5)
 ALPHAS = (0.01, 0.03, 0.05, 0.17)
 OMEGA, START = 1.05, 1.0
 """Of the Van der Pol-like law, with g0 = -1."""
+FALLEN = {
+    "damper": ("elastoplastic-bed", "power-law-spring", "relaxing-column"),
+    "damper-source": ("elastoplastic-bed", "power-law-spring", "van-der-pol-like", "linear"),
+}
+"""Laws that are fitted to a fall of each scene."""
 KEPT = 1e-6
 """Of the energy, by a pair that turns back."""
 
@@ -98,6 +103,37 @@ def source_swing() -> str:
         f"rest {level:.0f} mm below the record's."
     )
     return textwrap.fill(words, 110)
+
+
+def falls() -> str:
+    """Laws that were fitted to one fall from 20 D, on others: two dampers."""
+    rows = [
+        "| damper | law | from 14 D | from 28 D | another start |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for name, laws in FALLEN.items():
+        scene = load_scene(name)
+        unseen = {
+            "14 D": let_fall(scene, 14), "28 D": let_fall(scene, 28),
+            "start 2": let_fall(scene, 20, 2),
+        }  # fmt: skip
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            judged = judged_falls(let_fall(scene, 20), unseen, laws)
+        for row in judged.rows:
+            errors = " | ".join(f"{100.0 * one:.2g} %" for one in row.errors)
+            rows.append(f"| `{name}` | `{row.name}` | {errors} |")
+    return "\n".join([*rows, ""])
+
+
+def let_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
+    """Three seconds after the piston is let go [D]."""
+    changes = {
+        "piston.height": f"{height} D", "arrangement.height": f"{height - 1} D",
+        "arrangement.seed": seed, "output.record": "drop",
+        "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
+    }  # fmt: skip
+    return simulate(scene.replace(**changes), progress=False).piston()
 
 
 def collided(dt: float | str, method: str) -> Trajectory:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import averaging, head_on_steps, source_swing
+from measured import averaging, falls, head_on_steps, source_swing
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
@@ -715,6 +715,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "machine": draw_machine,
     "prices": write_prices,
     "head-on": lambda: write_block("head-on", head_on_steps(), DOCS / "guide" / "methods.md"),
+    "falls": lambda: write_block("falls", falls(), DOCS / "guide" / "damper-to-equation.md"),
     "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
     "source-swing": lambda: write_block("source-swing", source_swing(), DISCOVERY),
     "guarantees": draw_guarantees,

@@ -60,7 +60,7 @@ print(scene_text(scene))
 # ## The run
 #
 # `simulate` chooses a time step from the stiffest motion that the bed can meet. The first run of a
-# kind compiles for some twenty seconds; what was compiled is kept on disk.
+# kind compiles first; what was compiled is kept on disk.
 
 # %%
 run = simulate(scene, progress=False)
