@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import granular.__main__
@@ -60,9 +60,9 @@ def files() -> dict[str, str]:
     return found
 
 
-def blocks(language: str) -> Iterator[str]:
+def blocks(language: str, pages: Iterable[Path] = PAGES) -> Iterator[str]:
     """Blocks of code of a language in README and guide."""
-    for path in PAGES:
+    for path in pages:
         text = path.read_text(encoding="utf-8")
         for block in re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL):
             yield textwrap.dedent(block)

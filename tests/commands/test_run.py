@@ -90,7 +90,8 @@ def assert_shown(said: str) -> None:
     printed: dict[str, list[list[float]]] = {}
     for one in said.splitlines():
         printed.setdefault(NUMBER.sub("#", one.strip()), []).append(numbers_of(one))
-    shown = [one for block in blocks("text") if "power-law" in block for one in block.splitlines()]
+    texts = blocks("text", [ROOT / "README.md"])
+    shown = [one for block in texts if "power-law" in block for one in block.splitlines()]
     assert len(shown) > 10
     for line in filter(None, map(str.strip, shown)):
         # Laws have parameters of one name: one of their lines is it.
