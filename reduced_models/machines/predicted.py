@@ -5,11 +5,13 @@ cell. With the masses M_h of the host, M of the piston and m of the bed, the mom
 and that along z give
 
     (M_h + M + m) W' + (M + m/2) z'' = -k X - c W + F sin(omega t),
-    (M + m/2) W' + (M + m/3) z'' = M g ((rest/z)^power (1 + w) - 1) - N gamma z'/3,
+    (M + m/2) W' + M_z z'' = M g ((rest/z)^power (1 + w) - 1) - N gamma z'/3,
 
 with the hidden states w and q of the law (`reduced_models.laws.annealing_bed`), whose modulus and
-strength are those that falls and swings of the packaged damper told, and the height of rest that
-its scene tells (`reduced_models.falls.theory`). Nothing is fitted to a machine.
+strength are those that falls and swings of the packaged damper told. Affine grains add m/3 to the
+mass M_z that moves against the cell; those that follow late take nearly as much away again. It and
+the height of rest are what the scene tells (`reduced_models.falls.theory`). Nothing is fitted to a
+machine.
 """
 
 from __future__ import annotations
@@ -27,11 +29,16 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.falls.theory import parameters_of
-from reduced_models.laws.annealing_bed import HARDENING, PLASTIC, STIFFENING, TIME
+from reduced_models.falls.theory import POWER, moving_mass, parameters_of
+from reduced_models.laws.annealing_bed import (
+    HARDENING,
+    MODULUS,
+    PLASTIC,
+    STIFFENING,
+    STRENGTH,
+    TIME,
+)
 
-MODULUS, STRENGTH, POWER = 0.307, 0.0429, 2.5
-"""Of the annealing bed; see `reduced_models.laws.annealing_bed`."""
 RANGE = (0.5, 2.0)
 """Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is told
 within 14 %; beyond it is 20 % off (the table of the guide's page on machines)."""
@@ -44,6 +51,19 @@ class OutsideRangeWarning(UserWarning):
     """A law is used where nothing was measured."""
 
 
+class SmallSwing(NamedTuple):
+    """A linear law, z'' + 2 lam z' + omega^2 (z - rest) = 0.
+
+    Attributes
+    ----------
+    omega, lam : float
+        [rad/s], [1/s]
+    """
+
+    omega: float
+    lam: float
+
+
 class BedOnHost(NamedTuple):
     """The numbers of the equation, in SI.
 
@@ -51,8 +71,8 @@ class BedOnHost(NamedTuple):
     ----------
     host, stiffness, damping : float
         M_h, k, c.
-    piston, bed : float
-        M, m.
+    piston, bed, moving : float
+        M, m, M_z.
     drag : float
         N gamma/3 and the piston's own.
     gravity, rest : float
@@ -64,6 +84,7 @@ class BedOnHost(NamedTuple):
     damping: float
     piston: float
     bed: float
+    moving: float
     drag: float
     gravity: float
     rest: float
@@ -85,7 +106,8 @@ class BedOnHost(NamedTuple):
                 f"the scene {quoted(scene.name)} has no host of one body that carries the cell; "
                 "the law is coupled to such a one"
             )
-        parameters = parameters_of(scene.replace(**{"effects.host": "none"}))
+        still = scene.replace(**{"effects.host": "none"})
+        parameters = parameters_of(still)
         assert piston is not None
         assert piston.mass is not None
         gravity = scene.effects.gravity
@@ -98,39 +120,59 @@ class BedOnHost(NamedTuple):
             damping=body.damping,
             piston=piston.mass,
             bed=float(grains.sum()),
+            moving=moving_mass(still, parameters),
             drag=drag * float((grains / grains[0]).sum()) / 3.0 + piston.drag,
             gravity=0.0 if gravity is None else gravity.acceleration,
             rest=parameters["rest"],
         )
 
-    def linear_response(self, frequencies: Sequence[float], force: float) -> np.ndarray:
-        """Displacement of the host (f,) [m] with the law's small swing in place of the law."""
+    @property
+    def small_swing(self) -> SmallSwing:
+        """Of the piston on an ordered bed over a cell at rest, by the law."""
+        stiffness = POWER + self.modulus * (1.0 + STIFFENING)
+        spring = self.piston * self.gravity / self.rest * stiffness
+        return SmallSwing(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
+
+    def linear_response(
+        self, frequencies: Sequence[float], force: float, swing: SmallSwing | None = None
+    ) -> np.ndarray:
+        """Displacement of the host (f,) [m] with a linear law in place of the bed's.
+
+        Parameters
+        ----------
+        frequencies : sequence of float
+            [Hz]
+        force : float
+            [N]
+        swing : SmallSwing, optional
+            Of the linear law, as a fit to a swing over a cell at rest finds it; that of the bed's
+            own law if not given.
+        """
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
-        swing = self.piston + 0.5 * self.bed
         own = self.stiffness + 1j * omega * self.damping
         own = own - omega**2 * (self.host + self.piston + self.bed)
-        spring = self.piston * self.gravity / self.rest * (POWER + self.modulus)
-        bed = spring + 1j * omega * self.drag - omega**2 * (self.piston + self.bed / 3.0)
-        return np.asarray(force / (own - (omega**2 * swing) ** 2 / bed))
+        linear = self.small_swing if swing is None else swing
+        bed = self.moving * (linear.omega**2 + 2j * omega * linear.lam - omega**2)
+        coupled = self.piston + 0.5 * self.bed
+        return np.asarray(force / (own - (omega**2 * coupled) ** 2 / bed))
 
 
 @compiled
 def _rates(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
     x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
     whole, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
-    inner = law.piston + law.bed / 3.0
     first = force - law.stiffness * x - law.damping * speed
     ratio = law.rest / z
     lift = ratio * ratio * math.sqrt(ratio) * (1.0 + w) - 1.0
     second = law.piston * law.gravity * lift - law.drag * v
-    determinant = whole * inner - swing * swing
+    determinant = whole * law.moving - swing * swing
     rates[0], rates[2] = speed, v
-    rates[1] = (inner * first - swing * second) / determinant
+    rates[1] = (law.moving * first - swing * second) / determinant
     rates[3] = (whole * second - swing * first) / determinant
     yields = law.strength * (1.0 + HARDENING * q)
-    plastic = abs(v) * w / (yields * yields)
-    rates[4] = -law.modulus * (1.0 + STIFFENING * q) / z * (v + plastic * abs(w))
-    rates[5] = (1.0 - q) / TIME - q * plastic * w / (PLASTIC * z)
+    plastic = abs(v) * (w / yields) ** 4
+    rates[4] = -law.modulus * (1.0 + STIFFENING * q) / z * (v + math.copysign(plastic, w))
+    rates[5] = (1.0 - q) / TIME - q * plastic / (PLASTIC * z)
 
 
 @entry

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, Scene, damper, simulate
 from reduced_models.falls.shaking import PUSHED, RESPONSE_ERROR, Pushed
+from reduced_models.laws.annealing_bed import MODULUS, STRENGTH
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.solution import solution
@@ -39,8 +40,8 @@ def numbers(scene: Scene, rest: float) -> list[float]:
     assert scene.effects.drag is not None
     lam = scene.grains.count * scene.effects.drag.coefficient / (6.0 * scene.piston.mass)
     known = {
-        "lam": lam, "weight": 9.8, "rest": rest, "power": 2.5, "modulus": 0.307,
-        "strength": 0.0429,
+        "lam": lam, "weight": 9.8, "rest": rest, "power": 2.5, "modulus": MODULUS,
+        "strength": STRENGTH,
     }  # fmt: skip
     return [known[name] for name in LAW.parameters]
 
