@@ -191,7 +191,7 @@ def test_the_law_responds_to_a_push_as_the_table_says() -> None:
     scene = damper()
     for row in (PUSHED[0], PUSHED[7], PUSHED[12]):
         # Level of rest and order of the simulated bed.
-        times, heights = pushed(7.5, numbers(scene, 0.05912), [0.00011, 0.9872], 0.05912, row)
+        times, heights = pushed(7.5, numbers(scene, 0.05912), [0.00023, 0.9883], 0.05912, row)
         found = response(times, heights, row.frequency) / scale(scene)
         assert found == pytest.approx(row.by_law, rel=0.01)
         assert abs(row.by_law / row.simulated - 1.0) <= RESPONSE_ERROR
