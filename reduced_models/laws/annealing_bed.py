@@ -9,8 +9,8 @@ plastic strain, which is the share w^4/y^4 of the strain where the bed yields at
     w' = -(modulus (1 + STIFFENING q)/z) (z' + |z'| |w|^3 w/y^4),    y = strength (1 + HARDENING q),
     q' = (1 - q)/TIME - q |z'| w^4/(PLASTIC z y^4).
 
-It yields more sharply than the elastoplastic bed, w^4 in place of w^2: a fall does not tell one from
-the other, but a bed at rest that swings by 0.5 to 1.5 D loses less than w^2 says.
+It yields more sharply than the elastoplastic bed, w^4 in place of w^2: a fall does not tell one
+from the other, but a bed at rest that swings by 0.5 to 1.5 D loses less than w^2 says.
 
 The numbers of the order were fitted once, with modulus and strength, to what one bed of 368 grains
 does, the packaged damper: falls from 14 to 28 D, lifts by 0.2 to 4 D after it has come to rest, the
