@@ -179,7 +179,8 @@ plt.show()
 #
 # For beds from 250 grains on a law of the bed stands in for the grains: an ordinary differential
 # equation, milliseconds a frequency. It is within some 10 % of simulations at moderate forces, and
-# not at strong ones (the guide has the table). Here it is asked for the packaged machine.
+# not at strong ones (the table of the guide's page on machines, `python docs/pictures.py
+# machine-law`). Here it is asked for the packaged machine.
 
 # %%
 packaged = load_scene("machine")

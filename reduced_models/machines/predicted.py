@@ -40,8 +40,8 @@ from reduced_models.laws.annealing_bed import (
 )
 
 RANGE = (0.5, 2.0)
-"""Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is told
-within 14 %; beyond it is 20 % off (the table of the guide's page on machines)."""
+"""Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is within
+10 % of the simulated one; beyond it is 20 % off (`python docs/pictures.py machine-law`)."""
 STEPS_A_PERIOD = 64
 SETTLING, MEASURED = 14.0, 0.4
 """How long a sine acts [s], and the last part of it that counts for the amplitude."""
