@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from granular.commands import (
     defects,
     export,
+    impulse,
     methods,
     observe,
     render,
@@ -42,6 +43,7 @@ COMMANDS = {
     "render": render,
     "sweep": sweep,
     "response": response,
+    "impulse": impulse,
     "warm-up": warm_up,
 }
 

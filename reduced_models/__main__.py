@@ -17,6 +17,9 @@ from granular.shared.console import (
 )
 from reduced_models.look_command import EXAMPLES as LOOK_EXAMPLES
 from reduced_models.look_command import add_look, run_look
+from reduced_models.response_command import EXAMPLES as RESPONSE_EXAMPLES
+from reduced_models.response_command import WHAT as RESPONSE_WHAT
+from reduced_models.response_command import add_response_law, run_response_law
 
 PROG = "python -m reduced_models"
 
@@ -63,6 +66,7 @@ examples:
 example:
   %(prog)s""",
     "look": LOOK_EXAMPLES,
+    "response-law": RESPONSE_EXAMPLES,
     "maps": """\
 examples:
   %(prog)s -o out              # those that come with the package
@@ -96,6 +100,7 @@ def parser(prog: str = PROG) -> Parser:
     _add_calibrate(add("calibrate", "fit numbers of a scene to a record, by simulations"))
     _add_design(add("design", "choose mass, grains and drag for a wanted frequency and damping"))
     _add_fall(add("fall", "predict a whole fall from the scene alone"))
+    add_response_law(add("response-law", RESPONSE_WHAT))
     _add_maps(add("maps", "show frequency and damping over mass, grains, drag and mixture"))
     _add_simulate(add("simulate", "predict a motion by a model that was saved"))
     _add_export(
@@ -343,6 +348,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         "calibrate": commands.calibrate_scene,
         "design": commands.design_damper,
         "fall": commands.predict_fall,
+        "response-law": run_response_law,
         "maps": commands.map_dampers,
         "simulate": commands.simulate_model,
         "export-model": commands.export_model,

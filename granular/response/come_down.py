@@ -59,8 +59,7 @@ def come_down_time(run: Trajectory, share: float = 0.1) -> float:
 
 def come_down_of(time: np.ndarray, displacement: np.ndarray, ends: float, share: float) -> float:
     """As `come_down_time`, of times [s] and displacements [m] (n,)."""
-    if not 0.0 < share < 1.0:
-        raise InputError(f"share = {share:g} must be above 0 and below 1")
+    check_share(share)
     behind = time >= ends
     if not behind.any():
         raise InputError(f"the run ends at {time[-1]:g} s, before the impulse does, {ends:g} s")
@@ -73,3 +72,9 @@ def come_down_of(time: np.ndarray, displacement: np.ndarray, ends: float, share:
             "its peak; run longer, or take a greater share"
         )
     return float(time[behind][last + 1] - ends)
+
+
+def check_share(share: float) -> None:
+    """Refuse a share of the peak that is none."""
+    if not 0.0 < share < 1.0:
+        raise InputError(f"share = {share:g} must be above 0 and below 1; give 0.1 for a tenth")

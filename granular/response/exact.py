@@ -13,6 +13,7 @@ Vibrations (1956), 3.3), for the mass ratio mu = m/M,
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -56,14 +57,8 @@ def linear_response(host: Host, frequencies: Any, hung: Any = 0.0) -> np.ndarray
     found = np.empty((len(omega), count), dtype=np.complex128)
     excited = count - 1 if host.excited is None else host.excited
     for place, rate in enumerate(omega):
-        matrix = np.zeros((count, count), dtype=np.complex128)
-        for k, body in enumerate(host.bodies):
-            held = body.stiffness + 1j * rate * body.damping
-            matrix[k, k] += held - rate**2 * body.mass
-            if k:
-                matrix[k - 1, k - 1] += held
-                matrix[k, k - 1] -= held
-                matrix[k - 1, k] -= held
+        held = [body.stiffness + 1j * rate * body.damping for body in host.bodies]
+        matrix = _chained(held) - np.diag([rate**2 * body.mass for body in host.bodies])
         matrix[-1, -1] += hung[place]
         force = np.zeros(count, dtype=np.complex128)
         drive = host.excitation
@@ -77,3 +72,27 @@ def linear_response(host: Host, frequencies: Any, hung: Any = 0.0) -> np.ndarray
             force[excited] = drive.force or 0.0
         found[place] = np.linalg.solve(matrix, force)
     return found
+
+
+def slowest_decay(host: Host) -> float:
+    """Decay rate [1/s] of the host's mode that rings longest; c/(2 M) of one body."""
+    count = len(host.bodies)
+    springs = _chained([body.stiffness for body in host.bodies])
+    dashpots = _chained([body.damping for body in host.bodies])
+    masses = np.array([body.mass for body in host.bodies])[:, None]
+    rates = np.block([
+        [np.zeros((count, count)), np.eye(count)], [-springs.real / masses, -dashpots.real / masses]
+    ])  # fmt: skip
+    return float(-np.linalg.eigvals(rates).real.max())
+
+
+def _chained(held: Sequence[complex]) -> np.ndarray:
+    """Forces on bodies of a chain over their displacements (n, n), each held by the one before."""
+    matrix = np.zeros((len(held), len(held)), dtype=np.complex128)
+    for k, one in enumerate(held):
+        matrix[k, k] += one
+        if k:
+            matrix[k - 1, k - 1] += one
+            matrix[k, k - 1] -= one
+            matrix[k - 1, k] -= one
+    return matrix

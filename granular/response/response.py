@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from granular.effects.host import Host
 from granular.response.exact import hanging_mass, linear_response, tuned_mass
+from granular.response.hung import against_linear, at_amplitude, damper_mass
 from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
@@ -44,10 +45,14 @@ class Response:
         over the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and
         ``loss_factor`` of the damper; ``transmissibility``; energies taken in a period;
         ``unsteady``.
+    settings : dict
+        How it was simulated: ``dt``, ``duration`` [s], and ``sweep``, the first and last frequency
+        [Hz], where one sweep told it.
     """
 
     scene: Scene
     dataset: xarray.Dataset
+    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def peak(self) -> float:
@@ -63,15 +68,15 @@ class Response:
             row["frequency"] = float(part.frequency[int(part.displacement.values.argmax())])
             row["peak"] = float(part.displacement.max())
             if "alone" in part:
-                curves = self._linear_curves(float(one))
+                curves = self.linear_curves(float(one))
                 row |= {key: float(curves[key].max()) for key in ("alone", "ideal")}
                 row["reduction"] = row["alone"] / row["peak"]
                 row["over_ideal"] = row["peak"] / row["ideal"]
             found.append(row)
         return found
 
-    def _linear_curves(self, size: float) -> dict[str, np.ndarray]:
-        """Closely spaced frequencies, and what is left without damper and with the tuned mass."""
+    def linear_curves(self, size: float) -> dict[str, np.ndarray]:
+        """Closely spaced ``frequency`` [Hz], and what is left ``alone`` and with ``ideal`` [m]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         host = at_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
@@ -102,7 +107,7 @@ class Response:
             label = f"with the damper, {one:g} {unit}"
             ax.plot(part.frequency, 1e3 * part.displacement, label=label, **line_look(k))
         if "alone" in data:
-            curves = self._linear_curves(float(data.amplitude[-1]))
+            curves = self.linear_curves(float(data.amplitude[-1]))
             for key, style, label in (("alone", "k--", "without"), ("ideal", "k:", "tuned mass")):
                 ax.plot(curves["frequency"], 1e3 * curves[key], style, lw=0.8,
                         label=f"{label}, {data.amplitude.values[-1]:g} {unit}")  # fmt: skip
@@ -170,7 +175,8 @@ def frequency_response(
     wrong = [one["error"] for one in made.outcomes if one["error"] is not None]
     if wrong:
         raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
-    return Response(scene, _dataset(scene, host, key, sizes, frequencies, made.outcomes))
+    found = _dataset(scene, host, key, sizes, frequencies, made.outcomes)
+    return Response(scene, found, {"dt": dt, "duration": duration})
 
 
 def _checked(scene: Scene, frequencies: Sequence[float], duration: float) -> Host:
@@ -190,27 +196,10 @@ def _checked(scene: Scene, frequencies: Sequence[float], duration: float) -> Hos
     return host
 
 
-def damper_mass(scene: Scene) -> float:
-    """Mass of the damper [kg]: grains, piston, and the free cell."""
-    host, piston = scene.effects.host, scene.piston
-    mass = float(scene.grains.masses().sum())
-    if piston is not None and piston.mass is not None and (host is None or host.mount != "piston"):
-        mass += piston.mass
-    return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
-
-
-def at_amplitude(host: Host, key: str, size: float) -> Host:
-    """The host with another amplitude of its excitation."""
-    plain = host.to_plain()
-    return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
-
-
 def _dataset(
     scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
     outcomes: Sequence[Any],
 ) -> xarray.Dataset:  # fmt: skip
-    import xarray
-
     shape = (len(sizes), len(frequencies))
     figures = [one["figures"] for one in outcomes]
 
@@ -232,13 +221,23 @@ def _dataset(
             found[name] = ("J", f"{what} in a period", field(name))
     omega = math.tau * np.array(frequencies)
     if host.bodies:
-        found |= _against_linear(scene, host, key, sizes, frequencies, swing)
+        found |= against_linear(scene, host, key, sizes, frequencies, swing)
     if host.excitation is not None and host.excitation.of_base:
         shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else
                                             -(omega**2))  # fmt: skip
         whole = swing - shake / omega**2
         ratio = np.abs(whole) / np.abs(shake / omega**2)
         found["transmissibility"] = ("1", "amplitude over that of the base", ratio)
+    return labelled(key, sizes, frequencies, found)
+
+
+def labelled(
+    key: str, sizes: Sequence[float], frequencies: Sequence[float],
+    found: Mapping[str, tuple[str, str, np.ndarray]],
+) -> xarray.Dataset:  # fmt: skip
+    """A response's dataset, of fields (amplitude, frequency) with units and meanings."""
+    import xarray
+
     dims = ("amplitude", "frequency")
     units = {"force": "N", "acceleration": "m/s^2", "displacement": "m"}[key]
     return xarray.Dataset(
@@ -251,34 +250,3 @@ def _dataset(
             "frequency": ("frequency", list(frequencies), {"units": "Hz"}),
         },
     )
-
-
-def _against_linear(
-    scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
-    swing: np.ndarray,
-) -> dict[str, tuple[str, str, np.ndarray]]:  # fmt: skip
-    """Curves without damper and with the tuned mass, and what the damper is to the host."""
-    omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
-    spring, dashpot = tuned_mass(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
-    tuned = hanging_mass(frequencies, mass, spring, dashpot)
-    hosts = [at_amplitude(host, key, size) for size in sizes]
-    alone = np.array([np.abs(linear_response(one, frequencies)[:, -1]) for one in hosts])
-    ideal = np.array([np.abs(linear_response(one, frequencies, tuned)[:, -1]) for one in hosts])
-    found = {
-        "alone": ("m", "amplitude without the damper", alone),
-        "ideal": ("m", "amplitude with Den Hartog's tuned mass of the same weight", ideal),
-    }
-    if len(host.bodies) > 1 or (host.excitation is not None and host.excitation.of_base):
-        return found
-    # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.
-    body = host.bodies[-1]
-    own = body.stiffness - omega**2 * body.mass + 1j * omega * body.damping
-    hung = np.array(sizes)[:, None] / swing - own
-    power = 0.5 * 1j * omega * hung * np.abs(swing) ** 2  # complex: what is taken, and swings
-    return found | {
-        "effective_mass": ("kg", "mass that the damper adds to the host", -hung.real / omega**2),
-        "added_stiffness": ("N/m", "stiffness that the damper adds to the host", hung.real),
-        "added_damping": ("kg/s", "damping that the damper adds to the host", hung.imag / omega),
-        "taken_power": ("W", "mean power that the damper takes", -power.real),
-        "loss_factor": ("1", "power taken over that which swings", np.abs(power.real / power.imag)),
-    }

@@ -1,5 +1,6 @@
 """The identified law at work on a machine: responses in milliseconds, and designs from them."""
 
+from reduced_models.machines.beside import LawAtPeak, LawBeside, law_beside
 from reduced_models.machines.design_for import DamperDesign, design_for
 from reduced_models.machines.predicted import (
     BedOnHost,
@@ -11,8 +12,11 @@ from reduced_models.machines.predicted import (
 __all__ = [
     "BedOnHost",
     "DamperDesign",
+    "LawAtPeak",
+    "LawBeside",
     "PredictedResponse",
     "SmallSwing",
     "design_for",
+    "law_beside",
     "predicted_response",
 ]

@@ -1,0 +1,299 @@
+"""One run of a host under a sweep, or under an impulse, and what it says."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.effects.host import Host
+from granular.response.come_down import check_share, come_down_time
+from granular.response.exact import slowest_decay
+from granular.response.hung import against_linear
+from granular.response.response import AMPLITUDES, Response, labelled
+from granular.response.swept import PERIODS, POINTS, swept_response
+from granular.run.trajectory import Trajectory
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+RUN = "run"
+"""Directory of the run, within the one that is given."""
+LENGTH, DURATION = 0.02, 10.0
+"""How long an impulse lasts, and how long it is looked at [s], if not given."""
+
+
+def run_sweep(
+    scene: Scene,
+    lowest: float,
+    highest: float,
+    duration: float,
+    *,
+    points: int = POINTS,
+    dt: float | str = "auto",
+    out: str | Path | None = None,
+    progress: bool = True,
+) -> Response:
+    """The response of a scene's host, read off one run under a slow sweep.
+
+    What shakes the host is that of the scene, a force on it or a motion of its base, with its
+    amplitude and its start, as a sweep. See `swept_response` for how slow is slow; `pace_of_sweep`
+    tells how slow this one was for what it found.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a host of bodies that something shakes.
+    lowest, highest : float
+        First and last frequency [Hz].
+    duration : float
+        Of the sweep [s].
+    points : int
+        Frequencies at which the response is told.
+    dt : float or str
+        As of `simulate`.
+    out : str or Path, optional
+        Directory that keeps the run, in ``run``; the same call goes on from there.
+
+    Raises
+    ------
+    InputError
+        If the scene has no such host, the frequencies do not increase, the sweep is shorter than
+        some periods, or ``out`` holds another run.
+    """
+    key, size, start = _drive(scene)
+    if not 0.0 < lowest < highest < math.inf:
+        raise InputError(
+            f"a sweep from {lowest:g} Hz to {highest:g} Hz: give two frequencies above 0, the "
+            "lower one first; a sweep only rises"
+        )
+    if points < 2:
+        raise InputError(f"points = {points}; give at least 2")
+    least = 2.0 * PERIODS / lowest
+    if not least <= duration < math.inf:
+        raise InputError(
+            f"a sweep of {duration:g} s is shorter than {2.0 * PERIODS:g} periods of its lowest "
+            f"frequency, {lowest:g} Hz; give at least {least:.3g} s"
+        )
+    sweep = {
+        "kind": "sweep", key: size, "start": start,
+        "frequency": lowest, "to": highest, "duration": duration,
+    }  # fmt: skip
+    shaken = scene.replace(**{"effects.host.excitation": sweep})
+    run = _simulated(shaken, start + duration, dt, out, progress)
+    return response_of_sweep(run, points)
+
+
+def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
+    """As `run_sweep`, of a run under a sweep.
+
+    Raises
+    ------
+    InputError
+        As `swept_response`.
+    """
+    data = swept_response(run, points)
+    host = run.scene.effects.host
+    assert host is not None
+    assert host.excitation is not None
+    drive = host.excitation
+    key = next(name for name in AMPLITUDES if getattr(drive, name) is not None)
+    frequencies, sizes = data.frequency.values.tolist(), [float(getattr(drive, key))]
+    swing = (data.displacement * np.exp(-1j * data.phase)).values[None]
+    found = {
+        "displacement": ("m", "amplitude of the last body", data.displacement.values[None]),
+        "phase": ("rad", "phase of the last body behind the drive", data.phase.values[None]),
+    }
+    if "stroke" in data:
+        what = "amplitude of the piston over the cell"
+        found["stroke"] = ("m", what, data.stroke.values[None])
+    found |= against_linear(run.scene, host, key, sizes, frequencies, swing)
+    settings = {
+        "dt": run.settings()["dt"], "duration": drive.duration,
+        "sweep": [drive.frequency, drive.to],
+    }  # fmt: skip
+    return Response(run.scene, labelled(key, sizes, frequencies, found), settings)
+
+
+def pace_of_sweep(found: Response) -> float | None:
+    """How fast a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
+
+    delta is the decay rate of the host with the mass and the damping that the damper had for it at
+    the peak; None where these are not known (a shaken base, several bodies) or do not damp.
+    """
+    host, data = found.scene.effects.host, found.dataset
+    if host is None or "sweep" not in found.settings or "added_damping" not in data:
+        return None
+    part = data.isel(amplitude=0)
+    place = int(part.displacement.values.argmax())
+    low, high = found.settings["sweep"]
+    change = float(part.frequency[place]) * math.log(high / low) / found.settings["duration"]
+    body = host.bodies[-1]
+    mass = body.mass + float(part.effective_mass[place])
+    delta = (body.damping + float(part.added_damping[place])) / (2.0 * mass)
+    return None if delta <= 0.0 else math.tau * change / delta**2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Impulse:
+    """How a host comes down after an impulse.
+
+    Attributes
+    ----------
+    scene : Scene
+    time : float64 (n,)
+        Since the end of the impulse [s].
+    displacement : float64 (n,)
+        Of the last body, from rest [m].
+    share : float
+        Of its peak, below which it stays from ``seconds`` on.
+    seconds : float
+        [s]
+    """
+
+    scene: Scene
+    time: np.ndarray
+    displacement: np.ndarray
+    share: float
+    seconds: float
+
+    @property
+    def alone(self) -> float:
+        """Time that the host would take without the damper, ln(1/share)/delta [s].
+
+        delta is the decay rate of its slowest mode; infinite where nothing damps the host.
+        """
+        host = self.scene.effects.host
+        assert host is not None
+        delta = slowest_decay(host)
+        return math.inf if delta <= 0.0 else math.log(1.0 / self.share) / delta
+
+    @property
+    def peak(self) -> float:
+        """Greatest displacement after the impulse [m]."""
+        return float(np.abs(self.displacement).max())
+
+    @property
+    def table(self) -> pandas.DataFrame:
+        """``time`` [s] and ``displacement`` [m]."""
+        import pandas
+
+        return pandas.DataFrame({"time": self.time, "displacement": self.displacement})
+
+    def __str__(self) -> str:
+        alone = "never" if math.isinf(self.alone) else f"{self.alone:.3g} s"
+        return (
+            f"{self.seconds:.3g} s until it swings less than {self.share:g} of its peak, "
+            f"{1e3 * self.peak:.3g} mm; without the damper {alone}"
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the displacement [mm] over the time, and what ``share`` of the peak is."""
+        from granular.shared.plotting import COLOURS, GREY, axes_or_new
+
+        ax = axes_or_new(ax)
+        ax.plot(self.time, 1e3 * self.displacement, color=COLOURS[0], lw=0.9)
+        for side in (-1.0, 1.0):
+            ax.axhline(1e3 * side * self.share * self.peak, color=GREY, linestyle="--", lw=0.9)
+        ax.axvline(self.seconds, color=COLOURS[1], lw=1.2, label=f"{self.seconds:.3g} s")
+        ax.set(xlabel="time since the impulse [s]", ylabel="displacement [mm]")
+        ax.legend(frameon=False)
+        return ax
+
+
+def run_impulse(
+    scene: Scene,
+    force: float,
+    *,
+    share: float = 0.1,
+    length: float = LENGTH,
+    duration: float = DURATION,
+    dt: float | str = "auto",
+    out: str | Path | None = None,
+    progress: bool = True,
+) -> Impulse:
+    """Strike a scene's host, and see how soon it comes down.
+
+    The impulse begins when what shakes the host in the scene begins.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a host of bodies.
+    force : float
+        Peak of the impulse, half a sine [N].
+    share : float
+        Of the peak; see `come_down_time`.
+    length : float
+        Of the impulse [s].
+    duration : float
+        How long the host is looked at after the impulse has begun [s].
+    dt : float or str
+        As of `simulate`.
+    out : str or Path, optional
+        Directory that keeps the run, in ``run``; the same call, also with another share or a longer
+        duration, goes on from there.
+
+    Raises
+    ------
+    InputError
+        If the scene has no such host, a number is out of its limits, the host still swings wider at
+        the end, or ``out`` holds another run.
+    """
+    host = _host(scene)
+    check_share(share)
+    if not 0.0 < abs(force) < math.inf:
+        raise InputError(f"an impulse of {force:g} N; give a force that is not 0")
+    if not 0.0 < length < duration < math.inf:
+        raise InputError(
+            f"an impulse of {length:g} s, looked at for {duration:g} s: give a length above 0 and "
+            "a longer duration"
+        )
+    start = 0.0 if host.excitation is None else host.excitation.start
+    struck = {"kind": "impulse", "force": force, "start": start, "duration": length}
+    scene = scene.replace(**{"effects.host.excitation": struck})
+    run = _simulated(scene, start + duration, dt, out, progress)
+    time, swing = run.dataset.time.values - start - length, run.dataset.host_displacement.values
+    seconds, behind = come_down_time(run, share), time >= 0.0
+    return Impulse(scene, time[behind], swing[behind], share, seconds)
+
+
+def _host(scene: Scene) -> Host:
+    host = scene.effects.host
+    if host is None or not host.bodies:
+        raise InputError(
+            f"the scene {quoted(scene.name)} has no host of bodies; give it effects.host.bodies, "
+            "or take the packaged scene 'machine'"
+        )
+    return host
+
+
+def _drive(scene: Scene) -> tuple[str, float, float]:
+    """What shakes the host: its key, its amplitude and when it begins."""
+    host = _host(scene)
+    if host.excitation is None:
+        raise InputError(
+            f"nothing shakes the host of {quoted(scene.name)}; give effects.host.excitation a "
+            "force, an acceleration or a displacement"
+        )
+    key = next(name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
+    size = float(getattr(host.excitation, key))
+    if size == 0.0:
+        raise InputError(f"the {key} that shakes the host is 0; give one above 0")
+    return key, size, host.excitation.start
+
+
+def _simulated(
+    scene: Scene, t_end: float, dt: float | str, out: str | Path | None, progress: bool
+) -> Trajectory:
+    from granular.run.simulation import simulate
+
+    kept: dict[str, Any] = {} if out is None else {"out": Path(out) / RUN, "resume": True}
+    return simulate(scene, dt=dt, t_end=t_end, progress=progress, **kept)

@@ -1,0 +1,147 @@
+"""The law beside a simulated response: their peaks, and the report that shows both."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from granular.response import Response
+from granular.response.page import Beside, response_page
+from granular.shared.errors import InputError
+from granular.shared.html import Page, number
+from granular.shared.text_columns import in_columns
+from reduced_models.machines.predicted import OutsideRangeWarning, predicted_response
+
+POINTS = 201
+"""Frequencies at which the law is solved for each force."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LawAtPeak:
+    """The greatest displacements at a force, simulated and by the law, over the same frequencies.
+
+    Attributes
+    ----------
+    force : float
+        [N]
+    simulated, law, linear : float
+        [m]; ``linear`` is that of the law's small swing.
+    outside : str
+        Why the law is not to be trusted there; empty where it is.
+    """
+
+    force: float
+    simulated: float
+    law: float
+    linear: float
+    outside: str
+
+    @property
+    def error(self) -> float:
+        """Of the law's peak, over the simulated one."""
+        return self.law / self.simulated - 1.0
+
+    @property
+    def linear_error(self) -> float:
+        """Of the small swing's peak, over the simulated one."""
+        return self.linear / self.simulated - 1.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LawBeside:
+    """The law's curves beside a response.
+
+    Attributes
+    ----------
+    peaks : tuple of LawAtPeak
+        For each force.
+    frequencies : float64 (f,)
+        [Hz]
+    law, linear : dict of float to float64 (f,)
+        Displacements of the machine [m], by the force.
+    """
+
+    peaks: tuple[LawAtPeak, ...]
+    frequencies: np.ndarray
+    law: dict[float, np.ndarray]
+    linear: dict[float, np.ndarray]
+
+    @property
+    def table(self) -> str:
+        """The peaks in columns."""
+        return in_columns([_HEAD, *_cells(self.peaks)])
+
+
+_HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error", "linear [mm]", "error")
+
+
+def law_beside(found: Response) -> LawBeside:
+    """Solve the law for a response's scene and forces, between its frequencies.
+
+    Raises
+    ------
+    InputError
+        If the law is not known for the scene (see `BedOnHost.of`), or no force shakes it.
+    """
+    data = found.dataset
+    if data.amplitude.attrs["long_name"] != "force":
+        raise InputError(
+            f"the base of the machine is shaken by its {data.amplitude.attrs['long_name']}; the "
+            "law is solved for a force on the machine: simulate one (--force)"
+        )
+    dense = np.linspace(float(data.frequency.min()), float(data.frequency.max()), POINTS)
+    peaks, law, linear = [], {}, {}
+    for force in data.amplitude.values.tolist():
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", OutsideRangeWarning)
+            said = predicted_response(found.scene, dense.tolist(), force)
+        outside = [str(one.message) for one in told if one.category is OutsideRangeWarning]
+        law[force], linear[force] = said.displacement, said.linear
+        simulated = float(data.displacement.sel(amplitude=force).max())
+        peaks.append(
+            LawAtPeak(
+                force, simulated, said.peak, float(said.linear.max()), "".join(outside)
+            )
+        )  # fmt: skip
+    return LawBeside(tuple(peaks), dense, law, linear)
+
+
+def law_page(found: Response) -> tuple[Page, LawBeside | None, str]:
+    """The report of a response with the law; the law; and why, where there is none."""
+    try:
+        law = law_beside(found)
+    except InputError as error:
+        why = f"No law stands beside the simulation: {error}."
+        return response_page(found, missing=why), None, why
+    return response_page(found, _shown(law)), law, ""
+
+
+def _shown(found: LawBeside) -> Beside:
+    notes = [f"Under {one.force:g} N {one.outside}." for one in found.peaks if one.outside]
+    return Beside(
+        title="The law in place of the bed",
+        words=(
+            "The law is the ordinary differential equation of the annealing bed on this machine; "
+            "nothing in it is fitted to a machine. Linear is its small swing, in which the bed "
+            "does not yield. Errors are of the greatest displacement between the lowest and the "
+            "highest frequency above, over the simulated one; where few frequencies were "
+            "simulated, their greatest may miss the peak."
+        ),
+        header=_HEAD,
+        rows=_cells(found.peaks),
+        frequencies=found.frequencies,
+        curves={"law": found.law, "linear law": found.linear},
+        notes=notes,
+    )
+
+
+def _cells(peaks: Sequence[LawAtPeak]) -> list[tuple[str, ...]]:
+    return [
+        (f"{one.force:g}", number(1e3 * one.simulated, 3),
+         number(1e3 * one.law, 3), f"{100.0 * one.error:+.0f} %",
+         number(1e3 * one.linear, 3), f"{100.0 * one.linear_error:+.0f} %")
+        for one in peaks
+    ]  # fmt: skip
