@@ -65,7 +65,7 @@ def response_page(found: Response, beside: Beside | None = None, missing: str = 
     page = Page(f"The response of scene {found.scene.name!r}", response_words(found))
     _curves(page, found, beside)
     _peaks(page, found)
-    _steadiness(page, found)
+    add_steadiness(page, found)
     if beside is not None:
         page.section(beside.title)
         page.table(beside.header, beside.rows)
@@ -166,7 +166,8 @@ def _peaks(page: Page, found: Response) -> None:
         )
 
 
-def _steadiness(page: Page, found: Response) -> None:
+def add_steadiness(page: Page, found: Response) -> None:
+    """Notes on swings that are not steady, and on a sweep that was too fast, where they are."""
     data = found.dataset
     pace = pace_of_sweep(found)
     if pace is not None and pace > PACE:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
@@ -11,6 +13,7 @@ import pytest
 from scipy.signal import lsim
 
 from granular import Scene, simulate
+from granular.__main__ import main
 from granular.response import come_down_time, swept_response
 from granular.response.come_down import come_down_of
 from granular.response.swept import swept_amplitudes
@@ -86,3 +89,31 @@ def test_other_runs_are_refused() -> None:
         come_down_time(run)
     with pytest.raises(InputError, match="no host under a sweep"):
         swept_response(run)
+
+
+@pytest.mark.long  # quick: bad input, and the page of a made response (test_page.py)
+def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "bare.toml"
+    machine({"force": 1.0, "frequency": 3.0, "start": 0.1}, 1.0).save(file)
+    swept = [
+        "response", str(file), "--from", "1.5Hz", "--to", "6Hz", "--sweep", "60s", "--json",
+        "--points", "40", "--quiet", "-o", str(tmp_path / "swept"),
+    ]  # fmt: skip
+    main(swept)
+    (peak,) = json.loads(capsys.readouterr().out)["peaks"]
+    exact = np.abs(amplitude(np.linspace(1.5, 6.0, 1000))).max()
+    assert peak["peak"] == pytest.approx(exact, rel=0.1)
+    assert peak["alone"] == pytest.approx(exact, rel=1e-3)
+    assert {"report.html", "response.csv", "response.png", "run"} <= {
+        one.name for one in (tmp_path / "swept").iterdir()
+    }
+    struck = ["impulse", str(file), "--force", "50N", "--quiet", "-o", str(tmp_path / "struck")]
+    with pytest.raises(InputError, match="run longer"):
+        main([*struck, "--duration", "0.5s"])
+    main([*struck, "--duration", "3s", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["alone"] == pytest.approx(math.log(10.0) / 2.0)
+    assert found["seconds"] == pytest.approx(found["alone"], abs=math.pi / 20.0)
+    main([*struck, "--duration", "3s", "--share", "0.5", "--json"])
+    assert json.loads(capsys.readouterr().out)["seconds"] < found["seconds"]
+    assert len((tmp_path / "struck" / "impulse.csv").read_text().splitlines()) > 1000

@@ -1,0 +1,141 @@
+"""The report of a response, what is kept of it, and what the commands refuse; nothing is run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene
+from granular.effects.host import Host
+from granular.response import Response, load_response, save_response
+from granular.response.exact import hanging_mass, linear_response, slowest_decay
+from granular.response.hung import against_linear
+from granular.response.page import add_steadiness, response_page
+from granular.response.page_damper import losses_of
+from granular.response.response import labelled
+from granular.response.transients import pace_of_sweep
+from granular.shared.errors import InputError
+from granular.shared.html import Page
+
+FREQUENCIES = np.linspace(2.5, 3.6, 9).tolist()
+HUNG = (7.0, 2500.0, 90.0)
+"""Mass, spring and dashpot of what stands for a damper."""
+
+
+def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any) -> Response:
+    """As if a linear damper had been simulated on the scene's host."""
+    host = scene.effects.host
+    assert host is not None
+    hung = hanging_mass(FREQUENCIES, *HUNG)
+    swing = np.array([linear_response(host, FREQUENCIES, hung)[:, -1] * f / 10.0 for f in forces])
+    still = np.full(swing.shape, 0.01)
+    found = {
+        "displacement": ("m", "amplitude", np.abs(swing)),
+        "phase": ("rad", "phase", -np.angle(swing)),
+        "unsteady": ("1", "change", 7.0 * still),
+        "work_a_period": ("J", "work", 3.0 * still),
+        "drag_loss_a_period": ("J", "drag", 2.0 * still),
+        "affine_loss_a_period": ("J", "drag", 1.5 * still),
+        "friction_loss_a_period": ("J", "friction", 0.0 * still),
+        "host_loss_a_period": ("J", "dashpots", 1.0 * still),
+    }
+    found |= against_linear(scene, host, "force", forces, FREQUENCIES, swing)
+    return Response(scene, labelled("force", forces, FREQUENCIES, found), settings)
+
+
+def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
+    found = made(load_scene("machine"), dt="auto*4", duration=12.0)
+    data = found.dataset
+    np.testing.assert_allclose(data.added_damping[0], data.added_damping[1], rtol=1e-9)
+    hung = hanging_mass(FREQUENCIES, *HUNG)
+    omega = math.tau * np.array(FREQUENCIES)
+    np.testing.assert_allclose(data.added_damping[0], hung.imag / omega, rtol=1e-9)
+    page = response_page(found).render()
+    row = found.peaks()[1]
+    assert f"{row['reduction']:.3g} times as much" in page
+    for words in ("times lower", "rearranging [mJ]", "added damping", "loss factor", "auto*4",
+                  "changes by 7 % while it is taken", "stiffness = 41700"):  # fmt: skip
+        assert words in page, words
+    assert "friction [mJ]" not in page
+    assert "nothing is known" in response_page(found, missing="nothing is known").render()
+
+
+def test_what_rearranges_is_drag_beyond_the_affine() -> None:
+    losses = losses_of(made(load_scene("machine")).dataset.isel(amplitude=0))
+    assert set(losses) == {"affine drag", "rearranging", "dashpots"}
+    np.testing.assert_allclose(losses["rearranging"], 0.005)
+
+
+def test_a_response_is_kept_to_the_last_bit(tmp_path: Path) -> None:
+    found = made(load_scene("machine"), dt="auto", duration=12.0)
+    save_response(found, tmp_path)
+    again = load_response(tmp_path)
+    assert again.dataset.equals(found.dataset)
+    assert again.scene == found.scene
+    assert again.settings == found.settings
+    with pytest.raises(InputError, match=r"holds no response\.json; write one"):
+        load_response(tmp_path / "nothing")
+    for text in ("{", "[]", '{"scene": {}, "settings": {}, "dataset": {}}'):
+        (tmp_path / "response.json").write_text(text)
+        with pytest.raises(InputError, match=r"cannot be read: .* write it anew"):
+            load_response(tmp_path)
+
+
+def test_a_sweep_that_is_too_fast_is_told() -> None:
+    slow, fast = (
+        made(load_scene("machine"), (10.0,), dt="auto", duration=length, sweep=[2.5, 3.6])
+        for length in (4000.0, 4.0)
+    )
+    paces = pace_of_sweep(slow), pace_of_sweep(fast)
+    assert paces[0] is not None
+    assert paces[1] == pytest.approx(1000.0 * paces[0])
+    for found, told in ((fast, True), (slow, False)):
+        page = Page("")
+        add_steadiness(page, found)
+        assert ("too fast" in page.render()) == told
+
+
+def test_one_body_decays_by_half_its_damping_over_its_mass() -> None:
+    body = {"mass": 2.0, "stiffness": 800.0, "damping": 6.0}
+    assert slowest_decay(Host.from_plain({"bodies": [body]})) == pytest.approx(1.5)
+    stiff = {"mass": 0.01, "stiffness": 1e6, "damping": 100.0}
+    rate = slowest_decay(Host.from_plain({"bodies": [body, stiff]}))
+    assert rate == pytest.approx(6.0 / 4.02, rel=1e-3)
+
+
+SWEEP = ("response", "machine", "--from", "2Hz", "--to", "4Hz", "--sweep")
+REFUSED = [
+    ((*SWEEP, "0s"), "a sweep of 0 s is shorter than 12 periods of its lowest frequency"),
+    ((*SWEEP, "60s", "--workers", "2"), "--workers is for sines"),
+    ((*SWEEP, "60s", "--force", "0N"), "the force that shakes the host is 0"),
+    (
+        ("response", "machine", "--from", "4Hz", "--to", "2Hz", "--sweep", "60s"),
+        "give two frequencies, the lower one first",
+    ),
+    (("response", "bed", "--from", "2Hz", "--to", "4Hz", "--sweep", "60s"), "has no host"),
+    (
+        ("response", "machine", "--from", "2Hz", "--to", "4Hz", "--sweep", "60s",
+         "--set", "effects.host.excitation=none"),
+        "give --force, --acceleration or --displacement",
+    ),
+    (("impulse", "machine"), "required: --force"),
+    (("impulse", "bed", "--force", "5N"), "has no host of bodies"),
+    (("impulse", "machine", "--force", "0N"), "give a force that is not 0"),
+    (("impulse", "machine", "--force", "5N", "--share", "1.5"), "above 0 and below 1"),
+    (("impulse", "machine", "--force", "5N", "--length", "12s"), "a longer duration"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "message"), REFUSED)
+def test_bad_input_is_one_line(
+    words: tuple[str, ...], message: str, command: Callable[..., Any]
+) -> None:
+    done = command("granular", *words)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.splitlines()) == 1

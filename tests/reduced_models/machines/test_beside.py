@@ -1,0 +1,59 @@
+"""The law beside a response, and the command that shows it; the response is made, not simulated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene
+from granular.response import Response, save_response
+from granular.response.response import labelled
+from granular.shared.errors import InputError
+from reduced_models.machines import law_beside, predicted_response
+
+FREQUENCIES = [2.7, 2.85, 3.0]
+
+
+def made(scene: Scene, key: str = "force") -> Response:
+    """A response whose peak is 4 mm."""
+    swing = np.array([[1e-3, 4e-3, 2e-3]])
+    data = labelled(key, [10.0], FREQUENCIES, {"displacement": ("m", "amplitude", swing)})
+    return Response(scene, data)
+
+
+def test_errors_are_those_of_the_peaks() -> None:
+    found = law_beside(made(load_scene("machine")))
+    (peak,) = found.peaks
+    said = predicted_response(load_scene("machine"), found.frequencies.tolist(), 10.0)
+    assert peak.law == said.peak
+    assert peak.error == pytest.approx(said.peak / 4e-3 - 1.0)
+    assert peak.linear == said.linear.max()
+    assert found.frequencies[[0, -1]].tolist() == [2.7, 3.0]
+    with pytest.raises(InputError, match="base of the machine is shaken"):
+        law_beside(made(load_scene("machine"), "acceleration"))
+
+
+def test_the_command_shows_the_law_or_says_why_not(
+    tmp_path: Path, command: Callable[..., Any]
+) -> None:
+    save_response(made(load_scene("machine")), tmp_path)
+    done = command("reduced_models", "response-law", str(tmp_path))
+    assert done.returncode == 0
+    assert done.stdout.startswith("force [N]  simulated [mm]  law [mm]  error")
+    page = (tmp_path / "report.html").read_text()
+    assert "The law in place of the bed" in page
+    assert "linear law" in page
+    save_response(made(load_scene("machine").replace(**{"grains.count": 92})), tmp_path)
+    done = command("reduced_models", "response-law", str(tmp_path), "--json")
+    answer = json.loads(done.stdout)
+    assert answer["peaks"] == []
+    assert "92 grains" in answer["missing"]
+    assert "92 grains" in (tmp_path / "report.html").read_text()
+    done = command("reduced_models", "response-law", str(tmp_path / "nothing"))
+    assert done.returncode == 2
+    assert "holds no response.json" in done.stderr
