@@ -24,7 +24,7 @@ UNSTEADY = 0.05
 """Change of the amplitude, while it is taken, from which on a reader is told."""
 PACE = 0.3
 """Of a sweep (`pace_of_sweep`), from which on a reader is told."""
-_DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", ":", "-.")
+_DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
 """Frequencies from which on points are not marked."""
 
@@ -164,6 +164,12 @@ def _peaks(page: Page, found: Response) -> None:
             "damper's weight, on a spring and a dashpot of the best size. Both are exact, and "
             "taken between the lowest and the highest frequency above."
         )
+        curve = found.linear_curves(rows[-1]["amplitude"])["alone"]
+        if int(curve.argmax()) in (0, len(curve) - 1):
+            page.note(
+                "The machine alone swings most outside of these frequencies: how many times the "
+                "damper lowers its peak is told by a response that reaches further."
+            )
 
 
 def add_steadiness(page: Page, found: Response) -> None:
@@ -174,7 +180,7 @@ def add_steadiness(page: Page, found: Response) -> None:
         wanted = found.settings["duration"] * pace / (0.5 * PACE)
         page.note(
             f"The sweep was too fast for the peak: its frequency changes {pace:.2g} times as fast "
-            f"as the machine with its damper can follow. Give a sweep of {wanted:.2g} s or more, "
+            f"as the machine with its damper can follow. Give a sweep of {wanted:.0f} s or more, "
             "or steady sines."
         )
     if "unsteady" not in data:

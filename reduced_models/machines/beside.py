@@ -75,7 +75,7 @@ class LawBeside:
         return in_columns([_HEAD, *_cells(self.peaks)])
 
 
-_HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error", "linear [mm]", "error")
+_HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")
 
 
 def law_beside(found: Response) -> LawBeside:
@@ -141,7 +141,7 @@ def _shown(found: LawBeside) -> Beside:
 def _cells(peaks: Sequence[LawAtPeak]) -> list[tuple[str, ...]]:
     return [
         (f"{one.force:g}", number(1e3 * one.simulated, 3),
-         number(1e3 * one.law, 3), f"{100.0 * one.error:+.0f} %",
-         number(1e3 * one.linear, 3), f"{100.0 * one.linear_error:+.0f} %")
+         number(1e3 * one.law, 3), f"{100.0 * one.error:+.0f}",
+         number(1e3 * one.linear, 3), f"{100.0 * one.linear_error:+.0f}")
         for one in peaks
     ]  # fmt: skip
