@@ -10,8 +10,8 @@ from granular.shared.console import add_output, emit
 
 WHAT = "set the law of the bed beside a machine's simulated response, and write a report"
 EXAMPLES = """\
-example:
-  %(prog)s out/machine       # after: granular-damper response machine ... -o out/machine"""
+example, after 'response machine ... -o out/machine':
+  %(prog)s out/machine"""
 REPORT = "report.html"
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 WHAT = "how soon a machine that carries a damper comes down after an impulse"
 EXAMPLES = """\
 examples:
-  %(prog)s machine --force 500N --dt 'auto*4' -o out/impulse
+  %(prog)s machine --force 500N --share 0.1 --dt 'auto*4' -o out/impulse
   %(prog)s machine --force 500N --share 0.5 --duration 6s --dt 'auto*4'"""
 
 

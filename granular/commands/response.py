@@ -28,7 +28,7 @@ EXAMPLES = """\
 examples:
   %(prog)s machine --from 2.6Hz --to 3.6Hz --points 9 --dt 'auto*4' -o out/machine
   %(prog)s machine --from 2.8Hz --to 3Hz --points 3 --dt 'auto*4' --force 5N --force 10N -o two
-  %(prog)s machine --from 2.5Hz --to 3.5Hz --sweep 40s --force 10N --dt 'auto*4' -o swept
+  %(prog)s machine --from 2.5Hz --to 3.5Hz --sweep 40s --dt 'auto*4' -o out/sweep
 
 Each sine is a run; --sweep makes one run of all. report.html in DIR shows what was found."""
 POINTS, SINE = 25, 20.0

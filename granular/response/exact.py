@@ -33,6 +33,8 @@ def tuned_mass(host: Host, mass: float) -> tuple[float, float]:
 def hanging_mass(frequencies: Any, mass: float, spring: float, dashpot: float) -> np.ndarray:
     """Dynamic stiffness (f,) [N/m] of a mass on spring and dashpot, at frequencies [Hz]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
+    if mass == 0.0:
+        return np.zeros(omega.shape, dtype=np.complex128)
     held = spring + 1j * omega * dashpot
     return np.asarray(-(omega**2) * mass * held / (held - omega**2 * mass))
 
