@@ -454,7 +454,9 @@ def write_machine_law() -> None:
     for force in forces:
         ones = [one.sel(amplitude=force) for one in simulations]
         peaks = [1e3 * float(one.displacement.max()) for one in ones]
-        swing = np.mean([float(one.stroke.values[one.displacement.values.argmax()]) for one in ones])
+        swing = np.mean(
+            [float(one.stroke.values[one.displacement.values.argmax()]) for one in ones]
+        )
         mean = float(np.mean(peaks))
         said = [
             response_of(law, frequencies, force).peak,
