@@ -119,7 +119,7 @@ def own_effect_and_law(found: Numbers) -> None:
     assert found["ways_differ"] < 1e-12
     assert found["energy_order"] == pytest.approx(2.0, abs=0.1)
     assert found["balance"] < 1e-3
-    assert found["weight_is_g"]
+    assert found["weight_over_g"] == pytest.approx(1.0, abs=0.05)
     assert "asks for" in found["wrong_force"]
     assert found["pull_error"] < 1e-12
     assert found["wave_error"] < 1e-11
