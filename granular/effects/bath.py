@@ -55,6 +55,7 @@ class Bath(Effect):
     """
 
     key = "bath"
+    periodic = True
     damps = True
     drifts = True
     example: ClassVar[Any] = {"temperature": "2 uJ", "rate": "5 1/s"}

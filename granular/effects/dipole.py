@@ -18,6 +18,7 @@ class Dipole(Effect):
     """Dipole repulsion between all grains. It has no parameters: the grains' moments fix it."""
 
     key = "dipole"
+    periodic = True
     energy_record = in_joules("pair_energy", "energy of the magnetic pairs")
 
 

@@ -40,6 +40,7 @@ class Drag(Effect):
     """
 
     key = "drag"
+    periodic = True
     damps = True
     takes_along = ()
     loss_record = in_joules("drag_loss", "energy lost to viscous drag")

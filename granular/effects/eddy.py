@@ -38,6 +38,7 @@ class Eddy(Effect):
     """
 
     key = "eddy"
+    periodic = True
     rank = 1
     example: ClassVar[Any] = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     damps = True

@@ -123,6 +123,9 @@ class Effect(Section):
         Whether it takes energy wherever grains move.
     drifts : bool
         Whether it has a ``glide``.
+    periodic : bool
+        Whether it is the same at a grain and at all images of it, and meets the nearest images of
+        other grains: it can act in a periodic cell.
     takes_along : tuple of str or None
         Of an effect with a ``kick``: the others with one that are solved with it.
     energy_record, loss_record : Record or None
@@ -138,6 +141,7 @@ class Effect(Section):
     dry: ClassVar[bool] = False
     damps: ClassVar[bool] = False
     drifts: ClassVar[bool] = False
+    periodic: ClassVar[bool] = False
     takes_along: ClassVar[tuple[str, ...] | None] = None
     energy_record: ClassVar[Record | None] = None
     loss_record: ClassVar[Record | None] = None

@@ -55,6 +55,7 @@ class Friction(Effect):
     """
 
     key = "friction"
+    periodic = True
     dry = True
     damps = True
     takes_along = ("drag",)

@@ -38,6 +38,8 @@ class Acting(NamedTuple):
         Of de Paula's Verlet list.
     far : FarField or None
         What is beyond the radius where pairs end smoothly.
+    nearest : float64 (3,) or None
+        Of the direct sum in a periodic cell: its sides, and the radius where pairs end [D].
     """
 
     laws: tuple[Any, ...]
@@ -47,6 +49,7 @@ class Acting(NamedTuple):
     cut: CutOff | None
     listing: Listing | None
     far: FarField | None
+    nearest: Array | None
 
 
 class Resistance(NamedTuple):

@@ -25,6 +25,7 @@ def _magnetic_forces(
         direct_sum(
             state.x, state.y, state.fx, state.fy, moments_of(constants),
             stiffness, extremes, load, weight, state.buffers, constants.threaded,
+            constants.acting.nearest,
         )  # fmt: skip
     if cut is not None:
         assert state.stripes is not None

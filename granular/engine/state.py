@@ -164,7 +164,10 @@ def _room(law: Any, size: int, count: int) -> Any:
 def _stripes(size: int, acting: Acting) -> Stripes | None:
     if acting.cut is None:
         return None
-    return stripes_room(size, moments=acting.cut.moments, loaded=acting.weight is not None)
+    cut = acting.cut
+    return stripes_room(
+        size, moments=cut.moments, loaded=acting.weight is not None, periods=cut.periods
+    )
 
 
 def _far_forces(size: int, acting: Acting) -> FarForces | None:

@@ -104,8 +104,16 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
     dipole, walls = scene.effects.dipole, scene.effects.walls
     summed = None if dipole is None else scene.pair_method
     far = _far_field(scene, scales, summed, method)
-    radius = scene.pairs.radius(summed, scales.length) if far is None else far.radius
-    several = len(grains.species) > 1 or grains.spread > 0.0
+    periods = _periods(scene, scales)
+    room = None if periods is None else min(periods)
+    radius = scene.pairs.radius(summed, scales.length, room) if far is None else far.radius
+    nearest = cut = None
+    if summed == "direct" and periods is not None:
+        assert radius is not None
+        nearest = np.array([*periods, radius])
+    elif radius is not None:
+        several = len(grains.species) > 1 or grains.spread > 0.0
+        cut = CutOff(radius, several, None if far is None else True, periods)
     return Acting(
         laws=tuple(effect.law(setting) for effect in effects),
         dipole=None if dipole is None else True,
@@ -113,10 +121,17 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
         if walls is None
         else Sides(*(None if one is None else True for one in walls.sides)),
         weight=weights[0] if weights else None,
-        cut=None if radius is None else CutOff(radius, several, None if far is None else True),
+        cut=cut,
         listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
         far=far,
+        nearest=nearest,
     )
+
+
+def _periods(scene: Scene, scales: Scales) -> tuple[float, float] | None:
+    """Sides of a periodic cell [D]."""
+    periods = scene.cell.periods
+    return None if periods is None else (periods[0] / scales.length, periods[1] / scales.length)
 
 
 def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
@@ -152,14 +167,17 @@ def _far_field(
     scene: Scene, scales: Scales, summed: str | None, method: Method | None
 ) -> FarField | None:
     """What is split off the law of a pair; None where it is summed as a whole."""
-    if summed == "direct":
+    if summed == "direct" and scene.cell.periods is None:
         every = _far_every(scene, method)
         return None if every is None else FarField(SPLIT_RADIUS, None, every)
     radius = scene.pairs.radius(summed, scales.length)
     if summed != "mesh" or radius is None:
         return None
+    periods = _periods(scene, scales)
     height = HEADROOM * scene.greatest_height() / scales.length
     width = scene.cell.width / scales.length
+    if periods is not None:
+        width, height = periods
     points = width * height * (SPACINGS / radius) ** 2
     if points > MOST_POINTS:
         raise InputError(
@@ -169,7 +187,8 @@ def _far_field(
     rubbing = None
     if scene.effects.friction is not None and scene.pairs.far_every is None:
         rubbing = AHEAD if method is not None and method.takes_impulses else 1
-    return FarField(radius, (width, height), _far_every(scene, method), rubbing)
+    every = _far_every(scene, method)
+    return FarField(radius, (width, height), every, rubbing, periodic=periods is not None)
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:

@@ -49,6 +49,23 @@ def _add_along(
     return [[b.load(one) for one in totals] for totals in sums]
 
 
+def _copy_round(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
+    """Copy what was met along lines to where they stand again, before the first and behind all."""
+    b = code.builder
+    block, width = ir.Constant(INDEX, TERMS * WIDTH), ir.Constant(INDEX, WIDTH)
+    zero, one = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
+    whole = b.mul(lines, reach)
+    behind = b.add(reach, ir.Constant(INDEX, BESIDE))
+    with cgutils.for_range_slice(b, zero, b.add(reach, behind), one, INDEX) as (copy, _):
+        before = b.icmp_signed("<", copy, reach)
+        here = b.select(before, copy, b.add(copy, lines))
+        from_line = b.urem(b.sub(b.add(here, whole), reach), lines)
+        there = b.mul(b.add(from_line, reach), block)
+        with cgutils.for_range_slice(b, zero, block, width, INDEX) as (place, _):
+            value = code.load(rows, b.add(there, place))
+            code.store(value, rows, b.add(b.mul(here, block), place))
+
+
 def _sums(code: Code, many: int) -> list[Any]:
     sums = [code.variable(constant(0.0)) for _ in range(many)]
     for one in sums:
@@ -115,11 +132,11 @@ def _add_across(
 @intrinsic
 def _convolve_columns(
     typing: Any, source: Any, out: Any, along: Any, across: Any, rows: Any, at: Any, stride: Any,
-    lines: Any, first: Any, scale: Any,
+    lines: Any, first: Any, scale: Any, around: Any,
 ) -> Any:  # fmt: skip
     signature = types.void(
         source, out, along, across, rows, types.intp, types.intp, types.intp, types.boolean,
-        types.float64,
+        types.float64, around,
     )  # fmt: skip
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -129,7 +146,7 @@ def _convolve_columns(
             for kind, array in zip(signature.args[:5], values[:5], strict=True)
         ]
         source, out, along, across, rows = pointers
-        at, stride, lines, first, scale = values[5:]
+        at, stride, lines, first, scale = values[5:10]
         shape = context.make_array(signature.args[2])(context, b, values[2]).shape
         reach = b.extract_value(shape, 0)
         zero, one = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -143,6 +160,8 @@ def _convolve_columns(
                 begin = b.mul(b.add(here, reach), block)
                 for term, value in enumerate(sums):
                     code.store(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
+        if not isinstance(signature.args[10], types.NoneType):
+            _copy_round(code, rows, lines, reach)
         factor = code.splat(scale)
         many = ir.Constant(INDEX, _LINES)
         with cgutils.for_range_slice(b, zero, lines, many, INDEX) as (line, _):
@@ -161,20 +180,21 @@ def _convolve_columns(
 @compiled
 def _convolve(
     source: Array, out: Array, along: Array, across: Array, rows: Array, at: int, stride: int,
-    lines: int, scale: float,
+    lines: int, scale: float, around: Array | None,
 ) -> None:  # fmt: skip
     reach, block = along.shape[1], TERMS * WIDTH
     rows[: reach * block] = 0.0
     rows[(reach + lines) * block : (2 * reach + lines) * block] = 0.0
     for group in range(len(along)):
         _convolve_columns(
-            source, out, along[group], across[group], rows, at, stride, lines, group == 0, scale
-        )
+            source, out, along[group], across[group], rows, at, stride, lines, group == 0, scale,
+            around,
+        )  # fmt: skip
 
 
 def _plain_convolve(
     source: Array, out: Array, along: Array, across: Array, rows: Array, at: int, stride: int,
-    lines: int, scale: float,
+    lines: int, scale: float, around: Array | None,
 ) -> None:  # fmt: skip
     reach = along.shape[1]
     places = at + stride * np.arange(lines)[:, None] + np.arange(WIDTH)
@@ -183,8 +203,11 @@ def _plain_convolve(
         for there in range(1 - reach, reach):
             share = (along[:, abs(here)] * across[:, abs(there)]).sum()
             share *= (2.0 if here == 0 else 1.0) * (2.0 if there == 0 else 1.0)
-            chosen = np.arange(max(0, -there), min(lines, lines - there))
-            out[places[chosen]] += scale * share * source[places[chosen + there] + here]
+            chosen = np.arange(lines)
+            if around is None:
+                chosen = np.arange(max(0, -there), min(lines, lines - there))
+            others = places[(chosen + there) % lines]
+            out[places[chosen]] += scale * share * source[others + here]
 
 
 convolve = _plain_convolve if config.DISABLE_JIT else _convolve
@@ -203,4 +226,6 @@ at : int
 stride, lines : int
     From line to line, and how many lines.
 scale : float
+around : float64 (2,) or None
+    Anything but None where the first line stands again behind the last one.
 """

@@ -48,10 +48,20 @@ def _place_part(stripes: Stripes, asked: Asked, part: int) -> None:
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.place[k]] = asked.x[stripes.order[k]]
         stripes.y[stripes.place[k]] = asked.y[stripes.order[k]]
+    _bring_home(stripes.homes, stripes, part)
     _clear(asked.fx, stripes.fx, stripes, part)
     _clear(asked.fy, stripes.fy, stripes, part)
     _clear(asked.stiffness, stripes.stiffness, stripes, part)
     _clear(asked.load, stripes.load, stripes, part)
+
+
+@compiled(inline=True)
+def _bring_home(homes: Array | None, stripes: Stripes, part: int) -> None:
+    """In a periodic cell, put the images within it in the grains' places."""
+    if homes is not None:
+        for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
+            stripes.x[stripes.place[k]] -= homes[0, stripes.order[k]]
+            stripes.y[stripes.place[k]] -= homes[1, stripes.order[k]]
 
 
 @compiled(inline=True)
@@ -63,7 +73,7 @@ def _clear(asked: Array | None, sums: Array | None, stripes: Stripes, part: int)
 @compiled(inline=True)
 def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
     if sums is not None:
-        clear_row(sums, part, stripes.rows[part], stripes.ends[part])
+        clear_row(sums, part, stripes.lows[part], stripes.ends[part])
 
 
 @compiled
@@ -75,16 +85,18 @@ def _sweep_part(
         stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments,
         if_given(asked.stiffness, stripes.stiffness), asked.extremes,
         if_given(asked.load, stripes.load), stripes.weight, stripes.runs,
-        part, stripes.rows[part], stripes.rows[part + 1], radius, smooth,
+        part, stripes.rows[part], stripes.rows[part + 1], radius, smooth, stripes.shifts,
     )  # fmt: skip
 
 
 @compiled(inline=True)
 def _join(sums: Array, stripes: Stripes, part: int) -> None:
-    """Add to a part's sums what the parts before it have for its rows."""
-    for other in range(part):
+    """Add to a part's sums what the other parts have for its rows."""
+    for other in range(stripes.ends.size):
+        first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])
-        add_row(sums, part, other, stripes.rows[part], end)
+        if other != part:
+            add_row(sums, part, other, first, end)
 
 
 @compiled(inline=True)

@@ -54,15 +54,17 @@ def _sweep(
     extremes: Array | None,
     load: Array | None,
     weight: Array | None,
+    nearest: Array | None,
     part: int,
     parts: int,
 ) -> None:
     size = x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
-        sweep_block(x, y, fx, fy, moments, stiffness, extremes, load, weight, first)
+        sweep_block(x, y, fx, fy, moments, stiffness, extremes, load, weight, first, nearest)
         sweep_rows(
-            x, y, fx, fy, moments, stiffness, extremes, load, weight, first, first + WIDTH, size
-        )
+            x, y, fx, fy, moments, stiffness, extremes, load, weight, first, first + WIDTH, size,
+            nearest,
+        )  # fmt: skip
 
 
 @compiled
@@ -74,6 +76,7 @@ def _sweep_part(
     extremes: Array | None,
     load: Array | None,
     weight: Array | None,
+    nearest: Array | None,
     buffer: Array,
     part: int,
 ) -> None:
@@ -88,7 +91,9 @@ def _sweep_part(
     if load is not None:
         load = buffer[3]
         load[:] = 0.0
-    _sweep(x, y, buffer[0], buffer[1], moments, stiffness, extremes, load, weight, part, PARTS)
+    _sweep(
+        x, y, buffer[0], buffer[1], moments, stiffness, extremes, load, weight, nearest, part, PARTS
+    )
 
 
 @compiled
@@ -100,10 +105,11 @@ def _sweep_parts(
     extremes: Array | None,
     load: Array | None,
     weight: Array | None,
+    nearest: Array | None,
     buffers: Array,
 ) -> None:
     for part in range(PARTS):
-        _sweep_part(x, y, moments, stiffness, extremes, load, weight, buffers[part], part)
+        _sweep_part(x, y, moments, stiffness, extremes, load, weight, nearest, buffers[part], part)
 
 
 @compiled(parallel=True)
@@ -115,10 +121,11 @@ def _sweep_parts_threaded(
     extremes: Array | None,
     load: Array | None,
     weight: Array | None,
+    nearest: Array | None,
     buffers: Array,
 ) -> None:
     for part in numba.prange(PARTS):
-        _sweep_part(x, y, moments, stiffness, extremes, load, weight, buffers[part], part)
+        _sweep_part(x, y, moments, stiffness, extremes, load, weight, nearest, buffers[part], part)
 
 
 @compiled
@@ -143,6 +150,7 @@ def _direct_sum(
     weight: Array | None,
     buffers: Array | None,
     threaded: bool | None,
+    nearest: Array | None,
 ) -> None:
     if extremes is not None:
         extremes[:] = 0.0
@@ -153,12 +161,14 @@ def _direct_sum(
             stiffness[:] = 0.0
         if load is not None:
             load[:] = 0.0
-        _sweep(x, y, fx, fy, moments, stiffness, extremes, load, weight, 0, 1)
+        _sweep(x, y, fx, fy, moments, stiffness, extremes, load, weight, nearest, 0, 1)
     else:
         if threaded is None:
-            _sweep_parts(x, y, moments, stiffness, extremes, load, weight, buffers)
+            _sweep_parts(x, y, moments, stiffness, extremes, load, weight, nearest, buffers)
         else:
-            _sweep_parts_threaded(x, y, moments, stiffness, extremes, load, weight, buffers)
+            _sweep_parts_threaded(
+                x, y, moments, stiffness, extremes, load, weight, nearest, buffers
+            )
         _add_parts(buffers, 0, fx)
         _add_parts(buffers, 1, fy)
         if stiffness is not None:
@@ -201,4 +211,8 @@ buffers : float64 (PARTS, 5, m) or None
     From `part_buffers`.
 threaded : bool or None
     None runs the parts one after another, anything else on Numba's threads.
+nearest : float64 (3,) or None
+    Of a periodic cell, where each grain meets the nearest image of every other one: its width and
+    height, and the radius where pairs end [D], at most half the shorter side. The energy of a pair
+    is taken as zero there.
 """

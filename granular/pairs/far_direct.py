@@ -66,7 +66,7 @@ def find_far_direct(
         fy[:grains] = np.nan
         return
     near_x, near_y, every, near = room.near[0], room.near[1], room.extremes[0], room.extremes[1]
-    direct_sum(x, y, fx, fy, moments, None, every, None, None, room.buffers, threaded)
+    direct_sum(x, y, fx, fy, moments, None, every, None, None, room.buffers, threaded, None)
     cut_sum(
         stripes, radius, True, threaded, grains, x, y, near_x, near_y, moments, None, near,
         None, None,

@@ -15,6 +15,7 @@ from granular.compiled import Array, compiled
 from granular.effects.dipole import ENERGY
 from granular.pairs.far_direct import DirectRoom, direct_room
 from granular.pairs.mesh import PARTS, Mesh, mesh_room, open_windows
+from granular.pairs.mesh_around import mesh_around_room
 from granular.pairs.mesh_grains import gathered, spread
 from granular.pairs.mesh_potential import find_potential
 from granular.pairs.split import CUBE
@@ -60,12 +61,15 @@ class FarField(NamedTuple):
     rubbing : int or None
         Where grains rub, it is found again only where one has moved by more than `STILL`, and while
         they slide every so many steps. None: for every force.
+    periodic : bool
+        Whether the mesh goes round a periodic cell of that size.
     """
 
     radius: float
     size: tuple[float, float] | None
     every: int | None
     rubbing: int | None = None
+    periodic: bool = False
 
 
 class FarForces(NamedTuple):
@@ -111,9 +115,11 @@ class FarForces(NamedTuple):
 
 def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
     """Room for that many grains (padded)."""
-    mesh = None
-    if field.size is not None:
-        mesh = mesh_room(*field.size, field.radius, field.radius / SPACINGS, size)
+    mesh, spacing = None, field.radius / SPACINGS
+    if field.size is not None and field.periodic:
+        mesh = mesh_around_room(*field.size, field.radius, spacing)
+    elif field.size is not None:
+        mesh = mesh_room(*field.size, field.radius, spacing, size)
     return FarForces(
         mesh=mesh,
         direct=direct_room(size) if mesh is None else None,
@@ -223,6 +229,11 @@ def _gather_load(threaded: bool | None, mesh: Mesh, asked: Asked) -> None:
         _gather_load_threaded(mesh, asked)
 
 
+@compiled(inline=True)
+def _has_room(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
+    return True if around is not None else open_windows(mesh, x, y, grains)
+
+
 @compiled
 def find_far_forces(
     mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
@@ -249,7 +260,7 @@ def find_far_forces(
         far.fx[:grains] = np.nan
         far.fy[:grains] = np.nan
         return 0
-    if not open_windows(mesh, x, y, grains):
+    if not _has_room(mesh.around, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
     own = CUBE[0] / (far.radius * far.radius * far.radius)

@@ -15,6 +15,10 @@ from granular.pairs.inverse import inverse_fifth
 from granular.pairs.lanes import INDEX, Code, constant, flags
 
 
+_AWAY = 1e100
+"""Square of a way [D^2] that no two grains are apart."""
+
+
 class Sums(NamedTuple):
     """What pairs add to a grain; None where it is not asked for."""
 
@@ -78,6 +82,25 @@ class Cut(NamedTuple):
     smooth: Smooth | None = None
 
 
+class Images(NamedTuple):
+    """A periodic cell, in every lane: its sides, and one over them."""
+
+    width: Any
+    height: Any
+    per_width: Any
+    per_height: Any
+
+    def nearest(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
+        """The way to the nearest image."""
+        b, found = code.builder, []
+        for way, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
+            turns = code.rounded(b.fmul(way, per))
+            found.append(b.fsub(way, b.fmul(turns, side)))
+        # Padding grains have no images.
+        padding = b.fcmp_unordered(">", b.fmul(dx, dx), constant(_AWAY))
+        return b.select(padding, dx, found[0]), found[1]
+
+
 class Extremes:
     """The energy of a sweep, and its closest pair."""
 
@@ -128,7 +151,7 @@ def _energy(
 
 def interact(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
-    lanes: list[bool] | None = None, cut: Cut | None = None,
+    lanes: list[bool] | None = None, cut: Cut | None = None, images: Images | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
     """What the pairs add to the sums of the first grains, and to those of the second ones.
 
@@ -137,6 +160,8 @@ def interact(
     b = code.builder
     zero = constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
+    if images is not None:
+        dx, dy = images.nearest(code, dx, dy)
     r2 = code.fused(dx, dx, b.fmul(dy, dy))
     s = inverse_fifth(code, r2)
     if lanes is not None:

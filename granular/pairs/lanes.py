@@ -78,6 +78,10 @@ class Code:
     def fused(self, a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
         return self.call(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
 
+    def rounded(self, vector: ir.Value) -> ir.Value:
+        """To whole numbers, halves to even ones."""
+        return self.call(f"llvm.rint.v{WIDTH}f64", vector)
+
     def bits(self, vector: ir.Value) -> ir.Value:
         return self.builder.bitcast(vector, _BITS)
 

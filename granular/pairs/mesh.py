@@ -54,6 +54,9 @@ class Mesh(NamedTuple):
         The lines that it does so on: the first one, and the one behind the last.
     rows : float64 (PARTS, r)
         Scratch of the convolution.
+    around : float64 (2,) or None
+        Points of the finest level a length of D, along both axes, where it goes round a periodic
+        cell; see `granular.pairs.mesh_around`.
     """
 
     spacing: float
@@ -70,6 +73,7 @@ class Mesh(NamedTuple):
     shares: np.ndarray
     reached: np.ndarray
     rows: np.ndarray
+    around: np.ndarray | None
 
 
 def mesh_room(width: float, height: float, radius: float, spacing: float, grains: int) -> Mesh:
@@ -102,6 +106,7 @@ def mesh_room(width: float, height: float, radius: float, spacing: float, grains
         shares=np.zeros((parts, begins[1])),
         reached=np.zeros((parts, 2), dtype=np.int64),
         rows=np.zeros((PARTS, (most + 2 * reach + BESIDE) * TERMS * WIDTH)),
+        around=None,
     )
 
 

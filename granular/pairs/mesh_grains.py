@@ -8,6 +8,7 @@ import numba
 
 from granular.compiled import Array, compiled
 from granular.pairs.mesh import LEFT, LOW, PARTS, UP, Mesh
+from granular.pairs.mesh_around import gathered_around, spread_around
 from granular.pairs.stencil import put_spline, spline_sums
 
 _STRANDS = 4
@@ -90,7 +91,17 @@ def spread(
     ``order``, int64 (m,), names the grains one after another: it is quickest where neighbours
     follow each other.
     """
-    if threaded is None:
+    _spread(mesh.around, mesh, threaded, x, y, amounts, order, grains)
+
+
+@compiled(inline=True)
+def _spread(
+    around: Array | None, mesh: Mesh, threaded: bool | None, x: Array, y: Array,
+    amounts: Array | None, order: Array, grains: int,
+) -> None:  # fmt: skip
+    if around is not None:
+        spread_around(mesh, around, x, y, amounts, order, grains)
+    elif threaded is None:
         for part in range(len(mesh.shares)):
             _spread_part(mesh, x, y, amounts, order, grains, part)
         for part in range(PARTS):
@@ -103,6 +114,15 @@ def spread(
 @compiled(inline=True)
 def gathered(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
     """The potential at a place, and its derivatives."""
+    return _gathered(mesh.around, mesh, x, y)
+
+
+@compiled(inline=True)
+def _gathered(
+    around: Array | None, mesh: Mesh, x: float, y: float
+) -> tuple[float, float, float]:
+    if around is not None:
+        return gathered_around(mesh, around, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]
     u, v = x * fineness, y * fineness
     column, line = math.floor(u), math.floor(v)

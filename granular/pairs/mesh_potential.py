@@ -5,16 +5,20 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from granular.compiled import compiled
+from granular.compiled import Array, compiled
 from granular.pairs.convolution import convolve
 from granular.pairs.lanes import WIDTH
 from granular.pairs.mesh import ACROSS, LEFT, LOW, PARTS, UP, Mesh
+from granular.pairs.mesh_around import (
+    SHARES,
+    copy_round,
+    first_point,
+    prolong_around,
+    restrict_around,
+)
 
 # Unsigned, since an index that may be negative is looked at every time.
 _ONE, _TWO = np.uintp(1), np.uintp(2)
-
-SHARES = (0.75, 0.5, 0.125)
-"""Share of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
 
 
 # Of numbers alone: arrays that are handed on from line to line are counted, which takes longer.
@@ -108,15 +112,23 @@ def _convolve_part(mesh: Mesh, part: int) -> None:
                 _convolve_columns(mesh, level, column, part)
 
 
+@compiled(inline=True)
+def _first(around: Array | None, mesh: Mesh, level: int) -> int:
+    """Place of a level's first point."""
+    if around is not None:
+        return first_point(mesh, level)
+    return mesh.begins[level] + mesh.margin
+
+
 @compiled
 def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
-    at, up = mesh.begins[level] + mesh.margin + column, mesh.windows[level, UP]
+    at, up = _first(mesh.around, mesh, level) + column, mesh.windows[level, UP]
     along, across = mesh.band_along, mesh.band_across
     if level == len(mesh.windows) - 1:
         along, across = mesh.rest_along, mesh.rest_across
     convolve(
         mesh.source, mesh.potential, along, across, mesh.rows[part], at, mesh.strides[level], up,
-        0.125**level,
+        0.125**level, mesh.around,
     )  # fmt: skip
 
 
@@ -141,13 +153,26 @@ def _convolve_threaded(mesh: Mesh) -> None:
 @compiled
 def find_potential(mesh: Mesh, threaded: bool | None) -> None:
     """Find the potential on the finest level of the sources there."""
+    _find_potential(mesh.around, mesh, threaded)
+
+
+@compiled(inline=True)
+def _find_potential(around: Array | None, mesh: Mesh, threaded: bool | None) -> None:
     levels = len(mesh.windows)
     for level in range(1, levels):
-        _restrict(mesh, level)
+        if around is None:
+            _restrict(mesh, level)
+        else:
+            restrict_around(mesh, level)
     if threaded is None:
         for part in range(PARTS):
             _convolve_part(mesh, part)
     else:
         _convolve_threaded(mesh)
     for level in range(levels - 1, 0, -1):
-        _prolong(mesh, level)
+        if around is None:
+            _prolong(mesh, level)
+        else:
+            prolong_around(mesh, level)
+    if around is not None:
+        copy_round(mesh, mesh.potential, 0)

@@ -12,6 +12,10 @@ from granular.effects.dipole import ENERGY, STRENGTH, pair_energy, pair_force
 from granular.pairs.split import far_cube, far_fifth
 
 
+PADDING = 1e60
+"""Places of padding grains are beyond [D]; they have no images."""
+
+
 def plain_direct_sum(
     x: Array,
     y: Array,
@@ -24,6 +28,7 @@ def plain_direct_sum(
     weight: Array | None,
     buffers: Array | None,
     threaded: bool | None,
+    nearest: Array | None,
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time."""
     for out in (fx, fy, stiffness, extremes, load):
@@ -35,7 +40,15 @@ def plain_direct_sum(
     for i in range(x.size):
         for j in range(i + 1, x.size):
             dx, dy = x[i] - x[j], y[i] - y[j]
+            rest = 0.0
+            if nearest is not None and max(x[i], x[j]) < PADDING:
+                dx -= nearest[0] * np.rint(dx / nearest[0])
+                dy -= nearest[1] * np.rint(dy / nearest[1])
             r = np.sqrt(dx * dx + dy * dy)
+            if nearest is not None:
+                rest = pair_energy(nearest[2]) / ENERGY
+                if r >= nearest[2]:
+                    continue
             ratio = q[i] * q[j] * pair_force(r) / r
             fx[i] += ratio * dx
             fy[i] += ratio * dy
@@ -47,7 +60,7 @@ def plain_direct_sum(
                 stiffness[i] += q[j] * fourth / r
                 stiffness[j] += q[i] * fourth / r
             if extremes is not None:
-                extremes[0] += q[i] * q[j] * cube
+                extremes[0] += q[i] * q[j] * (cube - rest)
                 extremes[1] = max(extremes[1], fourth / r)
             if load is not None and weight is not None:
                 load[i] += weight[j] * cube

@@ -32,6 +32,10 @@ ROWS = 2
 RUNS = 3
 """Runs of partners for two rows: the rest of their stripe, and the two stripes above it."""
 
+IMAGES = 3
+"""Runs in the place of one in a periodic cell: of the grains themselves, and of their images on the
+right and on the left."""
+
 
 class _Sweep(NamedTuple):
     """Two rows, and their sums so far."""
@@ -61,22 +65,39 @@ def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
         code.store(reaction, pointer, j)
 
 
-def _sweep_group(code: Code, sweep: _Sweep, first: ir.Value, runs: ir.Value) -> None:
+def _shifted(code: Code, sweep: _Sweep, shifts: Any, place: ir.Value) -> _Sweep:
+    """The rows as the images of a run's partners see them."""
+    if shifts is None:
+        return sweep
     b = code.builder
+    across = code.splat(code.scalar(shifts, place))
+    up = code.splat(code.scalar(shifts, b.add(place, ir.Constant(INDEX, 1))))
+    grains = [
+        one._replace(x=b.fsub(one.x, across), y=b.fsub(one.y, up)) for one in sweep.grains
+    ]  # fmt: skip
+    return sweep._replace(grains=grains)
+
+
+def _sweep_group(
+    code: Code, all_rows: _Sweep, first: ir.Value, runs: ir.Value, shifts: Any
+) -> None:
+    b, sweep = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
     _meet_eight(code, sweep, second, own=True)
-    four, one = ir.Constant(INDEX, RUNS), ir.Constant(INDEX, 1)
-    begin = b.mul(first, ir.Constant(INDEX, RUNS))  # two places for each run, two rows
+    number = RUNS if shifts is None else RUNS * IMAGES
+    many, one = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
+    begin = b.mul(first, many)  # two places for each run, two rows
     zero = ir.Constant(INDEX, 0)
-    with cgutils.for_range_slice(b, zero, four, one, INDEX) as (run, _):
+    with cgutils.for_range_slice(b, zero, many, one, INDEX) as (run, _):
         place = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
         start, stop = code.scalar(runs, place), code.scalar(runs, b.add(place, one))
+        sweep = _shifted(code, all_rows, shifts, place)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
             _meet_eight(code, sweep, j, own=False)
-    for which, pointer in enumerate(present(sweep.arrays.sums)):
-        vectors = [b.load(sums[which]) for sums in sweep.totals]
+    for which, pointer in enumerate(present(all_rows.arrays.sums)):
+        vectors = [b.load(sums[which]) for sums in all_rows.totals]
         code.add_vector(code.totals(vectors), pointer, first)
-    sweep.extremes.finish()
+    all_rows.extremes.finish()
 
 
 def _scaled(code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value) -> list[Any]:
@@ -118,18 +139,20 @@ def sweep_runs(
     stop: Any,
     radius: Any,
     smooth: Any,
+    shifts: Any,
 ) -> Any:
     """The rows first .. stop - 1, two at a time, each with the partners within ``radius``.
 
     What is summed goes to the row ``part`` of fx, fy, stiffness, extremes and load.
     The first row's partners begin with the second row; seven more grains behind that one are met
-    without being listed. ``runs`` is int64 (rows / 2, `RUNS`, 2): where each run starts and stops.
-    Up to seven places behind a run are met, too. ``smooth`` is None where pairs just end at the
+    without being listed. ``runs`` is int64 (rows / 2, `RUNS`, 2): where each run starts and stops;
+    in a periodic cell it has `IMAGES` times as many, and ``shifts``, float64 of that shape, or
+    None, where the images of each run's partners stand away from them. Up to seven places behind a run are met, too. ``smooth`` is None where pairs just end at the
     radius, anything else where the far part of their law (`granular.pairs.split`) is taken off.
     """
     signature = types.void(
         x, y, fx, fy, moments, stiffness, extremes, load, weight, runs,
-        types.intp, types.intp, types.intp, types.float64, smooth,
+        types.intp, types.intp, types.intp, types.float64, smooth, shifts,
     )  # fmt: skip
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -139,6 +162,7 @@ def sweep_runs(
         listed = code.data(signature.args[9], values[9])
         ends = not isinstance(signature.args[14], types.NoneType)
         cut = _cut(code, radius, smooth=ends)
+        away = code.data(signature.args[15], values[15])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
             places = [builder.add(row, ir.Constant(INDEX, one)) for one in range(ROWS)]
@@ -150,7 +174,7 @@ def sweep_runs(
                 Extremes(code, arrays.extremes),
                 cut,
             )
-            _sweep_group(code, sweep, row, listed)
+            _sweep_group(code, sweep, row, listed, away)
         return context.get_dummy_value()
 
     return signature, generate

@@ -5,6 +5,13 @@ from __future__ import annotations
 from granular.pairs.verlet_list import RADIUS, SKIN, Listing
 from granular.scene.schema import FieldError, Section, choice, quantity, whole
 
+ROOM = 0.39
+"""Greatest radius of mesh and cut-off over the shorter side of a periodic cell: a pair is met in
+one of five stripes and its two neighbours alone, with something left for the lists' skin."""
+
+LEAST = 40
+"""Grains of a periodic cell that fill five stripes."""
+
 METHODS = ("auto", "direct", "mesh", "cut-off", "verlet-list")
 
 MESH_FROM = 1500
@@ -32,10 +39,12 @@ class Pairs(Section):
         alone, which takes some 2 % off the piston force at 368 grains and 10 % at 5888;
         ``"verlet-list"``: de Paula's list, which also misses pairs that come closer before it is
         made anew [D, 5.1]; ``"auto"``: the mesh from 1500 grains on in a closed cell, else the
-        direct sum.
+        direct sum. In a periodic cell the mesh takes all images of all grains along, and
+        ``"direct"`` the nearest image of each, up to the cut-off.
     cut_off : float or None
         Radius [m] within which pairs are summed, or listed; 11.26 diameters if not given, as in
-        de Paula, and for the mesh what the tolerance needs.
+        de Paula, and for the mesh what the tolerance needs. Of the direct sum in a periodic cell
+        half its shorter side if not given.
     skin : float or None
         Way of a grain [m] after which de Paula's list is made anew; 4.13 diameters if not given.
         The other paths find their own.
@@ -58,7 +67,8 @@ class Pairs(Section):
     far_every: int | None = whole(least=1, default=None, optional=True)
 
     def validate(self) -> None:
-        if self.cut_off is not None and self.method not in ("cut-off", "mesh", "verlet-list"):
+        with_radius = ("cut-off", "mesh", "verlet-list", "direct")
+        if self.cut_off is not None and self.method not in with_radius:
             raise FieldError(
                 f"only the methods 'cut-off', 'mesh' and 'verlet-list' have a radius; this one is "
                 f"{self.method!r}",
@@ -76,25 +86,65 @@ class Pairs(Section):
                 "far_every",
             )
 
-    def chosen(self, grains: int, *, closed: bool) -> str:
-        """The method that runs, for so many grains in a closed cell or an open one."""
+    def chosen(self, grains: int, *, closed: bool, room: float | None = None) -> str:
+        """The method that runs, for so many grains in a closed cell, an open or a periodic one.
+
+        ``room`` is the shorter side of a periodic cell over the first species' diameter.
+        """
         if self.method != "auto":
             return self.method
+        if room is not None:
+            return "mesh" if self._of_mesh() <= ROOM * room and grains >= LEAST else "direct"
         return "mesh" if closed and grains >= MESH_FROM else "direct"
 
-    def radius(self, method: str | None, diameter: float) -> float | None:
-        """Radius where pairs end, over the first species' diameter [m]; None where none do."""
+    def radius(
+        self, method: str | None, diameter: float, room: float | None = None
+    ) -> float | None:
+        """Radius where pairs end, over the first species' diameter [m]; None where none do.
+
+        ``room`` as in `chosen`.
+        """
         if method == "cut-off":
             return self._radius(diameter, RADIUS)
         if method == "mesh":
-            needed = SPLIT_RADIUS * (TOLERANCE / self.tolerance) ** (1.0 / _ORDER)
-            return self._radius(diameter, needed)
+            return self._radius(diameter, self._of_mesh())
+        if method == "direct" and room is not None:
+            return self._radius(diameter, 0.5 * room)
         return None
+
+    def check_room(self, grains: int, room: float, diameter: float) -> None:
+        """Raise `FieldError` unless pairs end within a periodic cell; ``room`` as in `chosen`."""
+        if self.method == "verlet-list":
+            raise FieldError(
+                "de Paula's list knows no images; take 'cut-off' in a periodic cell", "method"
+            )
+        method = self.chosen(grains, closed=False, room=room)
+        if method == "direct" and (self.far_every or 1) > 1:
+            raise FieldError(
+                "the direct sum of a periodic cell ends at a radius and has no far field; take "
+                "'mesh'", "far_every",
+            )  # fmt: skip
+        radius = self.radius(method, diameter, room)
+        most = (0.5 if method == "direct" else ROOM) * room
+        if radius is not None and radius > most * (1.0 + 1e-12):
+            raise FieldError(
+                f"{radius * diameter:.6g} m is more than {most / room:g} of the shorter side of the "
+                f"periodic cell, {most * diameter:.6g} m; take 'direct', a shorter cut_off or a "
+                "larger cell", "cut_off",
+            )  # fmt: skip
+        if method != "direct" and grains < LEAST:
+            raise FieldError(
+                f"{method!r} needs {LEAST} grains in a periodic cell, not {grains}; take 'direct'",
+                "method",
+            )
 
     def listing(self, diameter: float) -> Listing:
         """De Paula's list in units of the first species' diameter [m]."""
         skin = SKIN if self.skin is None else self.skin / diameter
         return Listing(self._radius(diameter, RADIUS), skin)
+
+    def _of_mesh(self) -> float:
+        return SPLIT_RADIUS * (TOLERANCE / self.tolerance) ** (1.0 / _ORDER)
 
     def _radius(self, diameter: float, usual: float) -> float:
         return usual if self.cut_off is None else self.cut_off / diameter

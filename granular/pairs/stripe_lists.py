@@ -13,20 +13,11 @@ import math
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.pairs.image_runs import list_images
 from granular.pairs.lanes import WIDTH
 from granular.pairs.runs import ROWS, RUNS
-from granular.pairs.stripes import (
-    BUILDS,
-    CALLS,
-    GRAINS,
-    LEAST_IN_STRIPE,
-    LISTED,
-    SKIN,
-    STRIPES,
-    Stripes,
-)
-
-PADDING = 1e70
+from granular.pairs.stripe_sort import PADDING, sort, sort_around
+from granular.pairs.stripes import BUILDS, CALLS, GRAINS, LISTED, SKIN, STRIPES, Stripes
 
 _ROW_COST = 3
 """Of two rows besides their partners, in vectors of these."""
@@ -35,46 +26,8 @@ _FIRST_SKIN, _LEAST_SKIN, _MOST_SKIN = 0.05, 0.01, 0.5
 _COST = 2.0
 """Of listing, in sums."""
 
-
-@compiled
-def _sort(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains into stripes by the places in ``built``; the number of stripes."""
-    x, y = stripes.built[0], stripes.built[1]
-    low, high = y[0], y[0]
-    for i in range(grains):
-        low, high = min(low, y[i]), max(high, y[i])
-    most = max(1, min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE))
-    height = max(reach / (RUNS - 1), (high - low) / most)
-    number = min(int((high - low) / height) + 1, most)
-    counts = np.zeros(number + 1, dtype=np.int64)
-    for i in range(grains):
-        stripes.stripe[i] = min(max(int((y[i] - low) / height), 0), number - 1)
-        counts[stripes.stripe[i] + 1] += 1
-    stripes.begins[0] = 0
-    for k in range(number):
-        stripes.begins[k + 1] = stripes.begins[k] + ((counts[k + 1] + 7) // WIDTH + 1) * WIDTH
-        counts[k + 1] += counts[k]
-    ends = counts[:number].copy()
-    for i in range(grains):
-        stripes.order[ends[stripes.stripe[i]]] = i
-        ends[stripes.stripe[i]] += 1
-    for slot in range(stripes.begins[number] + 2 * WIDTH):
-        stripes.x[slot] = PADDING * (slot + 1.0)
-        stripes.y[slot] = 0.0
-    for k in range(number):
-        chosen = stripes.order[counts[k] : counts[k + 1]]
-        across = np.empty(chosen.size)
-        for c in range(chosen.size):
-            across[c] = x[chosen[c]]
-        turns = np.argsort(across)
-        for c in range(chosen.size):
-            stripes.stripe[c] = chosen[turns[c]]
-        for c in range(chosen.size):
-            chosen[c] = stripes.stripe[c]
-            stripes.place[counts[k] + c] = stripes.begins[k] + c
-            stripes.x[stripes.begins[k] + c] = x[chosen[c]]
-            stripes.y[stripes.begins[k] + c] = y[chosen[c]]
-    return number
+_MOST_REACH = 0.4
+"""Of the shorter side of a periodic cell: five stripes are as high as two reaches."""
 
 
 @compiled
@@ -120,18 +73,18 @@ def _list_runs_of(stripes: Stripes, k: int, there: int, number: int, up: int, fa
 
 
 @compiled(inline=True)
-def _row_cost(stripes: Stripes, first: int) -> tuple[int, int]:
-    """Cost of eight rows, in vectors of partners; behind the last place that they meet."""
-    cost, last = 0, first + 2 * WIDTH
+def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
+    """Cost of eight rows, in vectors of partners; the places that they meet: first, behind last."""
+    cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
-        for run in range(RUNS):
+        for run in range(stripes.runs.shape[1]):
             start, stop = stripes.runs[pair, run, 0], stripes.runs[pair, run, 1]
             if stop > start:
                 vectors = (stop - start + WIDTH - 1) // WIDTH
                 cost += vectors
-                last = max(last, start + vectors * WIDTH)
-    return cost, (last + WIDTH - 1) // WIDTH * WIDTH
+                low, last = min(low, start), max(last, start + vectors * WIDTH)
+    return cost, low // WIDTH * WIDTH, (last + WIDTH - 1) // WIDTH * WIDTH
 
 
 @compiled
@@ -142,13 +95,15 @@ def _deal_rows(stripes: Stripes, grains: int, end: int) -> None:
         total += _row_cost(stripes, first)[0]
     stripes.rows[:] = end
     stripes.rows[0] = 0
+    stripes.lows[:] = end
     stripes.ends[:] = 0
     for first in range(0, end, WIDTH):
-        cost, last = _row_cost(stripes, first)
+        cost, low, last = _row_cost(stripes, first)
         while part + 1 < parts and (2 * done + cost) * parts >= 2 * (part + 1) * total:
             part += 1
             stripes.rows[part] = first
         done += cost
+        stripes.lows[part] = min(stripes.lows[part], low)
         stripes.ends[part] = max(stripes.ends[part], last)
     part = 0
     stripes.firsts[:] = grains
@@ -170,13 +125,23 @@ def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Ar
             stripes.weight[stripes.place[k]] = weight[stripes.order[k]]
 
 
+@compiled(inline=True)
+def _find_runs(shifts: Array | None, stripes: Stripes, grains: int, reach: float) -> int:
+    """Sort the grains and list their runs; the number of stripes."""
+    if shifts is None:
+        number = sort(stripes, grains, reach)
+        _list_runs(stripes, number, reach)
+    else:
+        number = sort_around(stripes, grains, reach)
+        list_images(stripes, number, reach)
+    return number
+
+
 @compiled
 def _list_partners(
     stripes: Stripes, grains: int, moments: Array | None, weight: Array | None, radius: float
 ) -> None:
-    reach = radius + stripes.memory[SKIN]
-    number = _sort(stripes, grains, reach)
-    _list_runs(stripes, number, reach)
+    number = _find_runs(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
     _put_values(stripes, grains, moments, weight)
     _deal_rows(stripes, grains, stripes.begins[number])
     stripes.memory[LISTED] = 1.0
@@ -192,6 +157,12 @@ def _adapt_skin(memory: Array, radius: float) -> None:
         memory[SKIN] = min(1.25 * memory[SKIN], _MOST_SKIN * radius)
     else:
         memory[SKIN] = max(memory[SKIN] / 1.1, _LEAST_SKIN * radius)
+
+
+@compiled(inline=True)
+def _limit_skin(periods: Array | None, memory: Array, radius: float) -> None:
+    if periods is not None:
+        memory[SKIN] = min(memory[SKIN], _MOST_REACH * min(periods[0], periods[1]) - radius)
 
 
 @compiled
@@ -225,6 +196,7 @@ def make_ready(
         if not finite(x, y, grains):
             return False
         _adapt_skin(stripes.memory, radius)
+        _limit_skin(stripes.periods, stripes.memory, radius)
         for i in range(grains):
             stripes.built[0, i] = x[i]
             stripes.built[1, i] = y[i]

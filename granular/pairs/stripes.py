@@ -13,7 +13,7 @@ import numpy as np
 
 from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.pairs.lanes import WIDTH, padded
-from granular.pairs.runs import ROWS, RUNS
+from granular.pairs.runs import IMAGES, ROWS, RUNS
 
 LEAST_IN_STRIPE = 8
 """Fewer grains a stripe are not worth one: stripes are made higher, and memory stays bounded."""
@@ -34,11 +34,14 @@ class CutOff(NamedTuple):
         Whether the grains' moments differ.
     smooth : bool or None
         None where pairs just end; else the far part of their law is taken off, for a far field.
+    periods : (float, float) or None
+        Width and height of a periodic cell [D].
     """
 
     radius: float
     moments: bool
     smooth: bool | None
+    periods: tuple[float, float] | None = None
 
 
 class Stripes(NamedTuple):
@@ -53,8 +56,8 @@ class Stripes(NamedTuple):
         Sums of each part, where it has any.
     rows, firsts : int64 (parts + 1,)
         Where each part's rows begin, and which of the grains in ``order`` is the first in them.
-    ends : int64 (parts,)
-        Behind the last place that a part adds to.
+    lows, ends : int64 (parts,)
+        The first place that a part adds to, and behind the last one.
     order, place : int64 (m,)
         The grains in that order, one after another, and where each of them stands there; before the
         first listing, as they come.
@@ -63,7 +66,13 @@ class Stripes(NamedTuple):
     begins : int64 (k,)
         Where each stripe begins; a multiple of the vector width.
     runs : int64 (s / 2, RUNS, 2)
-        Where each run starts and stops.
+        Where each run starts and stops; in a periodic cell `IMAGES` times as many.
+    shifts : float64 (s / 2, RUNS * IMAGES, 2) or None
+        How far the images of each run's partners stand from them [D].
+    homes : float64 (2, m) or None
+        How far each grain stands from its image within the periodic cell [D].
+    periods : float64 (2,) or None
+        Its sides [D].
     built : float64 (2, m)
         Places of the grains when the runs were listed. Part of a checkpoint, as ``memory`` is:
         the order of the sums depends on it.
@@ -81,12 +90,16 @@ class Stripes(NamedTuple):
     load: np.ndarray | None
     rows: np.ndarray
     firsts: np.ndarray
+    lows: np.ndarray
     ends: np.ndarray
     place: np.ndarray
     order: np.ndarray
     stripe: np.ndarray
     begins: np.ndarray
     runs: np.ndarray
+    shifts: np.ndarray | None
+    homes: np.ndarray | None
+    periods: np.ndarray | None
     built: np.ndarray
     memory: np.ndarray
 
@@ -95,8 +108,12 @@ def _most_stripes(size: int) -> int:
     return max(1, size // LEAST_IN_STRIPE)
 
 
-def stripes_room(size: int, *, moments: bool, loaded: bool) -> Stripes:
-    """Room for that many grains (padded); linear in it."""
+def stripes_room(
+    size: int, *, moments: bool, loaded: bool, periods: tuple[float, float] | None = None
+) -> Stripes:
+    """Room for that many grains (padded); linear in it. ``periods`` as of `CutOff`."""
+    around = periods is not None
+    runs = RUNS * IMAGES if around else RUNS
     most = _most_stripes(size)
     places = padded(size + 2 * WIDTH * most) + 2 * WIDTH
     parts = PARTS if size >= PARTED_FROM else 1
@@ -111,12 +128,16 @@ def stripes_room(size: int, *, moments: bool, loaded: bool) -> Stripes:
         load=np.zeros((parts, places)) if loaded else None,
         rows=np.zeros(parts + 1, dtype=np.int64),
         firsts=np.zeros(parts + 1, dtype=np.int64),
+        lows=np.zeros(parts, dtype=np.int64),
         ends=np.zeros(parts, dtype=np.int64),
         place=np.zeros(size, dtype=np.int64),
         order=np.arange(size),
         stripe=np.zeros(size, dtype=np.int64),
         begins=np.zeros(most + 2, dtype=np.int64),
-        runs=np.zeros((places // ROWS, RUNS, 2), dtype=np.int64),
+        runs=np.zeros((places // ROWS, runs, 2), dtype=np.int64),
+        shifts=np.zeros((places // ROWS, runs, 2)) if around else None,
+        homes=np.zeros((2, size)) if around else None,
+        periods=np.array(periods) if around else None,
         built=np.zeros((2, size)),
         memory=np.zeros(6),
     )

@@ -6,7 +6,7 @@ inner loops are emitted here; see `granular.pairs.interact` for what they sum.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir
 from numba import config, types
@@ -16,14 +16,17 @@ from numba.extending import intrinsic
 from granular.compiled import Array, compiled
 from granular.pairs.interact import (
     Arrays,
+    Cut,
     Extremes,
     Grains,
+    Images,
     added,
     eight_grains,
     interact,
     one_grain,
     present,
 )
+from granular.pairs.inverse import SCALE
 from granular.pairs.lanes import INDEX, WIDTH, Code, constant, has_avx512, padded
 
 __all__ = ["WIDTH", "lane_sum", "padded", "sweep_block", "sweep_rows"]
@@ -34,9 +37,31 @@ def _rows_at_once(context: Any) -> int:
     return 4 if has_avx512(context) else 2
 
 
+class _Ends(NamedTuple):
+    """Where pairs end in a periodic cell; None and None where all pairs are met."""
+
+    cut: Cut | None
+    images: Images | None
+
+
+def _ends(code: Code, kind: Any, nearest: Any) -> _Ends:
+    """From width, height and radius [D]."""
+    if isinstance(kind, types.NoneType):
+        return _Ends(None, None)
+    b, one = code.builder, ir.Constant(ir.DoubleType(), 1.0)
+    pointer = code.data(kind, nearest)
+    width, height, radius = (code.scalar(pointer, ir.Constant(INDEX, k)) for k in range(3))
+    square = b.fmul(radius, radius)
+    rest = b.fdiv(ir.Constant(square.type, 1.0 / SCALE), b.fmul(square, radius))
+    sides = (width, height, b.fdiv(one, width), b.fdiv(one, height))
+    cut = Cut(code.splat(square), code.splat(rest))
+    return _Ends(cut, Images(*(code.splat(side) for side in sides)))
+
+
 def _sweep(
-    code: Code, arrays: Arrays, first: ir.Value, rows: int, start: ir.Value, stop: ir.Value
-) -> None:
+    code: Code, arrays: Arrays, ends: _Ends, first: ir.Value, rows: int, start: ir.Value,
+    stop: ir.Value,
+) -> None:  # fmt: skip
     """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
     b = code.builder
     places = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
@@ -48,7 +73,7 @@ def _sweep(
         partners = eight_grains(code, arrays, j)
         reactions = [code.load(pointer, j) for pointer in pointers]
         for grain, sums in zip(grains, totals, strict=True):
-            own, other = interact(code, grain, partners, arrays.sums, extremes)
+            own, other = interact(code, grain, partners, arrays.sums, extremes, None, *ends)
             for total, value in zip(sums, present(own), strict=True):
                 code.raise_by(total, value)
             reactions = added(code, reactions, present(other))
@@ -60,7 +85,7 @@ def _sweep(
     extremes.finish()
 
 
-def _sweep_among(code: Code, arrays: Arrays, first: ir.Value) -> None:
+def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> None:
     """The pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
     grains = eight_grains(code, arrays, first)
     pointers = present(arrays.sums)
@@ -70,7 +95,7 @@ def _sweep_among(code: Code, arrays: Arrays, first: ir.Value) -> None:
         partners = Grains(*(None if one is None else code.turned(one, by) for one in grains))
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
-        own, other = interact(code, grains, partners, arrays.sums, extremes, lanes)
+        own, other = interact(code, grains, partners, arrays.sums, extremes, lanes, *ends)
         totals = added(code, totals, present(own))
         back = [code.turned(value, WIDTH - by) for value in present(other)]
         totals = added(code, totals, back)
@@ -94,21 +119,27 @@ def sweep_rows(
     first: Any,
     start: Any,
     stop: Any,
+    nearest: Any,
 ) -> Any:
-    """Sum the pairs of the eight grains from ``first`` on with the partners start .. stop - 1."""
+    """Sum the pairs of the eight grains from ``first`` on with the partners start .. stop - 1.
+
+    ``nearest`` as in `granular.pairs.direct.direct_sum`.
+    """
     signature = types.void(
-        x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, types.intp, types.intp
-    )
+        x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, types.intp,
+        types.intp, nearest,
+    )  # fmt: skip
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
         arrays = Arrays(code, signature.args[:9], values[:9])
-        first, start, stop = values[9:]
+        first, start, stop, nearest = values[9:]
+        ends = _ends(code, signature.args[12], nearest)
         rows = _rows_at_once(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
         with cgutils.for_range_slice(builder, first, last, step, INDEX) as (row, _):
-            _sweep(code, arrays, row, rows, start, stop)
+            _sweep(code, arrays, ends, row, rows, start, stop)
         return context.get_dummy_value()
 
     return signature, generate
@@ -127,13 +158,17 @@ def sweep_block(
     load: Any,
     weight: Any,
     first: Any,
+    nearest: Any,
 ) -> Any:
     """Sum the pairs of the eight grains from ``first`` on among themselves."""
-    signature = types.void(x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp)
+    signature = types.void(
+        x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, nearest
+    )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        _sweep_among(code, Arrays(code, signature.args[:9], values[:9]), values[9])
+        ends = _ends(code, signature.args[10], values[10])
+        _sweep_among(code, Arrays(code, signature.args[:9], values[:9]), ends, values[9])
         return context.get_dummy_value()
 
     return signature, generate

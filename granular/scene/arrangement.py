@@ -17,7 +17,9 @@ class Arrangement(Section):
     Attributes
     ----------
     height : float or None
-        The grid fills the cell up to here [m]; the piston's height if not given.
+        The grid fills the cell up to here [m]; the piston's height if not given. In a periodic
+        cell it fills all of it, and every other row is shifted by half a mesh: without jitter
+        grains stand in a triangular lattice where the cell fits one.
     jitter : float
         Each grain is displaced by up to this fraction of the grid's spacing, along each axis.
     speed : float
@@ -52,6 +54,12 @@ def grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
     The outermost grains stand one mesh from the walls, which repel about as strongly as grains.
     """
     columns = max(1, round(math.sqrt(count * width / height)))
+    return columns, -(-count // columns)
+
+
+def periodic_grid_shape(count: int, width: float, height: float) -> tuple[int, int]:
+    """Columns and rows of a grid that is nearly a triangular lattice of all grains."""
+    columns = max(1, round(math.sqrt(count * width / height * math.sqrt(0.75))))
     return columns, -(-count // columns)
 
 
@@ -90,15 +98,20 @@ def _grid(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
     count, width = grains.count, cell.width
-    height = plan.height
+    periodic = cell.periods is not None
+    height = cell.height if periodic else plan.height
+    if periodic and plan.height is not None:
+        raise SceneError("arrangement.height: a periodic cell is filled; leave it away")
     if height is None:
         if piston is None:
             raise SceneError("arrangement.height: must be given where there is no piston")
         height = piston.height
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    columns, rows = grid_shape(count, width, height)
-    mesh = np.array([width / (columns + 1), height / (rows + 1)])
+    shape = periodic_grid_shape if periodic else grid_shape
+    columns, rows = shape(count, width, height)
+    edge = 0 if periodic else 1
+    mesh = np.array([width / (columns + edge), height / (rows + edge)])
     widest = max(one.diameter for one in grains.species)
     if mesh.min() * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
@@ -110,7 +123,9 @@ def _grid(
     random = np.random.default_rng(plan.seed)
     offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
     angle = random.uniform(0.0, 2.0 * math.pi, count)
-    positions = (place + 1.0 + offset) * mesh
+    if periodic:
+        place = place + np.stack([0.25 + 0.5 * (place[:, 1] % 2), np.full(count, 0.5)], axis=1)
+    positions = (place + edge + offset) * mesh
     velocities = plan.speed * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return positions, velocities
 
@@ -127,13 +142,20 @@ def check_positions(
     radius = grains.diameters() / 2.0
     x, y = positions[:, 0], positions[:, 1]
     top = math.inf if piston is None else piston.height
-    _clear_of(x - radius, "the left wall", "move it to the right")
-    _clear_of(cell.width - x - radius, "the right wall", "widen the cell or move it left")
-    _clear_of(y - radius, "the bottom", "move it up")
-    _clear_of(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
+    if cell.periods is None:
+        _clear_of(x - radius, "the left wall", "move it to the right")
+        _clear_of(cell.width - x - radius, "the right wall", "widen the cell or move it left")
+        _clear_of(y - radius, "the bottom", "move it up")
+        _clear_of(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
+    else:
+        positions = positions % cell.periods
     if len(positions) > 1 and not overlapping:
-        pairs = cKDTree(positions).query_pairs(2.0 * float(radius.max()), output_type="ndarray")
-        gap = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
+        tree = cKDTree(positions, boxsize=cell.periods)
+        pairs = tree.query_pairs(2.0 * float(radius.max()), output_type="ndarray")
+        way = positions[pairs[:, 0]] - positions[pairs[:, 1]]
+        if cell.periods is not None:
+            way -= cell.periods * np.round(way / cell.periods)
+        gap = np.linalg.norm(way, axis=1)
         overlap = radius[pairs].sum(axis=1) - gap
         if len(overlap) and overlap.max() > 0.0:
             i, j = pairs[int(overlap.argmax())]

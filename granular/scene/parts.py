@@ -176,10 +176,39 @@ class Cell(Section):
         Distance of the side walls [m].
     separation : float
         Distance E of the glass plates [m].
+    sides : str
+        ``"closed"``: walls stand there, as far as `granular.effects.walls` has them; or
+        ``"periodic"``: what leaves on one side comes in on the other, in both directions, and
+        every grain meets the images of all others. There is no piston then.
+    height : float or None
+        Of the periodic cell [m]; a closed one ends at its piston.
     """
 
     width: float = quantity("m", above=0.0)
     separation: float = quantity("m", default=0.0031, above=0.0)
+    sides: str = choice("closed", "periodic", default="closed")
+    height: float | None = quantity("m", above=0.0, default=None, optional=True)
+
+    @property
+    def periods(self) -> tuple[float, float] | None:
+        """Width and height of a periodic cell [m]; None of a closed one."""
+        return None if self.height is None else (self.width, self.height)
+
+    def validate(self) -> None:
+        if self.sides == "periodic" and self.height is None:
+            raise FieldError("must be given where the sides are periodic", "height")
+        if self.sides == "closed" and self.height is not None:
+            raise FieldError(
+                "only a periodic cell has a height; a closed one ends at the piston "
+                "(piston.height)", "height",
+            )  # fmt: skip
+
+    def to_plain(self) -> dict[str, Any]:
+        """As of `Section.to_plain`; periodic sides are told of where there are some."""
+        plain = super().to_plain()
+        if self.height is None:
+            del plain["sides"], plain["height"]
+        return plain
 
 
 class Piston(Section):

@@ -143,6 +143,7 @@ class Scene(Section):
         for effect in acting.values():
             effect.check(self.grains, self.cell, self.piston, acting)
         self._check_kicks()
+        self._check_periodic()
         if self.output.record is not None:
             names = tuple(stage.name for stage in self.protocol)
             if self.output.record not in names:
@@ -181,7 +182,14 @@ class Scene(Section):
     @property
     def pair_method(self) -> str:
         """How pairs are summed, where it is left to choose."""
-        return self.pairs.chosen(self.grains.count, closed=self._closed)
+        return self.pairs.chosen(self.grains.count, closed=self._closed, room=self._room)
+
+    @property
+    def _room(self) -> float | None:
+        """The shorter side of a periodic cell, over the first species' diameter."""
+        if self.cell.periods is None:
+            return None
+        return min(self.cell.periods) / self.grains.species[0].diameter
 
     @property
     def _closed(self) -> bool:
@@ -189,6 +197,13 @@ class Scene(Section):
         return walls is not None and not walls.has_gap and None not in walls.sides
 
     def _check_pairs(self) -> None:
+        if self.cell.periods is not None:
+            return
+        if self.pairs.method == "direct" and self.pairs.cut_off is not None:
+            raise FieldError(
+                "only the methods 'cut-off', 'mesh' and 'verlet-list' have a radius in a closed "
+                "cell; this one is 'direct'", "pairs", "cut_off",
+            )  # fmt: skip
         if self.pairs.method == "mesh" and not self._closed:
             raise FieldError(
                 "the mesh of 'mesh' covers a closed cell; give all four walls and no gap, or take "
@@ -196,6 +211,24 @@ class Scene(Section):
                 "pairs",
                 "method",
             )
+
+    def _check_periodic(self) -> None:
+        """A periodic cell has no walls, no piston, and effects that know of images alone."""
+        if self.cell.periods is None:
+            return
+        if self.piston is not None or self.protocol:
+            part = "piston" if self.piston is not None else "protocol"
+            raise FieldError("a cell with periodic sides has none; leave it away", part)
+        for effect in self.effects.all:
+            if not effect.periodic:
+                raise FieldError(
+                    "cannot act in a cell with periodic sides; leave it away, or take cell.sides = "
+                    "'closed'", "effects", effect.key,
+                )  # fmt: skip
+        try:
+            self.pairs.check_room(self.grains.count, self._room, self.grains.species[0].diameter)
+        except FieldError as error:
+            raise error.within("pairs") from None
 
     def greatest_height(self) -> float:
         """Greatest height of piston and grains that is known before the run [m]."""

@@ -108,7 +108,7 @@ x, y = padded_coordinates(positions)
 fx, fy, load = np.zeros((3, x.size))
 direct_sum = entry(direct_sum)
 weight = padded_values(np.ones(len(positions)))
-direct_sum(x, y, fx, fy, None, None, None, load, weight, None, None)
+direct_sum(x, y, fx, fy, None, None, None, load, weight, None, None, None)
 (code,) = direct_sum.inspect_asm().values()
 print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "sqrtpd" in code]))
 """

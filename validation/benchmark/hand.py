@@ -49,7 +49,7 @@ class Bed(NamedTuple):
 
 @_by_hand
 def _pairs(bed: Bed) -> None:
-    direct_sum(bed.x, bed.y, bed.fx, bed.fy, None, None, None, None, None, None, None)
+    direct_sum(bed.x, bed.y, bed.fx, bed.fy, None, None, None, None, None, None, None, None)
 
 
 @_by_hand

@@ -86,7 +86,7 @@ def test_wide_radius_is_the_direct_sum() -> None:
     bed = Bed(scattered(200, 2), 1e3, differing=False)
     found = bed.sums()[:400].reshape(2, 200)
     fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
-    entry(direct.direct_sum)(bed.x, bed.y, fx, fy, None, None, None, None, None, None, None)
+    entry(direct.direct_sum)(bed.x, bed.y, fx, fy, None, None, None, None, None, None, None, None)
     np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
 
 
