@@ -216,9 +216,8 @@ class Scene(Section):
         """A periodic cell has no walls, no piston, and effects that know of images alone."""
         if self.cell.periods is None:
             return
-        if self.piston is not None or self.protocol:
-            part = "piston" if self.piston is not None else "protocol"
-            raise FieldError("a cell with periodic sides has none; leave it away", part)
+        if self.piston is not None:
+            raise FieldError("a cell with periodic sides has none; leave it away", "piston")
         for effect in self.effects.all:
             if not effect.periodic:
                 raise FieldError(
