@@ -89,7 +89,8 @@ def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
 
 def _comment(run: Trajectory, frame: BedFrame) -> str:
     cell = run.scene.cell
-    height = frame.height
+    periodic = cell.periods is not None
+    height = cell.height if periodic else frame.height
     if height is None:
         radius = run.scene.grains.diameters()[frame.grains] / 2.0
         height = float((frame.position[:, 1] + radius).max(initial=radius.max(initial=0.0)))
@@ -98,5 +99,5 @@ def _comment(run: Trajectory, frame: BedFrame) -> str:
     return (
         f'Lattice="{cell.width:.17g} 0 0 0 {height:.17g} 0 0 0 {depth:.17g}" '
         f'Origin="0 0 {-depth / 2.0:.17g}" Properties={PROPERTIES} Time={frame.time:.17g}'
-        f'{piston} pbc="F F F"'
+        f'{piston} pbc="{"T T F" if periodic else "F F F"}"'
     )

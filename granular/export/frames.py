@@ -30,7 +30,8 @@ class BedFrame(NamedTuple):
     grains : int (k,)
         Index of each grain in the scene.
     position, velocity, force : float64 (k, 2)
-        [m], [m/s], [N]; the force is magnetic, weight and contact.
+        [m], within the cell where it is periodic; [m/s], [N]; the force is magnetic, weight and
+        contact.
     interaction : float64 (k, 2)
         The force of grains and walls alone [N]: without weight.
     """
@@ -87,6 +88,7 @@ def _block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
     data = part.dataset
     times, heights = data["frame_time"].values, data["frame_height"].values
     fields = [data[name].values for name in ("position", "velocity", "force")]
+    fields[0] = run.scene.cell.inside(fields[0])
     fields.append(interaction_forces(part).values)
     for k, number in enumerate(numbers):
         grains = np.flatnonzero(np.isfinite(fields[0][k]).all(axis=1))

@@ -74,6 +74,8 @@ def to_gsd(
 
 def _room_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Lower left corner and size of what holds the cell at any time (2,), (2,) [m]."""
+    if run.scene.cell.periods is not None:
+        return np.zeros(2), np.array(run.scene.cell.periods)
     heights = [0.0] if run.scene.piston is None else run.dataset["frame_height"].values
     low, high = np.zeros(2), np.array([run.scene.cell.width, np.nanmax(heights)])
     for frame in bed_frames(run):
@@ -90,6 +92,8 @@ def _unchanging(run: Trajectory) -> dict[str, Any]:
         "typeid": grains.assignment().astype(np.uint32),
         "diameter": grains.diameters(),
         "mass": grain_masses(run),
+        # About a closed cell as much again, so that no image of a grain is near.
+        "box": 2.0 if run.scene.cell.periods is None else 1.0,
     }
 
 
@@ -98,7 +102,7 @@ def _frame(
 ) -> Any:
     new.configuration.step = frame.number
     new.configuration.dimensions = 2
-    new.configuration.box = [*(2.0 * size).tolist(), 0.0, 0.0, 0.0, 0.0]
+    new.configuration.box = [*(unchanging["box"] * size).tolist(), 0.0, 0.0, 0.0, 0.0]
     particles = new.particles
     particles.N = len(frame.grains)
     particles.types = unchanging["types"]

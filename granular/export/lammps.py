@@ -28,6 +28,7 @@ from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.shared.errors import InputError
 from granular.shared.files import check_target, make_directory, replacing
 
 
@@ -131,6 +132,11 @@ def _legs(scene: Scene, place: int, height: float | None, done: float = 0.0) -> 
 
 
 def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
+    if scene.cell.periods is not None:
+        raise InputError(
+            "cell.sides = 'periodic': the script for LAMMPS has walls alone; write the frames as "
+            "extended XYZ, whose lattice is periodic"
+        )
     scales = Scales.of(scene.grains)
     paths = [one.path for one in start.legs if one.path is not None]
     top = float(start.positions[:, 1].max()) if start.height is None else start.height

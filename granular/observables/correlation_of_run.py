@@ -32,7 +32,8 @@ def in_each_frame(
     InputError
         As the correlation, and where there is no such frame.
     """
-    frames = spanning(run.dataset["position"].values[chosen_frames(run, start, stop)])
+    chosen = run.dataset["position"].values[chosen_frames(run, start, stop)]
+    frames = spanning(run.scene.cell.inside(chosen))
     if edges is None:
         edges = min((default_edges(one) for one in frames), key=lambda found: float(found[-1]))
     return [correlation(one, edges) for one in frames]

@@ -72,8 +72,8 @@ def spanned_box(positions: np.ndarray) -> np.ndarray:
 
 
 def frame_positions(run: Trajectory) -> Iterator[np.ndarray]:
-    """The positions of every frame, float (n, 2) [m]."""
-    return iter(run.dataset["position"].values)
+    """The positions of every frame, float (n, 2) [m]; within the cell where it is periodic."""
+    return iter(run.scene.cell.inside(run.dataset["position"].values))
 
 
 def piston_heights(run: Trajectory) -> np.ndarray:

@@ -112,7 +112,8 @@ def susceptibility_of_run(
     import xarray
 
     orders, counts = [], []
-    for positions in run.dataset["position"].values[chosen_frames(run, start, stop)]:
+    inside = run.scene.cell.inside(run.dataset["position"].values)
+    for positions in inside[chosen_frames(run, start, stop)]:
         cells = voronoi_cells(positions)
         orders.append(global_psi6(positions, cells))
         counts.append(np.count_nonzero(cells.interior))

@@ -1,7 +1,8 @@
 """What pulls and pushes at each grain, taken apart: its pairs, and the walls.
 
 Dipoles, contacts (without their dashpots) and walls are known here. All pairs count, whatever way
-of summing them a run has taken.
+of summing them a run has taken; in a periodic cell each grain meets the nearest image of every
+other one.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     contact = _law(system, "contact")
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
-        branch = places[some, None] - places[None]
+        branch = _nearest(places[some, None] - places[None], scene, scales.length)
         r = np.linalg.norm(branch, axis=2)
         r[np.arange(len(some)), some] = np.inf
         push = np.zeros_like(r)
@@ -83,6 +84,14 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
         with np.errstate(invalid="ignore"):
             forces = (push / r)[:, :, None] * branch
         yield Interactions(here[some], branch * scales.length, forces * scales.force)
+
+
+def _nearest(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
+    """In a periodic cell, the ways from the nearest images; in units of a length [m]."""
+    if scene.cell.periods is None:
+        return branches
+    periods = np.array(scene.cell.periods) / unit
+    return np.asarray(branches - periods * np.round(branches / periods))
 
 
 def wall_interactions(

@@ -150,9 +150,10 @@ def frames(run: Trajectory) -> Iterator[Frame]:
     fixed: dict[str, Any] = {
         "species": data["species"].values, "diameters": data["diameter"].values, "masses": masses,
     }  # fmt: skip
+    places = run.scene.cell.inside(data["position"].values)
     for k, time in enumerate(data["frame_time"].values):
         yield Frame(
-            run.scene, float(time), data["position"].values[k], data["velocity"].values[k],
+            run.scene, float(time), places[k], data["velocity"].values[k],
             data["force"].values[k], float("nan") if heights is None else float(heights[k]),
             **fixed,
         )  # fmt: skip

@@ -35,9 +35,13 @@ def _list_images_of(
     stripes: Stripes, k: int, there: int, turns: int, up: int, image: int, far: float
 ) -> None:
     """List one image of the partners of a stripe's rows, in itself or in one above."""
-    x, y, runs = stripes.x, stripes.y, stripes.runs
-    across = stripes.periods[0] * ((image == _RIGHT) - (image == _LEFT))
-    rise, run = stripes.periods[1] * turns, IMAGES * up + image
+    x, y, runs, periods, shifts = (
+        stripes.x, stripes.y, stripes.runs, stripes.periods, stripes.shifts
+    )  # fmt: skip
+    assert periods is not None
+    assert shifts is not None
+    across = periods[0] * ((image == _RIGHT) - (image == _LEFT))
+    rise, run = periods[1] * turns, IMAGES * up + image
     begin = stripes.begins[there]
     end, lowest = begin, math.inf
     while end < stripes.begins[there + 1] and x[end] < PADDING:
@@ -47,7 +51,7 @@ def _list_images_of(
     for first in range(stripes.begins[k], stripes.begins[k + 1], ROWS):
         pair = first // ROWS
         runs[pair, run, 0] = runs[pair, run, 1] = 0
-        stripes.shifts[pair, run, 0], stripes.shifts[pair, run, 1] = across, rise
+        shifts[pair, run, 0], shifts[pair, run, 1] = across, rise
         # In its own stripe a grain meets those behind it, the images on the right among them.
         if x[first] < PADDING and not (up == 0 and image == _LEFT):
             two = x[first + 1] < PADDING

@@ -14,7 +14,6 @@ from llvmlite import ir
 from granular.pairs.inverse import inverse_fifth
 from granular.pairs.lanes import INDEX, Code, constant, flags
 
-
 _AWAY = 1e100
 """Square of a way [D^2] that no two grains are apart."""
 
@@ -93,7 +92,10 @@ class Images(NamedTuple):
     def nearest(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
         """The way to the nearest image."""
         b, found = code.builder, []
-        for way, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
+        for way, side, per in (
+            (dx, self.width, self.per_width),
+            (dy, self.height, self.per_height),
+        ):
             turns = code.rounded(b.fmul(way, per))
             found.append(b.fsub(way, b.fmul(turns, side)))
         # Padding grains have no images.

@@ -99,7 +99,11 @@ def restrict_around(mesh: Mesh, level: int) -> None:
     """Sources of a level from those of the finer one before it."""
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     whole, half, rest = SHARES
-    lines, start, stride = mesh.windows[level - 1, UP], first_point(mesh, level - 1), mesh.strides[level - 1]
+    lines, start, stride = (
+        mesh.windows[level - 1, UP],
+        first_point(mesh, level - 1),
+        mesh.strides[level - 1],
+    )
     own, own_stride = first_point(mesh, level), mesh.strides[level]
     across, start = mesh.windows[level, ACROSS], start - margin
     for up in range(mesh.windows[level, UP]):

@@ -118,9 +118,7 @@ def gathered(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
 
 
 @compiled(inline=True)
-def _gathered(
-    around: Array | None, mesh: Mesh, x: float, y: float
-) -> tuple[float, float, float]:
+def _gathered(around: Array | None, mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
     if around is not None:
         return gathered_around(mesh, around, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]

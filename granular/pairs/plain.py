@@ -11,7 +11,6 @@ from granular.compiled import Array
 from granular.effects.dipole import ENERGY, STRENGTH, pair_energy, pair_force
 from granular.pairs.split import far_cube, far_fifth
 
-
 PADDING = 1e60
 """Places of padding grains are beyond [D]; they have no images."""
 

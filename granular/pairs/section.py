@@ -128,8 +128,8 @@ class Pairs(Section):
         most = (0.5 if method == "direct" else ROOM) * room
         if radius is not None and radius > most * (1.0 + 1e-12):
             raise FieldError(
-                f"{radius * diameter:.6g} m is more than {most / room:g} of the shorter side of the "
-                f"periodic cell, {most * diameter:.6g} m; take 'direct', a shorter cut_off or a "
+                f"{radius * diameter:.6g} m is more than {most / room:g} of the shorter side of "
+                f"the periodic cell, {most * diameter:.6g} m; take 'direct', a shorter cut_off or a "
                 "larger cell", "cut_off",
             )  # fmt: skip
         if method != "direct" and grains < LEAST:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from granular.compiled import Array, compiled
 from granular.pairs.image_runs import list_images
 from granular.pairs.lanes import WIDTH

@@ -66,6 +66,8 @@ def _sort_into(
 def sort_around(stripes: Stripes, grains: int, reach: float) -> int:
     """`sort` in a periodic cell: the images within it, in stripes of one height."""
     periods, homes = stripes.periods, stripes.homes
+    assert periods is not None
+    assert homes is not None
     inside = np.empty((2, grains))
     for axis in range(2):
         for i in range(grains):

@@ -69,6 +69,11 @@ def check_method(method: Method, step: Step, scene: Scene) -> None:
             f"dt = {step.seconds!r}: {method.name!r} chooses its own steps; give 'auto', or a "
             "multiple such as 'auto/2'"
         )
+    if scene.cell.periods is not None:
+        raise InputError(
+            f"method = {method.name!r} cannot run a periodic cell: its steps follow grains, not "
+            "their images; take 'stormer-verlet'"
+        )
     walls = scene.effects.walls
     if walls is not None and walls.has_slab:
         raise InputError(

@@ -36,7 +36,7 @@ def view_of(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, floa
         "diameters": scene.grains.diameters().tolist(),
         "colours": [COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()],
         "frames": chosen["frame_time"].values.tolist(),
-        "position": _packed(chosen["position"].values),
+        "position": _packed(scene.cell.inside(chosen["position"].values)),
         "velocity": _packed(chosen["velocity"].values),
         "stages": [{"name": name, "start": start} for name, start in stages],
         "top": _top(scene, data),
@@ -62,6 +62,8 @@ def _records(data: xarray.Dataset) -> dict[str, Any]:
 
 def _top(scene: Scene, data: xarray.Dataset) -> float:
     """Height that holds piston and grains [m]."""
+    if scene.cell.height is not None:
+        return scene.cell.height
     places = data["position"].values[..., 1]
     top = float(np.nanmax(places, initial=0.0)) + scene.grains.diameters().max(initial=0.0)
     if "frame_height" in data and scene.piston is not None:

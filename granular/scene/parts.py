@@ -194,6 +194,10 @@ class Cell(Section):
         """Width and height of a periodic cell [m]; None of a closed one."""
         return None if self.height is None else (self.width, self.height)
 
+    def inside(self, positions: np.ndarray) -> np.ndarray:
+        """Positions (..., 2) [m] of the images within a periodic cell; as given of a closed one."""
+        return positions if self.periods is None else np.mod(positions, self.periods)
+
     def validate(self) -> None:
         if self.sides == "periodic" and self.height is None:
             raise FieldError("must be given where the sides are periodic", "height")
@@ -207,7 +211,7 @@ class Cell(Section):
         """As of `Section.to_plain`; periodic sides are told of where there are some."""
         plain = super().to_plain()
         if self.height is None:
-            del plain["sides"], plain["height"]
+            del plain["sides"]
         return plain
 
 

@@ -214,7 +214,8 @@ class Scene(Section):
 
     def _check_periodic(self) -> None:
         """A periodic cell has no walls, no piston, and effects that know of images alone."""
-        if self.cell.periods is None:
+        room = self._room
+        if room is None:
             return
         if self.piston is not None:
             raise FieldError("a cell with periodic sides has none; leave it away", "piston")
@@ -225,7 +226,7 @@ class Scene(Section):
                     "'closed'", "effects", effect.key,
                 )  # fmt: skip
         try:
-            self.pairs.check_room(self.grains.count, self._room, self.grains.species[0].diameter)
+            self.pairs.check_room(self.grains.count, room, self.grains.species[0].diameter)
         except FieldError as error:
             raise error.within("pairs") from None
 

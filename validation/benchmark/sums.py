@@ -99,7 +99,18 @@ def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) 
     return grains.timed(
         sums,
         lambda: _direct_sum(
-            x, grains.y, sums[0], sums[1], None, None, None, third, weight, buffers, thread
+            x,
+            grains.y,
+            sums[0],
+            sums[1],
+            None,
+            None,
+            None,
+            third,
+            weight,
+            buffers,
+            thread,
+            None,
         ),
     )
 

@@ -1,0 +1,239 @@
+"""Periodic cells: nearest images, the cut-off and the mesh against sums over images written out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import erfc, gammaincc
+
+from granular import Scene, evaluate, simulate
+from granular.scene.scales import Scales
+from granular.shared.errors import InputError, SceneError
+
+DIAMETER = 0.006
+
+
+def crystal(columns: int, rows: int, spacing: float = 1.9, **changes: Any) -> Scene:
+    """Nearly a triangular lattice."""
+    a = spacing * DIAMETER
+    return Scene.from_plain(
+        {
+            "grains": {"count": columns * rows, "species": [{"diameter": DIAMETER}]},
+            "cell": {"width": columns * a, "height": rows * a * math.sqrt(0.75),
+                     "sides": "periodic"},
+            "effects": {"dipole": True},
+            "arrangement": {"jitter": 0.15},
+            "protocol": [{"kind": "hold", "name": "rest"}],
+        }
+    ).replace(**changes)  # fmt: skip
+
+
+def natural(scene: Scene) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Places and sides [D], and the units of force and energy."""
+    scales = Scales.of(scene.grains)
+    places = scene.initial_motion()[0] / scales.length
+    return places, np.array(scene.cell.periods) / scales.length, scales.force, scales.energy
+
+
+def elsewhere(scene: Scene) -> np.ndarray:
+    """The scene's positions, each at another of its images [m]."""
+    places = scene.initial_motion()[0]
+    turns = np.random.default_rng(1).integers(-2, 3, places.shape)
+    return np.asarray(places + turns * scene.cell.periods)
+
+
+def nearest_images(
+    places: np.ndarray, sides: np.ndarray, radius: float
+) -> tuple[np.ndarray, float]:
+    way = places[:, None] - places
+    way -= sides * np.round(way / sides)
+    r = np.linalg.norm(way, axis=2)
+    near = (r < radius) & (r > 0.0)
+    push = np.where(near, 0.75 * np.where(near, r, 1.0) ** -5, 0.0)
+    energy = np.where(near, np.where(near, r, 1.0) ** -3 - radius**-3, 0.0)
+    return (push[:, :, None] * way).sum(axis=1), 0.125 * energy.sum()
+
+
+def all_images(
+    places: np.ndarray, sides: np.ndarray, grains: range, most: int = 12
+) -> tuple[np.ndarray, float]:
+    """Forces on some grains, image by image; and the rms sum of their sizes.
+
+    The images in a circle: what lies beyond adds up to less than 1e-12.
+    """
+    steps = np.arange(-most, most + 1)
+    images = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * sides
+    forces, loads = [], []
+    for i in grains:
+        way = places[i] - places
+        way = (way - sides * np.round(way / sides))[:, None] + images
+        r = np.linalg.norm(way, axis=2)
+        taken = (r < most * sides.min()) & (r > 0.0)
+        push = np.where(taken, 0.75 * np.where(taken, r, 1.0) ** -5, 0.0)
+        forces.append((push[:, :, None] * way).sum(axis=(0, 1)))
+        loads.append((push * r).sum())
+    return np.array(forces), float(np.sqrt(np.mean(np.square(loads))))
+
+
+def ewald_energy(places: np.ndarray, sides: np.ndarray) -> float:
+    """Energy with all images, those of each grain itself among them [F* D].
+
+    Written out from the integral over exp(-r^2 t), with structure factors.
+    """
+    sharp, area, count = 12.0 / sides.min(), sides.prod(), len(places)
+    total = 0.0
+    for way in (places[i] - places for i in range(count)):
+        r = np.linalg.norm(way - sides * np.round(way / sides), axis=1)
+        r = r[r > 0.0]
+        total += (gammaincc(1.5, (sharp * r) ** 2) / r**3).sum()
+    most = np.ceil(12.0 * sharp * sides / (2.0 * np.pi)).astype(int)
+    # Only half of the waves: those of -k are the same.
+    series = sharp * count**2
+    phases = [
+        np.exp(2j * np.pi / side * np.outer(np.arange(-m, m + 1), place))
+        for side, place, m in zip(sides, places.T, most, strict=True)
+    ]
+    for m in range(most[0] + 1):
+        k = 2.0 * np.pi * np.hypot(m / sides[0], np.arange(-most[1], most[1] + 1) / sides[1])
+        share = 2.0 * sharp * np.exp(-((k / (2 * sharp)) ** 2))
+        share -= np.sqrt(np.pi) * k * erfc(k / (2 * sharp))
+        weights = np.abs(phases[1] @ phases[0][most[0] + m]) ** 2 * share
+        series += weights.sum() if m else weights[most[1] + 1 :].sum()
+    total += 2.0 * np.sqrt(np.pi) / area * 2.0 * series
+    return 0.125 * (total - count * 4.0 / (3.0 * np.sqrt(np.pi)) * sharp**3)
+
+
+def test_energy_with_all_images_is_that_of_a_sum_image_by_image() -> None:
+    """The judge of the others: 14 grains, with what lies beyond a circle as an integral."""
+    scene = crystal(7, 2)
+    places, sides, *_ = natural(scene)
+    steps = np.arange(-150, 151)
+    images = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * sides
+    most, total = 150 * sides.min(), 0.0
+    for i in range(14):
+        for j in range(14):
+            r = np.linalg.norm(places[i] - places[j] + images, axis=1)
+            total += (r[(r > 0.0) & (r < most)] ** -3.0).sum()
+    total += 14**2 * 2.0 * math.pi / (sides.prod() * most)
+    assert ewald_energy(places, sides) == pytest.approx(0.125 * total, rel=1e-6)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(6, 4), (12, 12)])
+def test_direct_sum_is_that_of_the_nearest_images(columns: int, rows: int) -> None:
+    scene = crystal(columns, rows, **{"pairs.method": "direct"})
+    places, sides, force, energy = natural(scene)
+    wanted, potential = nearest_images(places, sides, 0.5 * sides.min())
+    found = evaluate(scene, elsewhere(scene))
+    np.testing.assert_allclose(found.force / force, wanted, atol=1e-12 * abs(wanted).max())
+    assert found.potential_energy / energy == pytest.approx(potential, rel=1e-12)
+
+
+@pytest.mark.long  # quick: the near part of the mesh, which is met in the same way
+@pytest.mark.parametrize(("columns", "rows"), [(12, 12), (30, 26), (40, 40)])
+def test_cut_off_is_that_of_the_nearest_images(columns: int, rows: int) -> None:
+    radius = "7 D" if columns == 12 else "8.5 D"
+    scene = crystal(columns, rows, **{"pairs": {"method": "cut-off", "cut_off": radius}})
+    places, sides, force, energy = natural(scene)
+    radius = scene.pairs.cut_off / DIAMETER
+    wanted, potential = nearest_images(places, sides, radius)
+    found = evaluate(scene, elsewhere(scene))
+    np.testing.assert_allclose(found.force / force, wanted, atol=1e-12 * abs(wanted).max())
+    assert found.potential_energy / energy == pytest.approx(potential, rel=1e-12)
+
+
+def held_by_images(scene: Scene, force_error: float, energy_error: float) -> None:
+    places, sides, force, energy = natural(scene)
+    found = evaluate(scene, elsewhere(scene))
+    wanted, load = all_images(places, sides, range(10))
+    assert abs(found.force[:10] / force - wanted).max() < force_error * load
+    potential = ewald_energy(places, sides)
+    assert found.potential_energy / energy == pytest.approx(potential, rel=energy_error)
+
+
+def test_mesh_takes_all_images() -> None:
+    """A short radius and a coarse mesh: to what its tolerance says, and no better."""
+    held_by_images(crystal(20, 22, **{"pairs.method": "mesh"}), 3e-4, 5e-5)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("columns", "rows", "tolerance", "force_error", "energy_error"),
+    [(24, 22, 3e-5, 3e-6, 1e-6), (48, 56, 1e-6, 1e-7, 1e-6), (50, 56, 1e-6, 1e-7, 1e-6)],
+)
+def test_mesh_takes_all_images_to_a_tolerance(
+    columns: int, rows: int, tolerance: float, force_error: float, energy_error: float
+) -> None:
+    changes = {"pairs.method": "mesh", "pairs.tolerance": tolerance}
+    held_by_images(crystal(columns, rows, **changes), force_error, energy_error)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["direct", "cut-off", "mesh"])
+def test_energy_momentum_and_threads(method: str) -> None:
+    """Grains that cross the sides: energy to second order in the step, momentum, the same bits."""
+    scene = crystal(
+        32, 34, **{"pairs.method": method, "arrangement.speed": "0.3 m/s",
+                   "output": {"scalars": "20 ms", "frames": "0.2 s"}}
+    )  # fmt: skip
+    drifts, ends = [], []
+    for step, threads in ((2e-4, 1), (1e-4, 1), (1e-4, 2)):
+        run = simulate(scene, t_end=1.0, dt=step, threads=threads, progress=False)
+        energy = run.dataset["kinetic_energy"].values + run.dataset["pair_energy"].values
+        drifts.append(np.sqrt(np.mean((energy - energy[0])[1:] ** 2)))
+        ends.append(run.dataset["position"].values[-1])
+        velocity = run.dataset["velocity"].values
+        size = abs(velocity[0]).sum()
+        assert (
+            abs((velocity[-1] - velocity[0]).sum(axis=0)).max()
+            < (2e-3 if method == "mesh" else 1e-12) * size
+        )
+    assert np.abs(ends[0] - run.scene.initial_motion()[0]).max() > 3 * 1.9 * DIAMETER
+    assert drifts[0] / drifts[1] > 3.0
+    np.testing.assert_array_equal(ends[1], ends[2])
+
+
+def test_a_perfect_lattice_is_at_rest() -> None:
+    scene = crystal(
+        12, 12, **{"arrangement.jitter": 0.0, "pairs": {"method": "direct", "cut_off": "9 D"}}
+    )
+    found = evaluate(scene, scene.initial_motion()[0]).force
+    assert abs(found).max() < 1e-12 * Scales.of(scene.grains).force
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"cell.height": None}, "cell.height: must be given where the sides are periodic"),
+        ({"cell.sides": "closed"}, "only a periodic cell has a height"),
+        ({"piston": {"height": "0.2 m"}}, "piston: a cell with periodic sides has none"),
+        ({"effects.gravity": {}}, "effects.gravity: cannot act in a cell with periodic sides"),
+        ({"effects.walls": {"top": None}}, "effects.walls: cannot act in a cell"),
+        ({"pairs": {"method": "verlet-list"}}, "pairs.method: de Paula's list knows no images"),
+        ({"pairs": {"method": "cut-off", "cut_off": "9 D"}}, "0.39 of the shorter side"),
+        ({"pairs": {"method": "direct", "cut_off": "12 D"}}, "0.5 of the shorter side"),
+        ({"pairs": {"method": "direct", "far_every": 8}}, "has no far field; take 'mesh'"),
+        ({"arrangement.height": "0.1 m"}, "a periodic cell is filled"),
+    ],
+)  # fmt: skip
+def test_what_a_periodic_cell_cannot_have(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        crystal(12, 12).replace(**changes)
+
+
+def test_variable_steps_know_no_images() -> None:
+    with pytest.raises(InputError, match="cannot run a periodic cell"):
+        simulate(crystal(6, 4), method="adaptive-verlet", t_end=0.1, progress=False)
+
+
+def test_a_scene_says_that_it_is_periodic_and_others_do_not() -> None:
+    scene = crystal(12, 12)
+    assert Scene.from_plain(scene.to_plain()) == scene
+    assert scene.pair_method == "mesh"
+    assert crystal(8, 8).pair_method == "direct"
+    assert "sides" not in Scene.from_plain(
+        {"grains": {"count": 1, "species": [{"diameter": DIAMETER}]}, "cell": {"width": 0.1},
+         "arrangement": {"height": "0.1 m"}}
+    ).to_plain()["cell"]  # fmt: skip
