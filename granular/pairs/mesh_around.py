@@ -83,7 +83,7 @@ def spread_around(
     copy_round(mesh, mesh.source, 0)
 
 
-@compiled
+@compiled(inline=True)
 def gathered_around(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[float, float, float]:
     """The potential at a place, and its derivatives."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
