@@ -1,0 +1,178 @@
+"""What is measured of melting, on layers made so that the answer is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from validation.melting.displacements import lindemann, mode_squares, modulus, waves
+from validation.melting.guide import BEGIN, END, PAGE, ROOT
+from validation.melting.neighbours import bond_order, correlation, nearest, neighbours
+from validation.melting.results import Results, committed, from_plain, results_of, write_results
+from validation.melting.running import Plan, run_plan
+from validation.melting.scenes import layer
+from validation.melting.text import markdown, text
+from validation.melting.transitions import Interval, crossing, exponent, layer_order
+
+COLUMNS = 16
+
+
+def crystal() -> tuple[np.ndarray, tuple[float, float], float]:
+    """Sites [m], the cell's sides and the spacing."""
+    one = layer(100.0, COLUMNS)
+    periods = one.scene.cell.periods
+    assert periods is not None
+    return one.scene.initial_motion()[0], periods, one.spacing
+
+
+def test_every_grain_of_a_crystal_has_six_neighbours_also_across_the_sides() -> None:
+    sites, periods, a = crystal()
+    elsewhere = sites + np.random.default_rng(0).integers(-2, 3, sites.shape) * periods
+    found = neighbours(elsewhere, periods)
+    assert (found.sides == 6).all()
+    np.testing.assert_allclose(np.hypot(*found.way.T), a, rtol=1e-9)
+    order = bond_order(found)
+    np.testing.assert_allclose(abs(order.mean()), 1.0, atol=1e-12)
+
+
+def test_neighbours_and_order_are_those_of_freud() -> None:
+    freud = pytest.importorskip("freud")
+    _, periods, _ = crystal()
+    places = np.random.default_rng(3).uniform(0.0, periods, (COLUMNS**2, 2))
+    box = freud.box.Box(*periods, is2D=True)
+    judge = freud.locality.Voronoi()
+    judge.compute((box, np.column_stack([places - np.array(periods) / 2.0, 0.0 * places[:, 0]])))
+    wanted = {(int(i), int(j)) for i, j in np.asarray(judge.nlist)}
+    found = neighbours(places, periods)
+    ours = set(zip(found.first.tolist(), found.second.tolist(), strict=True))
+    # Sides shorter than a rounding error aside.
+    assert len(ours ^ wanted) <= 2
+    hexatic = freud.order.Hexatic(k=6)
+    hexatic.compute(
+        (box, np.column_stack([places - np.array(periods) / 2.0, 0.0 * places[:, 0]])),
+        neighbors=judge.nlist,
+    )
+    off = np.abs(bond_order(found) - hexatic.particle_order)
+    assert np.median(off) < 1e-5
+    assert (off < 1e-4).mean() > 0.98
+
+
+def test_correlation_of_an_angle_field_falls_with_its_power() -> None:
+    """Order exp(i theta), theta a sum of waves whose squares go with 1/q^2, as in a hexatic."""
+    sites, periods, a = crystal()
+    sites = np.concatenate([sites, sites + np.array([periods[0], 0.0])])
+    periods = (2.0 * periods[0], periods[1])
+    random = np.random.default_rng(1)
+    vectors = waves(periods, math.pi / a)
+    edges = np.arange(0.5, 8.0, 0.5) * a
+    totals, strength = np.zeros((2, len(edges) - 1)), 0.1
+    squares = np.zeros(len(edges) - 1)
+    for _ in range(60):
+        sizes = random.normal(size=(2, len(vectors)))
+        sizes *= np.sqrt(strength) * 2.0 * math.pi / np.hypot(*vectors.T) / math.sqrt(
+            periods[0] * periods[1]
+        )  # fmt: skip
+        phase = sites @ vectors.T
+        theta = np.cos(phase) @ sizes[0] + np.sin(phase) @ sizes[1]
+        totals += correlation(sites, np.exp(1j * theta), periods, edges, np.arange(0, 512, 4))
+    # <exp(i dtheta)> of these normal numbers, by their exact variances.
+    r = (edges[1:] + edges[:-1]) / 2.0
+    angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
+    variances = strength * (2.0 * math.pi) ** 2 / (periods[0] * periods[1])
+    for k, radius in enumerate(r):
+        ways = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        share = (1.0 - np.cos(ways @ vectors.T)) / (vectors**2).sum(axis=1)
+        squares[k] = np.exp(-variances * share.sum(axis=1)).mean()
+    found = totals[0] / np.maximum(totals[1], 1.0)
+    far = r > 2.5 * a  # nearer, sites lie at few distances
+    np.testing.assert_allclose(found[far], squares[far], atol=0.03)
+
+
+def test_exponent_of_a_power_and_what_is_lost() -> None:
+    r = np.arange(0.75, 30.0, 0.5)
+    assert exponent(r, 0.7 * r**-0.25) == pytest.approx(0.25)
+    assert exponent(r, np.exp(-r) - 0.01) == math.inf
+
+
+def test_moduli_by_equipartition() -> None:
+    """Displacements drawn from the elastic energy of the crystal at rest give its K again."""
+    from granular.observables.moduli import crystal_moduli, theory_modulus
+
+    one = layer(100.0, COLUMNS)
+    sites, periods, _ = crystal()
+    at_rest = crystal_moduli(one.density, one.strength)
+    wanted = theory_modulus(at_rest, one.density, one.temperature)
+    vectors = waves(periods, 1.0 / one.spacing)
+    q, random = np.hypot(*vectors.T), np.random.default_rng(0)
+    frames = np.repeat(sites[None], 3000, axis=0)
+    along = vectors / q[:, None]
+    for way, stiffness in ((along, at_rest.bulk + at_rest.shear),
+                           (along[:, ::-1] * [-1.0, 1.0], at_rest.shear)):  # fmt: skip
+        width = np.sqrt(2.0 * one.temperature * one.density / stiffness / q**2 / len(sites))
+        sizes = random.normal(size=(2, 3000, len(q))) * width
+        phase = sites @ vectors.T
+        for size, wave in zip(sizes, (np.cos(phase), np.sin(phase)), strict=True):
+            frames = frames + np.einsum("fm,nm,mk->fnk", size, wave, way)
+    modes = mode_squares(frames, sites, vectors)
+    found = modulus(one, *(mode.mean(axis=0) for mode in modes), vectors)
+    assert found == pytest.approx(wanted, rel=0.05)
+
+
+def test_lindemann_parameter_of_independent_grains() -> None:
+    """<|du_i - du_j|^2> = 8 s^2 after any time, where each place is drawn anew."""
+    sites, periods, a = crystal()
+    random = np.random.default_rng(2)
+    frames = sites + 0.05 * a * random.normal(size=(40, *sites.shape))
+    found = lindemann(frames, periods, a, np.array([1, 5, 20]))
+    np.testing.assert_allclose(found, 8.0 * 0.05**2 / 2.0, rtol=0.05)
+
+
+def test_ways_go_to_the_nearest_image() -> None:
+    ways = nearest(np.array([[0.9, -0.6], [0.4, 1.1]]), (1.0, 1.0))
+    np.testing.assert_allclose(ways, [[-0.1, 0.4], [0.4, 0.1]])
+
+
+def test_crossings_lie_between_layers_and_may_be_missing() -> None:
+    values = [Interval(v, v - 0.1, v + 0.1) for v in (2.0, 0.5, 0.1)]
+    found = crossing([60.0, 62.0, 64.0], values, 0.25, rising=False)
+    assert found is not None
+    assert found.value == pytest.approx(62.0 + 2.0 * 0.25 / 0.4)
+    assert found.low < found.value < found.high
+    assert crossing([60.0, 62.0], values[:2], 0.25, rising=False) is None
+
+
+@pytest.mark.long  # quick: what is measured of made layers
+def test_small_layers_are_run_once_and_found_again(tmp_path: Path) -> None:
+    plan = Plan((40.0, 120.0), 12, 2.0, 5.0)
+    layers = run_plan(plan, tmp_path, progress=False)
+    for run in (tmp_path / "runs").iterdir():
+        (run / "scene.toml").unlink()
+    assert run_plan(plan, tmp_path, progress=False) == layers
+    results = results_of(layers, "test")
+    write_results(results, tmp_path / "results.json")
+    again = from_plain(json.loads((tmp_path / "results.json").read_text()))
+    assert "grains" in text(again)
+    liquid, solid = again.orders
+    assert liquid.defects > 0.2
+    assert solid.defects < 0.05
+    assert solid.modulus.value > 16.0 * math.pi
+    assert liquid.modulus.value == 0.0
+    assert solid.lindemann < 0.033 < liquid.lindemann
+    assert all(abs(one["kinetic"] - 1.0) < 0.1 for one in layers)
+
+
+def test_guide_says_what_the_results_say() -> None:
+    results = committed()
+    assert results.layers
+    page = (ROOT / PAGE).read_text(encoding="utf-8")
+    assert page.partition(BEGIN)[2].partition(END)[0].strip() == markdown(results).strip()
+
+
+def test_no_results_are_told_of() -> None:
+    assert "no results" in text(Results({}, ()))
+    with pytest.raises(KeyError):
+        layer_order({})

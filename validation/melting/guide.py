@@ -1,0 +1,91 @@
+"""What the guide says of melting: table and picture, made from the results file.
+
+``python -m validation melting --guide`` writes them anew; a test compares the table.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from validation.melting.results import Results
+from validation.melting.text import markdown
+from validation.melting.transitions import HEXATIC_EXPONENT, Interval
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ROOT = Path(__file__).parents[2]
+PAGE = "docs/guide/defects.md"
+PICTURE = "docs/images/melting.png"
+BEGIN = "<!-- made from validation/melting/results.json -->"
+END = "<!-- end of melting -->"
+
+
+def with_block(page: str, block: str) -> str:
+    """A page with the text between the marks replaced."""
+    before, _, rest = page.partition(BEGIN)
+    return f"{before}{BEGIN}\n{block}\n{END}{rest.partition(END)[2]}"
+
+
+def write_guide(results: Results, root: Path = ROOT) -> list[Path]:
+    """Write table and picture below ``root``; their files."""
+    from granular.render import save
+
+    page, picture = root / PAGE, root / PICTURE
+    text = page.read_text(encoding="utf-8")
+    page.write_text(with_block(text, markdown(results)), encoding="utf-8")
+    save(draw(results), picture, overwrite=True)
+    return [page, picture]
+
+
+def draw(results: Results) -> Figure:
+    """g6 of all layers, their exponents and moduli over Gamma, and the Lindemann parameter."""
+    import numpy as np
+    from matplotlib import colormaps
+
+    from granular.shared.plotting import COLOURS, READABLE, figure
+    from validation.melting.published import PUBLISHED
+
+    layers, orders = results.layers, results.orders
+    gammas = [one.gamma for one in orders]
+    shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(layers)))
+    with figure(2, 2, width=9.0, height=7.2, size=READABLE) as (drawing, axes):
+        for one, shade in zip(layers, shades, strict=True):
+            g6 = np.mean(one["g6"], axis=0)
+            axes[0, 0].plot(one["r"], g6, color=shade, label=f"{one['gamma']:g}")
+            axes[0, 1].plot(one["lags"], one["lindemann"], color=shade)
+        r = np.array([4.0, 16.0])
+        axes[0, 0].plot(r, 0.5 * (r / r[0]) ** -HEXATIC_EXPONENT, "k--", linewidth=1.0)
+        axes[0, 0].set(
+            xscale="log", yscale="log", xlim=(1.0, None), ylim=(0.01, 1.0), xlabel="r/a",
+            ylabel="g6",
+        )  # fmt: skip
+        axes[0, 0].legend(title="Γ", ncol=2, loc="lower left")
+        axes[0, 1].axhline(0.033, color="k", linestyle="--", linewidth=1.0)
+        axes[0, 1].set(
+            xscale="log", yscale="log", xlabel="time [units]", ylabel="dynamic Lindemann parameter"
+        )
+        shown = [k for k, one in enumerate(orders) if math.isfinite(one.exponent.value)]
+        _points(axes[1, 0], [gammas[k] for k in shown], [orders[k].exponent for k in shown], 1.0)
+        axes[1, 0].axhline(HEXATIC_EXPONENT, color="k", linestyle="--", linewidth=1.0)
+        axes[1, 0].set(xlabel="Γ", ylabel="η6", yscale="log")
+        scale = 1.0 / (16.0 * math.pi)
+        _points(axes[1, 1], gammas, [one.modulus for one in orders], scale)
+        axes[1, 1].axhline(1.0, color="k", linestyle="--", linewidth=1.0)
+        axes[1, 1].set(xlabel="Γ", ylabel="K/16π")
+        for k, other in enumerate(PUBLISHED):
+            name = other.source.split(",")[0] + " et al."
+            colour = COLOURS[k + 1]
+            axes[1, 0].axvline(other.hexatic, color=colour, linewidth=1.0, label=name)
+            axes[1, 1].axvline(other.crystal, color=colour, linewidth=1.0, label=name)
+        axes[1, 0].legend()
+    return drawing
+
+
+def _points(ax: object, gammas: list[float], values: list[Interval], scale: float) -> None:
+    middle = [scale * one.value for one in values]
+    below = [max(0.0, scale * (one.value - one.low)) for one in values]
+    above = [max(0.0, scale * (one.high - one.value)) for one in values]
+    ax.errorbar(gammas, middle, [below, above], fmt="o", capsize=3)  # type: ignore[attr-defined]

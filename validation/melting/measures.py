@@ -1,0 +1,106 @@
+"""What is measured of a layer: by blocks of time, from which intervals are drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular.observables.configurational import configurational_temperature
+from granular.observables.forces import grain_masses
+from validation.melting.displacements import (
+    LONGEST_WAVE,
+    is_crystal,
+    lindemann,
+    mode_squares,
+    waves,
+)
+from validation.melting.neighbours import bond_order, correlation, neighbours
+from validation.melting.scenes import Layer
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import Trajectory
+
+BLOCKS = 10
+"""Of the time that is measured; longer than what most of a layer's order remembers."""
+
+EVERY = 2
+"""Frames from one whose neighbours are looked for to the next."""
+
+ORIGINS = 256
+"""Grains that stand at 0 of g6, anew in each frame."""
+
+BIN = 0.5
+"""Width of the bins of g6, in spacings."""
+
+LAGS = 16
+"""Of the Lindemann parameter, at even ratios up to half the time that is measured."""
+
+COLD_FRAMES = 4
+"""Frames whose configurational temperature is measured."""
+
+
+def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
+    """Order, moduli and temperatures of a layer, as plain data.
+
+    Returns
+    -------
+    dict
+        ``kinetic`` and ``configurational``: temperatures over that of the bath. ``order``: the mean
+        square of the mean psi6 of each block of time; ``defects``: share of the grains without six
+        neighbours. ``r``, in spacings, with ``g6`` of each block. ``lags``, in units of time, with
+        the ``lindemann`` parameter. ``waves``: wave vectors, times the spacing, with the mean
+        squares of the modes ``along`` and ``across`` of each block, over the spacing squared.
+        ``crystal``: share of the grains that are at their own site at the end.
+    """
+    data = run.dataset
+    chosen = data["frame_time"].values >= settling
+    frames, speeds = data["position"].values[chosen], data["velocity"].values[chosen]
+    masses = grain_masses(run)
+    periods = layer.scene.cell.periods
+    assert periods is not None
+    kinetic = float((masses[None, :, None] * speeds**2).mean()) / layer.temperature
+    cold = frames[np.linspace(0, len(frames) - 1, COLD_FRAMES).astype(int)]
+    sites = layer.scene.initial_motion()[0]
+    a = layer.spacing
+    lags = np.unique(np.geomspace(1, len(frames) // 2, LAGS).round().astype(int))
+    apart = float(np.diff(data["frame_time"].values).mean())
+    vectors = waves(periods, LONGEST_WAVE / a)
+    along, across = mode_squares(frames, sites, vectors)
+    return {
+        "gamma": layer.gamma,
+        "grains": len(sites),
+        "steps": int(run.settings()["steps"]),
+        "kinetic": kinetic,
+        "configurational": configurational_temperature(layer.scene, cold) / layer.temperature,
+        **_order(frames, periods, a),
+        "lags": (lags * apart / layer.time).tolist(),
+        "lindemann": lindemann(frames, periods, a, lags).tolist(),
+        "waves": (vectors * a).tolist(),
+        "along": _block_means(along / a**2),
+        "across": _block_means(across / a**2),
+        "crystal": is_crystal(frames, sites, periods),
+    }
+
+
+def _block_means(values: np.ndarray) -> list[list[float]]:
+    return [one.mean(axis=0).tolist() for one in np.array_split(values, BLOCKS)]
+
+
+def _order(frames: np.ndarray, periods: tuple[float, float], spacing: float) -> dict[str, Any]:
+    edges = np.arange(BIN, 0.5 * min(periods) / spacing, BIN) * spacing
+    random = np.random.default_rng(1)
+    rows: dict[str, list[Any]] = {"order": [], "defects": [], "g6": []}
+    for block in np.array_split(frames[::EVERY], BLOCKS):
+        squares, odd, totals = [], [], np.zeros((2, len(edges) - 1))
+        for positions in block:
+            found = neighbours(positions, periods)
+            order = bond_order(found)
+            squares.append(abs(order.mean()) ** 2)
+            odd.append(float((found.sides != 6).mean()))
+            some = random.choice(len(positions), min(ORIGINS, len(positions)), replace=False)
+            totals += correlation(positions, order, periods, edges, some)
+        rows["order"].append(float(np.mean(squares)))
+        rows["defects"].append(float(np.mean(odd)))
+        rows["g6"].append((totals[0] / np.maximum(totals[1], 1.0)).tolist())
+    return {"r": ((edges[1:] + edges[:-1]) / (2.0 * spacing)).tolist(), **rows}

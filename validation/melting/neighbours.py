@@ -1,0 +1,105 @@
+"""Neighbours in a periodic cell, and the order of bonds with them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.observables.voronoi import voronoi_cells
+
+MARGIN = 4.0
+"""How far beyond the cell images are taken along, in mean spacings: no Voronoi cell of the layers
+looked at here reaches so far."""
+
+
+class Neighbours(NamedTuple):
+    """Voronoi neighbours of n grains.
+
+    Attributes
+    ----------
+    first, second : int (m,)
+        Every pair of neighbours, from both sides.
+    way : float (m, 2)
+        From the first to the nearest image of the second [m].
+    sides : int (n,)
+        Number of neighbours.
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    way: np.ndarray
+    sides: np.ndarray
+
+
+def nearest(way: np.ndarray, periods: tuple[float, float]) -> np.ndarray:
+    """Ways (..., 2) to the nearest images."""
+    return np.asarray(way - periods * np.round(way / periods))
+
+
+def neighbours(positions: np.ndarray, periods: tuple[float, float]) -> Neighbours:
+    """Voronoi neighbours in a cell with these sides.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]
+    periods : (float, float)
+        Width and height of the cell [m].
+    """
+    inside, count = np.mod(positions, periods), len(positions)
+    margin = MARGIN * np.sqrt(periods[0] * periods[1] / count)
+    places, owners = [inside], [np.arange(count)]
+    for column in (-1, 0, 1):
+        for row in (-1, 0, 1):
+            image = inside + np.array([column, row]) * periods
+            near = ((image > -margin) & (image < np.array(periods) + margin)).all(axis=1)
+            if (column or row) and near.any():
+                places.append(image[near])
+                owners.append(np.flatnonzero(near))
+    owner, place = np.concatenate(owners), np.concatenate(places)
+    pairs = voronoi_cells(place).neighbours
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs = pairs[pairs[:, 0] < count]
+    way = place[pairs[:, 1]] - place[pairs[:, 0]]
+    sides = np.bincount(pairs[:, 0], minlength=count)
+    return Neighbours(pairs[:, 0], owner[pairs[:, 1]], way, sides)
+
+
+def bond_order(found: Neighbours) -> np.ndarray:
+    """psi6 of each grain, complex (n,): the mean of exp(6 i phi) over its bonds."""
+    angle = np.arctan2(found.way[:, 1], found.way[:, 0])
+    turned, count = np.exp(6j * angle), len(found.sides)
+    real = np.bincount(found.first, turned.real, minlength=count)
+    imaginary = np.bincount(found.first, turned.imag, minlength=count)
+    return np.asarray((real + 1j * imaginary) / np.maximum(found.sides, 1))
+
+
+def correlation(
+    positions: np.ndarray, order: np.ndarray, periods: tuple[float, float], edges: np.ndarray,
+    origins: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Sums of Re psi6*(0) psi6(r) over pairs of some grains with all, and their numbers.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]
+    order : complex (n,)
+    periods : (float, float)
+        [m]
+    edges : float (b + 1,)
+        Of the bins of r, up to half the shorter side at most [m].
+    origins : int (k,)
+        The grains that stand at 0.
+
+    Returns
+    -------
+    sums, numbers : float (b,)
+    """
+    way = nearest(positions[None] - positions[origins, None], periods)
+    r = np.hypot(way[..., 0], way[..., 1]).ravel()
+    both = (order[origins, None].conj() * order[None]).real.ravel()
+    far = r > 0.0
+    sums = np.histogram(r[far], edges, weights=both[far])[0]
+    return sums, np.histogram(r[far], edges)[0].astype(float)

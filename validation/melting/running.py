@@ -1,0 +1,85 @@
+"""The layers' runs: each in a directory of its own, which goes on where it was stopped."""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from granular.shared.files import make_directory
+from granular.shared.shelf import Shelf, digest
+from validation.melting.scenes import STEP, layer
+
+
+class Plan(NamedTuple):
+    """What is run.
+
+    Attributes
+    ----------
+    gammas : tuple of float
+    columns : int
+        Of the crystal; it has as many rows.
+    settling, measured : float
+        Length of the run before, and while, it is measured [s].
+    """
+
+    gammas: tuple[float, ...]
+    columns: int
+    settling: float
+    measured: float
+
+
+QUICK = Plan((40.0, 60.0, 100.0), 16, 10.0, 20.0)
+FULL = Plan(
+    (60.0, 64.0, 66.0, 67.0, 68.0, 69.0, 70.0, 71.0, 72.0, 75.0, 80.0, 100.0), 64, 50.0, 100.0
+)  # fmt: skip
+
+
+def run_plan(
+    plan: Plan, directory: Path, *, workers: int = 1, progress: bool = True
+) -> list[dict[str, Any]]:
+    """Figures of every layer, in the plan's order; those in the directory are found again.
+
+    Parameters
+    ----------
+    plan : Plan
+    directory : Path
+    workers : int
+        Processes.
+    progress : bool
+        Say on standard error which layer is done.
+    """
+    from granular.shared.progress import progress_bar
+
+    make_directory(directory)
+    with (
+        ProcessPoolExecutor(workers) as pool,
+        progress_bar(total=len(plan.gammas), desc="layers", unit="layer", wanted=progress) as bar,
+    ):
+        waiting = {pool.submit(run_layer, plan, one, directory): one for one in plan.gammas}
+        found = {}
+        for done in as_completed(waiting):
+            found[waiting[done]] = done.result()
+            bar.update()
+    return [found[one] for one in plan.gammas]
+
+
+def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
+    """Figures of a layer: from its run, which is made or finished first where it is missing."""
+    from granular.run.simulation import simulate
+    from validation.melting.measures import figures
+
+    one = layer(gamma, plan.columns)
+    asked = {"scene": one.scene.to_plain(), "plan": plan._asdict() | {"gammas": None}}
+    key = digest(asked, 20)
+    shelf = Shelf(directory / "layers")
+    kept = shelf.read(key)
+    if kept is None:
+        run = simulate(
+            one.scene, t_end=plan.settling + plan.measured, dt=STEP, threads=1,
+            out=directory / "runs" / key, resume=True, progress=False,
+        )  # fmt: skip
+        kept = figures(one, run, plan.settling)
+        make_directory(shelf.directory)
+        shelf.keep(key, kept)
+    return dict(kept)

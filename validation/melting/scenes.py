@@ -1,0 +1,90 @@
+"""A layer of dipoles in a periodic cell, under a bath, at a given interaction parameter."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from granular.observables.moduli import dipole_strength, lattice_spacing
+from granular.scene.scales import Scales
+from granular.scene.scene import Scene
+
+SPACING = 2.4
+"""Of the lattice, in diameters; with r^-3 as energy it sets the units alone."""
+
+RATE = 0.1
+"""Of the bath, in inverse units of time: slow enough for sound to travel through the cell."""
+
+STEP = "auto*3"
+"""0.43 over the highest frequency. Temperatures tell what it makes wrong."""
+
+FRAMES = 0.5
+"""From frame to frame [s]: 27 units of time."""
+
+
+class Layer(NamedTuple):
+    """A scene, and what it is measured in.
+
+    Attributes
+    ----------
+    scene : Scene
+    gamma : float
+        C (pi rho)^(3/2)/T.
+    temperature : float
+        k_B T [J].
+    density : float
+        rho [1/m^2].
+    strength : float
+        C of the energy C/r^3 of a pair [J m^3].
+    time : float
+        Unit of time, sqrt(m/(C rho^(5/2))) [s].
+    """
+
+    scene: Scene
+    gamma: float
+    temperature: float
+    density: float
+    strength: float
+    time: float
+
+    @property
+    def spacing(self) -> float:
+        """Of the hexagonal lattice of this density [m]."""
+        return lattice_spacing(self.density)
+
+
+def layer(gamma: float, columns: int, seed: int = 1) -> Layer:
+    """A hexagonal crystal of ``columns`` times as many rows, at rest, under a bath.
+
+    Parameters
+    ----------
+    gamma : float
+        Interaction parameter C (pi rho)^(3/2)/T; the bath has the temperature that it asks for.
+    columns : int
+        An even number.
+    seed : int
+        Of the bath.
+    """
+    diameter = 0.006
+    a = SPACING * diameter
+    width, height = columns * a, columns * a * math.sqrt(0.75)
+    still = Scene.from_plain(
+        {
+            "name": f"layer at Gamma = {gamma:g}",
+            "grains": {"count": columns**2, "species": [{"diameter": diameter}]},
+            "cell": {"width": width, "height": height, "sides": "periodic"},
+            "effects": {"dipole": True},
+            "pairs": {"method": "mesh"},
+            "arrangement": {"jitter": 0.0},
+            "protocol": [{"kind": "hold", "name": "rest"}],
+            "output": {"scalars": FRAMES / 10.0, "frames": FRAMES},
+        }
+    )
+    scales = Scales.of(still.grains)
+    strength = dipole_strength(scales.current * scales.length**2)
+    density = columns**2 / (width * height)
+    temperature = strength * (math.pi * density) ** 1.5 / gamma
+    time = math.sqrt(scales.mass / (strength * density**2.5))
+    bath = {"temperature": temperature, "rate": RATE / time, "seed": seed}
+    scene = still.replace(**{"effects.bath": bath})
+    return Layer(scene, gamma, temperature, density, strength, time)

@@ -1,0 +1,101 @@
+"""The layers as tables: for the console, and for the guide."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from validation.melting.published import PUBLISHED
+from validation.melting.results import Results
+from validation.melting.transitions import Interval
+
+_HEAD = ("Gamma", "psi6", "eta6", "power/exp.", "K/16pi", "Lindemann", "growth", "defects")
+
+
+def summary(results: Results) -> dict[str, Any]:
+    """Plain data: what is made of each layer, and the transitions."""
+    return {
+        "made": dict(results.made),
+        "layers": [
+            {name: _plain(value) for name, value in one._asdict().items()} for one in results.orders
+        ],
+        "transitions": {
+            name: _plain(value) for name, value in results.transitions._asdict().items()
+        },
+        "published": [one._asdict() for one in PUBLISHED],
+    }
+
+
+def _plain(value: Any) -> Any:
+    return value._asdict() if isinstance(value, Interval) else value
+
+
+def rows_of(results: Results) -> list[tuple[str, ...]]:
+    """A row of words for each layer."""
+    return [
+        (
+            f"{one.gamma:g}", f"{one.order:.3f}", _words(one.exponent, 1.0, 3),
+            f"{one.algebraic:.2f}", _words(one.modulus, 1.0 / (16.0 * math.pi), 2),
+            f"{one.lindemann:.3f}", f"{one.growth:.2f}", f"{100.0 * one.defects:.1f} %",
+        )
+        for one in results.orders
+    ]  # fmt: skip
+
+
+def _words(one: Interval, scale: float, digits: int) -> str:
+    if not math.isfinite(one.value):
+        return "lost"
+    if one.value == 0.0:
+        return "0"
+    value, low, high = (f"{scale * number:.{digits}f}" for number in one)
+    return f"{value} ({low} to {high})"
+
+
+def sentences(results: Results) -> str:
+    """Where the transitions are, in words."""
+    found = results.transitions
+    return "\n".join(
+        f"{what}: {'not reached' if one is None else _gamma(one)}"
+        for what, one in (
+            ("eta6 is 1/4, and the liquid begins, at Gamma", found.hexatic),
+            ("K is 16 pi, and the crystal ends, at Gamma", found.crystal),
+            ("the Lindemann parameter is 0.033 at Gamma", found.lindemann),
+        )
+    )
+
+
+def _gamma(one: Interval | float) -> str:
+    if isinstance(one, float):
+        return f"{one:.1f}"
+    return f"{one.value:.1f} ({one.low:.1f} to {one.high:.1f})"
+
+
+def text(results: Results) -> str:
+    """A table for the console."""
+    from validation.table import table
+
+    if not results.layers:
+        return "no results come with the package; run it with --quick or --full"
+    grains = results.layers[0]["grains"]
+    return f"{table(_HEAD, rows_of(results)).text()}\n{grains} grains\n{sentences(results)}"
+
+
+def markdown(results: Results) -> str:
+    """The table and the transitions beside published ones, for the guide."""
+    head = ("Γ", "∣Ψ6∣", "η6", "power over exponential", "K/16π", "Lindemann", "growth", "defects")
+    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    lines += [f"| {' | '.join(row)} |" for row in rows_of(results)]
+    found = results.transitions
+    lines += [
+        "", "| | liquid below | crystal above | how |", "|---|---|---|---|",
+        f"| here | {_cell(found.hexatic)} | {_cell(found.crystal)} | simulation, "
+        f"{results.layers[0]['grains']} grains, η6 = 1/4 and K = 16π |",
+    ]  # fmt: skip
+    lines += [
+        f"| {one.source} | {one.hexatic:g} | {one.crystal:g} | {one.how} |" for one in PUBLISHED
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _cell(one: Interval | None) -> str:
+    return "not reached" if one is None else _gamma(one)

@@ -1,0 +1,211 @@
+"""Where order is lost: exponents, moduli and the two transitions, with intervals over blocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from validation.melting.displacements import modulus
+from validation.melting.scenes import layer
+
+HEXATIC_EXPONENT = 0.25
+"""eta6 where disclinations unbind (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979)."""
+
+CRYSTAL_MODULUS = 16.0 * math.pi
+"""K where dislocations unbind (the same)."""
+
+LINDEMANN = 0.033
+"""Dynamic Lindemann parameter of a crystal of dipoles at melting (Zahn and Maret, Phys. Rev. Lett.
+85, 3656, 2000)."""
+
+FITTED = (4.0, 0.5)
+"""g6 is fitted from so many spacings on, up to that part of half the cell: farther out, the images
+of a periodic cell hold it up."""
+
+DRAWS = 400
+"""Bootstrap samples of the blocks of time."""
+
+
+class Interval(NamedTuple):
+    """A value, and 95 % of what resampled blocks of time give.
+
+    Attributes
+    ----------
+    value, low, high : float
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+class LayerOrder(NamedTuple):
+    """What a layer's figures say.
+
+    Attributes
+    ----------
+    gamma : float
+    exponent : Interval
+        eta6: minus the slope of ln g6 over ln r.
+    algebraic : float
+        Rest of that line over the rest of a line in r itself, of exponential decay: below 1 where
+        the power is the better one.
+    modulus : Interval
+        K; 0 where the crystal is lost.
+    lindemann : float
+        Of the longest lag.
+    growth : float
+        Slope of its logarithm over that of the lag, at the longer half of the lags: towards 0 in a
+        crystal.
+    order : float
+        Root of the mean square of the mean psi6.
+    defects : float
+        Share of the grains without six neighbours.
+    """
+
+    gamma: float
+    exponent: Interval
+    algebraic: float
+    modulus: Interval
+    lindemann: float
+    growth: float
+    order: float
+    defects: float
+
+
+LOST = 0.5
+"""Share of the grains at their own site below which there is no crystal any more."""
+
+
+def layer_order(figures: dict[str, Any]) -> LayerOrder:
+    """The figures of a layer, with intervals."""
+    blocks = np.array(figures["g6"])
+    r = np.array(figures["r"])
+    along, across = np.array(figures["along"]), np.array(figures["across"])
+    whole = round(math.sqrt(figures["grains"]))
+    one = layer(figures["gamma"], whole)
+    vectors = np.array(figures["waves"]) / one.spacing
+    a2 = one.spacing**2
+
+    def stiffness(chosen: np.ndarray) -> float:
+        if figures["crystal"] < LOST:
+            return 0.0
+        one_way, other = (values[chosen].mean(axis=0) * a2 for values in (along, across))
+        return modulus(one, one_way, other, vectors)
+
+    lags, gammas = np.log(figures["lags"]), np.log(figures["lindemann"])
+    late = lags >= np.median(lags)
+    return LayerOrder(
+        gamma=figures["gamma"],
+        exponent=_interval(lambda chosen: exponent(r, blocks[chosen].mean(axis=0)), len(blocks)),
+        algebraic=_power_over_exponential(r, blocks.mean(axis=0)),
+        modulus=_interval(stiffness, len(along)),
+        lindemann=figures["lindemann"][-1],
+        growth=float(np.polyfit(lags[late], gammas[late], 1)[0]),
+        order=math.sqrt(float(np.mean(figures["order"]))),
+        defects=float(np.mean(figures["defects"])),
+    )
+
+
+def _fitted(r: np.ndarray, g6: np.ndarray) -> np.ndarray:
+    """The bins that are fitted: up to where g6 is still positive."""
+    good = (r >= FITTED[0]) & (r <= FITTED[1] * r[-1])
+    bad = np.flatnonzero(good & (g6 <= 0.0))
+    if len(bad):
+        good[bad[0] :] = False
+    return good
+
+
+def exponent(r: np.ndarray, g6: np.ndarray) -> float:
+    """eta6 of g6 ~ r^-eta6; infinite where g6 is lost within three bins."""
+    good = _fitted(r, g6)
+    if good.sum() < 3:
+        return math.inf
+    return -float(np.polyfit(np.log(r[good]), np.log(g6[good]), 1)[0])
+
+
+def _power_over_exponential(r: np.ndarray, g6: np.ndarray) -> float:
+    good = _fitted(r, g6)
+    if good.sum() < 4:
+        return math.nan
+    y, rests = np.log(g6[good]), []
+    for x in (np.log(r[good]), r[good]):
+        rests.append(float(((y - np.polyval(np.polyfit(x, y, 1), x)) ** 2).sum()))
+    return math.sqrt(rests[0] / rests[1]) if rests[1] > 0.0 else math.nan
+
+
+def _interval(measure: Callable[[np.ndarray], float], blocks: int) -> Interval:
+    random = np.random.default_rng(1)
+    drawn = [measure(random.integers(0, blocks, blocks)) for _ in range(DRAWS)]
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return Interval(measure(np.arange(blocks)), float(low), float(high))
+
+
+def crossing(
+    gammas: Sequence[float], values: Sequence[Interval], wanted: float, *, rising: bool
+) -> Interval | None:
+    """Gamma where a quantity passes a value, by lines between the layers; None where it does not.
+
+    The ends are where the ends of the intervals pass it.
+
+    Parameters
+    ----------
+    gammas : sequence of float
+        In rising order.
+    values : sequence of Interval
+    wanted : float
+    rising : bool
+        Whether it rises with Gamma.
+    """
+    found = [
+        _passes(gammas, [getattr(one, end) for one in values], wanted, rising)
+        for end in ("value", "low", "high")
+    ]
+    if found[0] is None:
+        return None
+    low, high = (math.nan if one is None else one for one in found[1:])
+    return Interval(found[0], min(low, high), max(low, high))
+
+
+def _passes(
+    gammas: Sequence[float], values: Sequence[float], wanted: float, rising: bool
+) -> float | None:
+    sign = 1.0 if rising else -1.0
+    above = [sign * (value - wanted) for value in values]
+    for k in reversed(range(len(gammas) - 1)):
+        # From the ordered side: the first layer that has lost it.
+        if above[k] < 0.0 <= above[k + 1]:
+            share = -above[k] / (above[k + 1] - above[k]) if math.isfinite(above[k]) else 1.0
+            return gammas[k] + share * (gammas[k + 1] - gammas[k])
+    return None
+
+
+class Transitions(NamedTuple):
+    """Both transitions of a study; None where it does not reach one.
+
+    Attributes
+    ----------
+    hexatic : Interval or None
+        Gamma where eta6 is 1/4: the liquid begins below it.
+    crystal : Interval or None
+        Gamma where K is 16 pi: the hexatic layer begins below it.
+    lindemann : float or None
+        Gamma where the dynamic Lindemann parameter of the longest lag is 0.033.
+    """
+
+    hexatic: Interval | None
+    crystal: Interval | None
+    lindemann: float | None
+
+
+def transitions(layers: Sequence[LayerOrder]) -> Transitions:
+    """Both transitions, of layers in rising order of Gamma."""
+    gammas = [one.gamma for one in layers]
+    return Transitions(
+        crossing(gammas, [one.exponent for one in layers], HEXATIC_EXPONENT, rising=False),
+        crossing(gammas, [one.modulus for one in layers], CRYSTAL_MODULUS, rising=True),
+        _passes(gammas, [one.lindemann for one in layers], LINDEMANN, rising=False),
+    )
