@@ -129,8 +129,8 @@ class Pairs(Section):
         if radius is not None and radius > most * (1.0 + 1e-12):
             raise FieldError(
                 f"{radius * diameter:.6g} m is over {most / room:g} of the shorter side of "
-                f"the periodic cell, {most * diameter:.6g} m; take 'direct', a shorter cut_off or a "
-                "larger cell", "cut_off",
+                f"the periodic cell, {most * diameter:.6g} m; take 'direct', a shorter cut_off or "
+                "a larger cell", "cut_off",
             )  # fmt: skip
         if method != "direct" and grains < LEAST:
             raise FieldError(

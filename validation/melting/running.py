@@ -29,6 +29,9 @@ class Plan(NamedTuple):
     measured: float
 
 
+FORM = 1
+"""Of the figures: to be raised when other ones are measured of the same runs."""
+
 QUICK = Plan((40.0, 60.0, 100.0), 16, 10.0, 20.0)
 FULL = Plan(
     (60.0, 64.0, 66.0, 67.0, 68.0, 69.0, 70.0, 71.0, 72.0, 75.0, 80.0, 100.0), 64, 50.0, 100.0
@@ -73,7 +76,7 @@ def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
     asked = {"scene": one.scene.to_plain(), "plan": plan._asdict() | {"gammas": None}}
     key = digest(asked, 20)
     shelf = Shelf(directory / "layers")
-    kept = shelf.read(key)
+    kept = shelf.read(f"{key}-{FORM}")
     if kept is None:
         run = simulate(
             one.scene, t_end=plan.settling + plan.measured, dt=STEP, threads=1,
@@ -81,5 +84,5 @@ def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
         )  # fmt: skip
         kept = figures(one, run, plan.settling)
         make_directory(shelf.directory)
-        shelf.keep(key, kept)
+        shelf.keep(f"{key}-{FORM}", kept)
     return dict(kept)

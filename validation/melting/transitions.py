@@ -131,10 +131,13 @@ def _power_over_exponential(r: np.ndarray, g6: np.ndarray) -> float:
     good = _fitted(r, g6)
     if good.sum() < 4:
         return math.nan
-    y, rests = np.log(g6[good]), []
-    for x in (np.log(r[good]), r[good]):
-        rests.append(float(((y - np.polyval(np.polyfit(x, y, 1), x)) ** 2).sum()))
-    return math.sqrt(rests[0] / rests[1]) if rests[1] > 0.0 else math.nan
+    power, exponential = (_rest(x, np.log(g6[good])) for x in (np.log(r[good]), r[good]))
+    return power / exponential if exponential > 0.0 else math.nan
+
+
+def _rest(x: np.ndarray, y: np.ndarray) -> float:
+    """Root of the summed squares of what a line leaves."""
+    return float(np.linalg.norm(y - np.polyval(np.polyfit(x, y, 1), x)))
 
 
 def _interval(measure: Callable[[np.ndarray], float], blocks: int) -> Interval:
