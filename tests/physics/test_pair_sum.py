@@ -47,7 +47,7 @@ def sums(
         x, y, out[0], out[1], moments,
         out[2] if full else None, extremes if full else None,
         out[3] if full else None, weight if full else None,
-        part_buffers(x.size), threaded,
+        part_buffers(x.size), threaded, None,
     )  # fmt: skip
     return [*(one[: len(positions)] for one in out), extremes]
 
