@@ -148,7 +148,7 @@ def check_positions(
         _clear_of(y - radius, "the bottom", "move it up")
         _clear_of(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
     else:
-        positions = positions % cell.periods
+        positions = cell.inside(positions)
     if len(positions) > 1 and not overlapping:
         tree = cKDTree(positions, boxsize=cell.periods)
         pairs = tree.query_pairs(2.0 * float(radius.max()), output_type="ndarray")

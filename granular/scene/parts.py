@@ -196,7 +196,11 @@ class Cell(Section):
 
     def inside(self, positions: np.ndarray) -> np.ndarray:
         """Positions (..., 2) [m] of the images within a periodic cell; as given of a closed one."""
-        return positions if self.periods is None else np.mod(positions, self.periods)
+        if self.periods is None:
+            return positions
+        inside = np.mod(positions, self.periods)
+        # A place just below 0 is rounded to the other side itself.
+        return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
     def validate(self) -> None:
         if self.sides == "periodic" and self.height is None:

@@ -228,6 +228,18 @@ def test_variable_steps_know_no_images() -> None:
         simulate(crystal(6, 4), method="adaptive-verlet", t_end=0.1, progress=False)
 
 
+def test_places_are_brought_back_into_the_cell() -> None:
+    cell = crystal(6, 4).cell
+    assert cell.periods is not None
+    width, height = cell.periods
+    places = np.array(
+        [[-1e-20, 0.0], [width, -height], [1.5 * width, 0.25 * height], [np.nan, 1.0]]
+    )
+    wanted = [[0.0, 0.0], [0.0, 0.0], [0.5 * width, 0.25 * height], [np.nan, 1.0 % height]]
+    np.testing.assert_allclose(cell.inside(places), wanted, atol=1e-15)
+    assert (cell.inside(places[:3]) < cell.periods).all()
+
+
 def test_a_scene_says_that_it_is_periodic_and_others_do_not() -> None:
     scene = crystal(12, 12)
     assert Scene.from_plain(scene.to_plain()) == scene
