@@ -24,7 +24,8 @@ def add_melting(one: argparse.ArgumentParser) -> None:
     length.add_argument("--quick", action="store_true", help="three layers of 256 grains, seconds")
     length.add_argument(
         "--full", action="store_true",
-        help="eleven layers of 4096 grains, within an hour; without any of these nothing is run",
+        help="layers of 4096 grains at fifteen temperatures, in an hour; without any of these "
+        "nothing is run",
     )  # fmt: skip
     length.add_argument(
         "--guide", action="store_true",

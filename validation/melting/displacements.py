@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,32 +25,108 @@ def waves(periods: tuple[float, float], most: float) -> np.ndarray:
     return found[np.hypot(*found.T) <= most]
 
 
-def mode_squares(
-    frames: np.ndarray, sites: np.ndarray, vectors: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """|u(q)|^2 along q and across it, of every frame, float (f, m) each [m^2].
+class OnSites(NamedTuple):
+    """Grains of a frame by the lattice site that each is nearest to.
 
-    u(q) = N^(-1/2) sum_j u_j exp(-i q R_j), with the displacements u_j from the sites R_j.
+    Attributes
+    ----------
+    site : int (n,)
+    moved : float (n, 2)
+        From there [m].
+    order : float
+        Translational order: mean size of the three shortest Fourier components of the density at
+        the lattice's reciprocal vectors, over the number of grains. 1 in a perfect crystal.
+    """
+
+    site: np.ndarray
+    moved: np.ndarray
+    order: float
+
+
+def on_sites(
+    positions: np.ndarray, sites: np.ndarray, periods: tuple[float, float], spacing: float
+) -> OnSites:
+    """Grains on the sites of a crystal that may have moved as a whole.
+
+    Grains trade places in a crystal near melting, and its density stays: so each is counted where
+    it is, not where it came from. Where the lattice is, the phases of its Fourier components tell.
 
     Parameters
     ----------
-    frames : float (f, n, 2)
-        Positions that were not brought back into the cell [m].
+    positions : float (n, 2)
+        [m]
+    sites : float (n, 2)
+        Of a hexagonal lattice with rows along x [m].
+    periods : (float, float)
+        [m]
+    spacing : float
+        Of the lattice [m].
+    """
+    from scipy.spatial import cKDTree
+
+    wave = 2.0 * np.pi / spacing
+    vectors = wave * np.array(
+        [[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)], [1.0, 1.0 / math.sqrt(3.0)]]
+    )
+    parts = np.exp(1j * (positions @ vectors.T)).mean(axis=0)
+    at_sites = np.exp(1j * (sites @ vectors.T)).mean(axis=0)
+    phases = np.angle(parts[:2] / at_sites[:2])
+    shift = np.linalg.solve(vectors[:2], phases)
+    inside = np.mod(positions - shift, periods)
+    inside = np.where(inside < periods, inside, 0.0)
+    _, site = cKDTree(np.mod(sites, periods), boxsize=periods).query(inside)
+    return OnSites(site, nearest(inside - sites[site], periods), float(np.abs(parts).mean()))
+
+
+def mode_squares(
+    found: Sequence[OnSites], sites: np.ndarray, vectors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """|u(q)|^2 along q and across it, of every frame, float (f, m) each [m^2].
+
+    u(q) = N^(-1/2) sum_j u_j exp(-i q R_j), with the ways u_j from the sites R_j.
+
+    Parameters
+    ----------
+    found : sequence of OnSites
+        Of each frame.
     sites : float (n, 2)
         [m]
     vectors : float (m, 2)
         Wave vectors [1/m].
     """
-    moved = frames - sites
-    moved = moved - moved.mean(axis=1, keepdims=True)
     phase = np.exp(-1j * sites @ vectors.T) / math.sqrt(len(sites))
-    modes = np.einsum("fnk,nm->fmk", moved, phase, optimize=True)
+    modes = np.array([
+        phase[one.site].T @ (one.moved - one.moved.mean(axis=0)) for one in found
+    ])  # fmt: skip
     along = vectors / np.hypot(*vectors.T)[:, None]
     across = along[:, ::-1] * [-1.0, 1.0]
     first, second = (
         np.abs(np.einsum("fmk,mk->fm", modes, way)) ** 2 for way in (along, across)
     )  # fmt: skip
     return first, second
+
+
+def plateau(
+    found: Sequence[OnSites], sites: np.ndarray, periods: tuple[float, float], spacing: float
+) -> float:
+    """What the dynamic Lindemann parameter tends to in a crystal whose grains keep their places.
+
+    <|u_i - u_j|^2>/a^2 over neighbouring sites with one grain each: after a long time the ways of
+    two neighbours are as independent of those before as they are in different frames.
+
+    Parameters as of `mode_squares` and `on_sites`.
+    """
+    pairs = neighbours(sites, periods)
+    total, number = 0.0, 0
+    for one in found:
+        grain = np.zeros(len(sites), dtype=int)
+        grain[one.site] = np.arange(len(sites))
+        single = np.bincount(one.site, minlength=len(sites)) == 1
+        good = single[pairs.first] & single[pairs.second]
+        apart = one.moved[grain[pairs.second[good]]] - one.moved[grain[pairs.first[good]]]
+        total += float((apart**2).sum())
+        number += len(apart)
+    return total / (spacing**2 * max(number, 1))
 
 
 def modulus(layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.ndarray) -> float:
@@ -115,18 +193,3 @@ def lindemann(
                 totals[k] += (apart**2).sum()
                 numbers[k] += len(apart)
     return np.asarray(totals / (2.0 * spacing**2 * numbers))
-
-
-def is_crystal(frames: np.ndarray, sites: np.ndarray, periods: tuple[float, float]) -> float:
-    """Share of the grains that are nearest to a site of their own in the last frame.
-
-    ``sites`` are those that they began at; the whole crystal may have moved.
-    """
-    from scipy.spatial import cKDTree
-
-    moved = nearest(frames[-1] - sites, periods)
-    drift = (frames[-1] - sites).mean(axis=0) if np.isfinite(moved).all() else 0.0
-    places = np.mod(frames[-1] - drift, periods)
-    tree = cKDTree(np.mod(sites, periods), boxsize=periods)
-    _, nearest_site = tree.query(places)
-    return float((nearest_site == np.arange(len(sites))).mean())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,9 +11,10 @@ from granular.observables.configurational import configurational_temperature
 from granular.observables.forces import grain_masses
 from validation.melting.displacements import (
     LONGEST_WAVE,
-    is_crystal,
     lindemann,
     mode_squares,
+    on_sites,
+    plateau,
     waves,
 )
 from validation.melting.neighbours import bond_order, correlation, neighbours
@@ -51,7 +53,8 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
         neighbours. ``r``, in spacings, with ``g6`` of each block. ``lags``, in units of time, with
         the ``lindemann`` parameter. ``waves``: wave vectors, times the spacing, with the mean
         squares of the modes ``along`` and ``across`` of each block, over the spacing squared.
-        ``crystal``: share of the grains that are at their own site at the end.
+        ``translation``: translational order of each block. ``plateau``: what the Lindemann
+        parameter would tend to if no grains traded places.
     """
     data = run.dataset
     chosen = data["frame_time"].values >= settling
@@ -66,7 +69,8 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
     lags = np.unique(np.geomspace(1, len(frames) // 2, LAGS).round().astype(int))
     apart = float(np.diff(data["frame_time"].values).mean())
     vectors = waves(periods, LONGEST_WAVE / a)
-    along, across = mode_squares(frames, sites, vectors)
+    found = [on_sites(one, sites, periods, a) for one in frames]
+    along, across = mode_squares(found, sites, vectors)
     return {
         "gamma": layer.gamma,
         "grains": len(sites),
@@ -79,8 +83,14 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
         "waves": (vectors * a).tolist(),
         "along": _block_means(along / a**2),
         "across": _block_means(across / a**2),
-        "crystal": is_crystal(frames, sites, periods),
+        "translation": [float(np.mean([one.order for one in block])) for block in _blocks(found)],
+        "plateau": plateau(found[::EVERY], sites, periods, a),
     }
+
+
+def _blocks(found: list[Any]) -> list[list[Any]]:
+    edges = np.linspace(0, len(found), BLOCKS + 1).astype(int)
+    return [found[first:stop] for first, stop in itertools.pairwise(edges)]
 
 
 def _block_means(values: np.ndarray) -> list[list[float]]:

@@ -9,7 +9,10 @@ from validation.melting.published import PUBLISHED
 from validation.melting.results import Results
 from validation.melting.transitions import Interval
 
-_HEAD = ("Gamma", "psi6", "eta6", "power/exp.", "K/16pi", "Lindemann", "growth", "defects")
+_HEAD = (
+    "Gamma", "translation", "psi6", "eta6", "power/exp.", "K/16pi", "plateau", "Lindemann",
+    "growth", "defects",
+)  # fmt: skip
 
 
 def summary(results: Results) -> dict[str, Any]:
@@ -34,9 +37,11 @@ def rows_of(results: Results) -> list[tuple[str, ...]]:
     """A row of words for each layer."""
     return [
         (
-            f"{one.gamma:g}", f"{one.order:.3f}", _words(one.exponent, 1.0, 3),
-            f"{one.algebraic:.2f}", _words(one.modulus, 1.0 / (16.0 * math.pi), 2),
-            f"{one.lindemann:.3f}", f"{one.growth:.2f}", f"{100.0 * one.defects:.1f} %",
+            f"{one.gamma:g}", f"{one.translation:.2f}", f"{one.order:.3f}",
+            _words(one.exponent, 1.0, 3), f"{one.algebraic:.2f}",
+            _words(one.modulus, 1.0 / (16.0 * math.pi), 2),
+            "" if math.isnan(one.plateau) else f"{one.plateau:.4f}",
+            f"{one.lindemann:.3g}", f"{one.growth:.2f}", f"{100.0 * one.defects:.1f} %",
         )
         for one in results.orders
     ]  # fmt: skip
@@ -59,7 +64,9 @@ def sentences(results: Results) -> str:
         for what, one in (
             ("eta6 is 1/4, and the liquid begins, at Gamma", found.hexatic),
             ("K is 16 pi, and the crystal ends, at Gamma", found.crystal),
-            ("the Lindemann parameter is 0.033 at Gamma", found.lindemann),
+            ("the plateau of the Lindemann parameter is 0.033 at Gamma", found.lindemann),
+            ("there is a crystal down to Gamma", found.kept),
+            ("there is none up to Gamma", found.lost),
         )
     )
 
@@ -82,7 +89,10 @@ def text(results: Results) -> str:
 
 def markdown(results: Results) -> str:
     """The table and the transitions beside published ones, for the guide."""
-    head = ("Γ", "∣Ψ6∣", "η6", "power over exponential", "K/16π", "Lindemann", "growth", "defects")
+    head = (
+        "Γ", "translation", "∣Ψ6∣", "η6", "power over exponential", "K/16π", "plateau", "Lindemann",
+        "growth", "defects",
+    )  # fmt: skip
     lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
     lines += [f"| {' | '.join(row)} |" for row in rows_of(results)]
     found = results.transitions

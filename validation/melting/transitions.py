@@ -55,11 +55,16 @@ class LayerOrder(NamedTuple):
         the power is the better one.
     modulus : Interval
         K; 0 where the crystal is lost.
+    plateau : float
+        What the Lindemann parameter would tend to if no grains traded places; NaN where the crystal
+        is lost.
     lindemann : float
         Of the longest lag.
     growth : float
         Slope of its logarithm over that of the lag, at the longer half of the lags: towards 0 in a
         crystal.
+    translation : float
+        Translational order.
     order : float
         Root of the mean square of the mean psi6.
     defects : float
@@ -70,14 +75,17 @@ class LayerOrder(NamedTuple):
     exponent: Interval
     algebraic: float
     modulus: Interval
+    plateau: float
     lindemann: float
     growth: float
+    translation: float
     order: float
     defects: float
 
 
-LOST = 0.5
-"""Share of the grains at their own site below which there is no crystal any more."""
+LOST = 0.3
+"""Translational order below which there is no crystal: at melting it goes with (L/a)^(-1/6) or
+more (Nelson and Halperin), 0.5 of 64 columns, and without one with N^(-1/2), 0.016."""
 
 
 def layer_order(figures: dict[str, Any]) -> LayerOrder:
@@ -91,20 +99,23 @@ def layer_order(figures: dict[str, Any]) -> LayerOrder:
     a2 = one.spacing**2
 
     def stiffness(chosen: np.ndarray) -> float:
-        if figures["crystal"] < LOST:
+        if np.mean(np.array(figures["translation"])[chosen]) < LOST:
             return 0.0
         one_way, other = (values[chosen].mean(axis=0) * a2 for values in (along, across))
         return modulus(one, one_way, other, vectors)
 
     lags, gammas = np.log(figures["lags"]), np.log(figures["lindemann"])
+    translation = float(np.mean(figures["translation"]))
     late = lags >= np.median(lags)
     return LayerOrder(
         gamma=figures["gamma"],
         exponent=_interval(lambda chosen: exponent(r, blocks[chosen].mean(axis=0)), len(blocks)),
         algebraic=_power_over_exponential(r, blocks.mean(axis=0)),
         modulus=_interval(stiffness, len(along)),
+        plateau=figures["plateau"] if translation >= LOST else math.nan,
         lindemann=figures["lindemann"][-1],
         growth=float(np.polyfit(lags[late], gammas[late], 1)[0]),
+        translation=translation,
         order=math.sqrt(float(np.mean(figures["order"]))),
         defects=float(np.mean(figures["defects"])),
     )
@@ -196,12 +207,18 @@ class Transitions(NamedTuple):
     crystal : Interval or None
         Gamma where K is 16 pi: the hexatic layer begins below it.
     lindemann : float or None
-        Gamma where the dynamic Lindemann parameter of the longest lag is 0.033.
+        Gamma where the plateau of the dynamic Lindemann parameter is 0.033.
+    kept : float or None
+        The lowest Gamma at which there is still a crystal.
+    lost : float or None
+        The highest one at which there is none.
     """
 
     hexatic: Interval | None
     crystal: Interval | None
     lindemann: float | None
+    kept: float | None
+    lost: float | None
 
 
 def transitions(layers: Sequence[LayerOrder]) -> Transitions:
@@ -210,5 +227,12 @@ def transitions(layers: Sequence[LayerOrder]) -> Transitions:
     return Transitions(
         crossing(gammas, [one.exponent for one in layers], HEXATIC_EXPONENT, rising=False),
         crossing(gammas, [one.modulus for one in layers], CRYSTAL_MODULUS, rising=True),
-        _passes(gammas, [one.lindemann for one in layers], LINDEMANN, rising=False),
+        _passes(gammas, [_finite(one.plateau) for one in layers], LINDEMANN, rising=False),
+        min((one.gamma for one in layers if one.translation >= LOST), default=None),
+        max((one.gamma for one in layers if one.translation < LOST), default=None),
     )
+
+
+def _finite(value: float) -> float:
+    """A plateau that is lost is above any."""
+    return math.inf if math.isnan(value) else value
