@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import Scene, scene_text
+from granular import Scene, evaluate, scene_text
 from granular.observables import (
     bond_relaxation_of_run,
     force_distribution_of_run,
+    grain_pressures,
     grain_stress_series,
     lindemann_of_run,
     non_affine_series,
@@ -27,11 +28,11 @@ SPACING, COLUMNS, ROWS = 0.012, 12, 14
 WIDTH, HEIGHT = COLUMNS * SPACING, ROWS * SPACING * np.sqrt(0.75)
 
 
-def scene(count: int) -> Scene:
+def scene(count: int, width: float = WIDTH, height: float = HEIGHT) -> Scene:
     return Scene.from_plain(
         {
             "grains": {"count": count, "species": [{"diameter": "6 mm"}]},
-            "cell": {"width": WIDTH, "height": HEIGHT, "sides": "periodic"},
+            "cell": {"width": width, "height": height, "sides": "periodic"},
             "effects": {"dipole": True},
             "arrangement": {"jitter": 0.0},
             "protocol": [{"kind": "hold", "name": "rest"}],
@@ -74,6 +75,20 @@ def test_it_does_not_matter_at_which_image_a_grain_is(
     found = measure(in_the_cell(make_run, frames + turns * [WIDTH, HEIGHT]))
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-12)
     assert np.isfinite(np.asarray(wanted, dtype=float)).any()
+
+
+@pytest.mark.parametrize(
+    ("columns", "short"),
+    [(12, 0.107), pytest.param(64, 0.020, marks=pytest.mark.long)],  # quick: the small cell
+)
+def test_nearest_images_leave_out_a_part_of_the_pressure(columns: int, short: float) -> None:
+    """Beside 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
+    width = columns * 2.4 * 0.006
+    still = scene(columns**2, width, width * np.sqrt(0.75)).replace(**{"pairs.method": "mesh"})
+    places = still.initial_motion()[0]
+    wanted = 1.5 * evaluate(still, places).potential_energy / np.prod(still.cell.periods)
+    found = np.nanmean(grain_pressures(still, places))
+    assert 1.0 - found / wanted == pytest.approx(short, abs=1e-3)
 
 
 def test_a_movie_takes_grains_across_a_side_by_the_short_way(make_run: MakeRun) -> None:
