@@ -328,6 +328,15 @@ from .response import (
 from .response import (
     response_of_run as response_of_run,
 )
+from .slip import (
+    Slip as Slip,
+)
+from .slip import (
+    elastic_strain as elastic_strain,
+)
+from .slip import (
+    slip_of_frames as slip_of_frames,
+)
 from .structure import (
     lattice_vector as lattice_vector,
 )
