@@ -1,4 +1,4 @@
-"""Pictures and words of temperature, forces and slip, from the results that come with the package."""
+"""Pictures of temperature, forces and slip, from the results that come with the package."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ import numpy as np
 from granular.shared.plotting import COLOURS, GREY, figure
 from validation.defects.beds import GROUPS
 from validation.defects.candidates import CANDIDATES, ORDERS
-from validation.defects.carried import PARTS, carried, increments
-from validation.defects.forces import FRAMES, KINDS, QUIET, interval
+from validation.defects.carried import PARTS, WINDOW, carried, distinct, increments
+from validation.defects.cycles import FRAMES as FRAMES_OF_CYCLE
+from validation.defects.cycles import SHOWN as KEPT
+from validation.defects.forces import FRAMES, KINDS, interval
 from validation.defects.results import committed
 from validation.defects.temperature import AGITATED, judged_candidates
+from validation.defects.uneven import QUIET, SHELLS
 
 Row = Mapping[str, Any]
 
@@ -90,8 +93,10 @@ def forces_picture() -> Any:
         first.set(xlabel="neighbours away from a defect", ylabel="unevenness over calm grains")
         _cycle(third, cycles)
         _slopes(fourth, cycles)
-        for axes in (first, second, third, fourth):
+        first.set_xticks(range(SHELLS))
+        for axes in (first, second, fourth):
             axes.legend(fontsize=8)
+        third.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.02, 1.0))
     return drawing
 
 
@@ -103,9 +108,7 @@ def _shells(axes: Any, rows: Sequence[Row], kind: str, colour: str) -> None:
                   color=colour, label=f"{kind}, {len(rows)} beds", markersize=4.0)  # fmt: skip
 
 
-def _about(
-    axes: Any, rows: Sequence[Row], name: str, words: str, colour: str, style: str
-) -> None:
+def _about(axes: Any, rows: Sequence[Row], name: str, words: str, colour: str, style: str) -> None:
     found = np.array([interval(list(some)) for some in zip(*(row[name] for row in rows),
                                                            strict=True)])  # fmt: skip
     time = 1e3 * FRAMES * np.arange(-QUIET, QUIET + 1)
@@ -115,10 +118,11 @@ def _about(
 
 def _cycle(axes: Any, rows: Sequence[Row]) -> None:
     row = max(rows, key=lambda one: (one["grains"], -one["seed"]))
-    for k, (words, parts) in enumerate((("bed, by its bonds", ["plastic"]),
-                                        ("bed, by the law", ["law"]),
-                                        *((f"dislocations, {one}", some)
-                                          for one, some in PARTS.items()))):  # fmt: skip
+    lines = {
+        "bed, by its bonds": ("plastic",), "bed, by the law": ("law",),
+        **{f"dislocations, {one}": PARTS[one] for one in ("followed", "to the rim")},
+    }  # fmt: skip
+    for k, (words, parts) in enumerate(lines.items()):
         axes.plot(row["driven"], sum(np.array(row[part]) for part in parts), color=COLOURS[k],
                   linewidth=2.2 if k < 2 else 1.0, label=words)  # fmt: skip
     axes.set(xlabel="strain by the piston", ylabel="plastic strain, yy less xx")
@@ -127,14 +131,15 @@ def _cycle(axes: Any, rows: Sequence[Row]) -> None:
 
 def _slopes(axes: Any, rows: Sequence[Row]) -> None:
     for k, size in enumerate(sorted({row["grains"] for row in rows})):
-        some = [row for row in rows if row["grains"] == size]
+        some = [row for row in distinct(rows) if row["grains"] == size]
         x = np.concatenate([increments(row["plastic"]) for row in some])
-        y = np.concatenate([sum(increments(row[part]) for part in PARTS["to the rim"])
-                            for row in some])  # fmt: skip
-        one = carried(some, PARTS["to the rim"])
-        axes.plot(x, y, "os"[k], color=COLOURS[k], markersize=3.5, fillstyle="none",
-                  label=f"{size} grains: {one.slope:.2f} [{one.low:.2f}, {one.high:.2f}]")  # fmt: skip
+        y = np.concatenate([increments(row["moves"]) for row in some])
+        one = carried(some, ("moves",))
+        words = f"{size} grains: {one.slope:.2f} [{one.low:.2f}, {one.high:.2f}]"
+        axes.plot(x, y, "os"[k], color=COLOURS[k], markersize=3.5, fillstyle="none", label=words)
         ends = np.array([x.min(), x.max()])
         axes.fill_between(ends, one.low * ends, one.high * ends, color=COLOURS[k], alpha=0.2)
     axes.plot(ends, ends, color="black", linewidth=0.8, label="all of it")
-    axes.set(xlabel="plastic strain of the bonds in a second", ylabel="of the dislocations, to the rim")
+    span = WINDOW * KEPT * FRAMES_OF_CYCLE
+    axes.set(xlabel=f"plastic strain of the bonds in {span:g} s",
+             ylabel="of the dislocations that were followed")  # fmt: skip

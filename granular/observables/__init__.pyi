@@ -31,6 +31,9 @@ from .compression import (
 from .configurational import (
     configurational_temperature as configurational_temperature,
 )
+from .configurational import (
+    configurational_temperature_of_run as configurational_temperature_of_run,
+)
 from .correlation import (
     Correlation as Correlation,
 )

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.observables.frames import chosen_frames
 from granular.observables.interactions import moments_of, pair_interactions, wall_interactions
 from granular.observables.moduli import dipole_strength
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
+    from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
 
 KNOWN = ("bath", "dipole", "drag", "eddy", "walls")
@@ -54,9 +56,26 @@ def configurational_temperature(
     return square / bend
 
 
-def laplacian_of(
-    scene: Scene, positions: np.ndarray, piston_height: float | None = None
+def configurational_temperature_of_run(
+    run: Trajectory, start: float = 0.0, stop: float = np.inf
 ) -> float:
+    """`configurational_temperature` over the frames with start <= time <= stop [J].
+
+    By the forces of the run: weight counts, and so does the inertia of a shaken cell.
+
+    Raises
+    ------
+    InputError
+        If there are no such frames, no dipoles, or an effect other than `KNOWN` and `STRAIGHT`.
+    """
+    chosen = chosen_frames(run, start, stop)
+    data = run.dataset
+    frames = zip(data["position"].values[chosen], data["frame_height"].values[chosen], strict=True)
+    bend = sum(laplacian_of(run.scene, places, float(height)) for places, height in frames)
+    return float(np.nansum(data["force"].values[chosen] ** 2)) / bend
+
+
+def laplacian_of(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:
     """Laplacian of U of dipoles and walls [N/m]; weight and shaking have none.
 
     Parameters and errors as of `configurational_temperature`, but for one frame (n, 2), and with

@@ -62,12 +62,12 @@ class Slip(NamedTuple):
 
 
 def uniaxial(strain: np.ndarray) -> np.ndarray:
-    """yy less xx (f,) of strains (f, 2, 2): what a piston drives at a constant width."""
+    """Yy less xx (f,) of strains (f, 2, 2): what a piston drives at a constant width."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
 def area_change(strain: np.ndarray) -> np.ndarray:
-    """xx and yy together (f,): of plastic strain what climb makes, grains lost or gained."""
+    """Xx and yy together (f,): of plastic strain what climb makes, grains lost or gained."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from granular.observables.bond_order import psi6
-from granular.observables.configurational import laplacian_of
+from granular.observables.configurational import configurational_temperature_of_run
 from granular.observables.interactions import wall_interactions
 from granular.observables.lindemann import lindemann_parameter
 from granular.observables.moduli import dipole_strength
@@ -59,9 +59,7 @@ def measured(run: Trajectory) -> dict[str, float]:
     data = run.dataset
     times = data["frame_time"].values
     chosen = (times >= window[0]) & (times <= window[1])
-    places, velocities, forces = (
-        data[name].values[chosen] for name in ("position", "velocity", "force")
-    )
+    places, velocities = (data[name].values[chosen] for name in ("position", "velocity"))
     heights = data["frame_height"].values[chosen]
     cells = [voronoi_cells(one) for one in places]
     areas = [one.area[one.interior] for one in cells]
@@ -70,13 +68,12 @@ def measured(run: Trajectory) -> dict[str, float]:
     energy = _pair_energy(run, spacing)
     masses = run.scene.grains.masses()
     diameter = run.scene.grains.species[0].diameter
-    bend = sum(laplacian_of(run.scene, *one) for one in zip(places, heights, strict=True))
     found = {
         "kinetic": np.mean([kinetic_temperature(v, masses) for v in velocities]) / energy,
         "local kinetic": np.mean(
             [local_kinetic_temperature(*one, masses) for one in zip(velocities, cells, strict=True)]
         ) / energy,
-        "configurational": float((forces**2).sum()) / bend / energy,
+        "configurational": configurational_temperature_of_run(run, *window) / energy,
         "piston": _piston_temperature(run, window, places, heights) / energy,
         **_shaking(run, spacing, energy),
         "free volume": area / (math.sqrt(0.75) * diameter**2) - 1.0,
@@ -135,7 +132,7 @@ def _piston_temperature(
     if np.ptp(height) > 0.0:
         response = float(np.polyfit(height, force, 1)[0])
     else:
-        start, stop = _window(run, "after")
+        _, stop = _window(run, "after")
         later = _within(run, (stop - (window[1] - window[0]), stop))
         response = float((later[1].mean() - force.mean()) / (later[2].mean() - height.mean()))
     if np.abs(left).max() < _STILL * np.abs(force).max():

@@ -1,4 +1,4 @@
-"""How much of a bed's plastic strain its dislocations carry: slopes over cycles of several starts."""
+"""How much of a bed's plastic strain its dislocations carry: slopes over several cycles."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-WINDOW = 5
-"""Kept frames from one increment to the next: a second."""
+WINDOW = 2
+"""Kept frames from one increment to the next: 0.4 s. Over a second and more all starts of a size
+slip in the same increments, and the control tells nothing."""
 
 DRAWS, LEVEL = 2000, 0.95
 PARTS: Mapping[str, tuple[str, ...]] = {
@@ -39,9 +40,16 @@ class Carried(NamedTuple):
     left: float
 
 
+def distinct(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """One row of all that are alike: different starts may anneal to the same crystal."""
+    found = {(row["grains"], tuple(row["plastic"])): row for row in reversed(rows)}
+    return list(reversed(found.values()))
+
+
 def carried(
-    rows: Sequence[Mapping[str, Any]], parts: Sequence[str], of: str = "plastic", seed: int = 1
-) -> Carried:
+    rows: Sequence[Mapping[str, Any]], parts: Sequence[str], of: str = "plastic",
+    window: int = WINDOW, seed: int = 1,
+) -> Carried:  # fmt: skip
     """The slope over the starts of a size.
 
     Parameters
@@ -52,11 +60,13 @@ def carried(
         Of `PARTS`.
     of : str
         ``"plastic"`` or ``"law"``.
+    window : int
+        Kept frames from one increment to the next.
     seed : int
         Of the starts that are drawn again.
     """
-    x = np.array([increments(row[of]) for row in rows])
-    y = np.array([sum(increments(row[part]) for part in parts) for row in rows])
+    x = np.array([increments(row[of], window) for row in rows])
+    y = np.array([sum(increments(row[part], window) for part in parts) for row in rows])
     both, square = (x * y).sum(axis=1), (x**2).sum(axis=1)
     slope = both.sum() / square.sum()
     drawn = np.random.default_rng(seed).integers(len(rows), size=(DRAWS, len(rows)))
@@ -69,6 +79,6 @@ def carried(
     return Carried(float(slope), float(low), float(high), float(np.mean(others)), left)
 
 
-def increments(series: Sequence[float]) -> np.ndarray:
-    """Changes over `WINDOW` kept frames."""
-    return np.diff(np.asarray(series, dtype=float)[::WINDOW])
+def increments(series: Sequence[float], window: int = WINDOW) -> np.ndarray:
+    """Changes over so many kept frames."""
+    return np.diff(np.asarray(series, dtype=float)[::window])

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from granular.observables.slip import Slip, area_change, elastic_strain, slip_of_frames, uniaxial
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.shelf import Shelf, digest
 from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
-from granular.observables.slip import Slip, area_change, elastic_strain, slip_of_frames, uniaxial
 
 Row = dict[str, Any]
 
-SIZES = {184: 8, 368: 6}
+SIZES = {184: 8, 368: 8}
 """Starts of beds of so many grains."""
 
 DRAG = 0.1
