@@ -61,7 +61,7 @@ COUNT = 184 if QUICK else 368
 # %%
 scene = mono_bed(COUNT, speed=33e-3, relaxation=1.0)
 scene = scene.replace(**{"output.frames": 0.01, "output.scalars": 0.005})
-pressed = simulate(scene.replace(protocol=scene.to_plain()["protocol"][:2]))
+pressed = simulate(scene.replace(protocol=scene.to_plain()["protocol"][:2]), progress=False)
 end = float(pressed.dataset["frame_time"].values[-1])
 found = tracked_defects(pressed, start=end - 1.0)
 figure, axes = plt.subplots(figsize=(9, 3.8), layout="constrained")
@@ -250,7 +250,7 @@ print(f"{len(slip.tracks)} tracks; Burgers vectors add up in {100 * conserved:.0
 # %% [markdown]
 # They carry a good part, and in a bed this small much of the rest goes by within two grains of a
 # wall, where no circuit closes. The guide has the same with several starts, larger beds and
-# intervals (`python -m validation defects slip`).
+# intervals (`python -m validation disorder slip`).
 #
 # ## Exercises
 #

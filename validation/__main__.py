@@ -70,7 +70,7 @@ examples:
   %(prog)s                                # shows the results that come with the package
   %(prog)s --full --noise 0.01 --systems "pendulum,two wells"
   %(prog)s --quick -o out/discovery""",
-    "defects": """\
+    "disorder": """\
 examples:
   %(prog)s temperature             # shows the results that come with the package
   %(prog)s slip --full             # ten minutes; goes on where it was stopped""",
@@ -104,7 +104,7 @@ def parser(prog: str = PROG) -> Parser:
     add_published(add("published", "de Paula's published values beside ours, with verdicts"))
     _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
     add_discovery(add("discovery", "how often are laws discovered? beside PySINDy and pyoperon"))
-    add_defects(add("defects", "temperature of beds, forces at defects, slip by dislocations"))
+    add_defects(add("disorder", "temperature of beds, forces at defects, slip by dislocations"))
     _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))
     _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
@@ -194,7 +194,7 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         _recovery(options)
     elif options.command == "discovery":
         run_discovery(options)
-    elif options.command == "defects":
+    elif options.command == "disorder":
         run_defects(options)
     elif options.command == "silverbox":
         _silverbox(options)

@@ -45,6 +45,7 @@ LAG = 8.0
 """Time of the Lindemann parameter, in sqrt(m a^2/U_a)."""
 
 _HARMONICS = 3
+_BENT = 4
 _SHIFT = 1e-4
 _STILL = 1e-9
 
@@ -107,10 +108,15 @@ def local_kinetic_temperature(
     return float(np.mean((0.5 * masses * apart / (1.0 + 1.0 / number))[known]))
 
 
-def without_drive(time: np.ndarray, values: np.ndarray, frequency: float | None) -> np.ndarray:
-    """What is left of a record without its line, and without what is in step with a drive [Hz]."""
-    since = time - time.mean()
-    columns = [np.ones_like(since), since]
+def without_drive(
+    time: np.ndarray, values: np.ndarray, frequency: float | None, degree: int = 1
+) -> np.ndarray:
+    """What is left of a record without what a drive does to it.
+
+    That is a polynomial of a degree in time, and what is in step with a frequency [Hz], if any.
+    """
+    since = (time - time.mean()) / max(float(np.ptp(time)), np.finfo(float).tiny)
+    columns = [since**k for k in range(degree + 1)]
     for k in range(1, _HARMONICS + 1) if frequency is not None else ():
         phase = 2.0 * np.pi * k * float(frequency or 0.0) * time
         columns += [np.cos(phase), np.sin(phase)]
@@ -128,8 +134,11 @@ def _piston_temperature(
     """
     time, force, height = _within(run, window)
     shaking = run.scene.effects.shaking
-    left = without_drive(time, force, None if shaking is None else shaking.frequency)
-    if np.ptp(height) > 0.0:
+    moves = np.ptp(height) > 0.0
+    left = without_drive(
+        time, force, None if shaking is None else shaking.frequency, _BENT if moves else 1
+    )
+    if moves:
         response = float(np.polyfit(height, force, 1)[0])
     else:
         _, stop = _window(run, "after")

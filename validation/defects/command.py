@@ -1,4 +1,4 @@
-"""Command line: ``python -m validation defects``."""
+"""Command line: ``python -m validation disorder``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from granular.shared.console import add_output, emit
 from granular.shared.files import make_directory
 from validation.defects.results import STUDIES
 
-DIRECTORY = "out/defects"
+DIRECTORY = "out/disorder"
 
 
 def add_defects(one: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ from granular.shared.files import finite, write_text
 from validation.results_file import read_results
 
 Plain = dict[str, Any]
-COMMAND = "python -m validation defects"
+COMMAND = "python -m validation disorder"
 _DIGITS = 5
 
 
