@@ -147,6 +147,7 @@ for axes, name in zip(rows, ("defects", "order", "lindemann"), strict=True):
     axes.axvline(0.115, color="#999999", linestyle=":")  # where a large crystal melts
     axes.set(xscale="log", xlabel="configurational temperature", ylabel=name)
 rows[2].set_yscale("symlog", linthresh=1e-3)
+rows[2].set_ylim(-3e-4, 10.0)
 rows[0].legend()
 plt.show()
 bath_error = max(abs(one["configurational"] / one["kinetic"] - 1) for one in heated.values())

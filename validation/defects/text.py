@@ -186,8 +186,8 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
         f"increments of those followed ({' and '.join(map(str, of_size))} grains). The law's "
         "plastic strain is "
         + " and ".join(f"{one.slope:.2f} [{one.low:.2f}, {one.high:.2f}]" for one in law)
-        + " of that of the bonds. Burgers vectors add up in at least "
-        f"{100 * np.nanmin([row['conserved'] for row in rows]):.0f} % of the events away from the "
+        + " of that of the bonds. Burgers vectors add up in "
+        f"{100 * np.nanmean([row['conserved'] for row in rows]):.0f} % of the events away from the "
         f"rim. Climb leaves an area change of {np.median(climb):.3f} after a cycle (median; "
         f"{max(climb):.3f} at most), where no grain is lost."
     )
