@@ -144,7 +144,7 @@ for axes, name in zip(rows, ("defects", "order", "lindemann"), strict=True):
             fillstyle="none",
             label=words,
         )
-    axes.axvline(0.115, color="#999999", linestyle=":")  # where a large crystal melts
+    axes.axvline(0.100, color="#999999", linestyle=":")  # where a large crystal melts
     axes.set(xscale="log", xlabel="configurational temperature", ylabel=name)
 rows[2].set_yscale("symlog", linthresh=1e-3)
 rows[2].set_ylim(-3e-4, 10.0)

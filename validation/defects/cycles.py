@@ -38,7 +38,7 @@ ANNEAL, COOL = 15.0, 3.0
 
 WARM = 0.07
 """Temperature of the annealing over the energy of a pair at the mean spacing; a crystal melts near
-0.115."""
+0.100."""
 
 _UNIT = 5.68e-4
 

@@ -36,7 +36,7 @@ SPEED, DRAG = 0.01, 0.1
 
 WARM, RATE = 0.09, 5.0
 """Of the warm beds: temperature over the energy of a pair at the mean spacing (a crystal melts near
-0.115), and rate of the bath [1/s]."""
+0.100), and rate of the bath [1/s]."""
 
 SETTLE, MEASURE = 2.0, 4.0
 SHUFFLES, DRAWS = 20, 2000
