@@ -53,6 +53,8 @@ def temperature_text(rows: Sequence[Row]) -> str:
             f"{name} " + ", ".join(f"{later[name, order].skill.value:.2f}" for order in ORDERS)
             for name in orders_all(moving)
         )
+        + f", and intervals that lie above {LEAST_SKILL:g} in all three for "
+        f"{_words(orders_all(later))}: half of the beds are too few for that"
         + f". {_thermometers(rows)} {_frozen(rows)}"
     )
     return "\n".join([*lines, "", textwrap.fill(words, _WIDTH)])
