@@ -56,7 +56,8 @@ def carry_out(options: Any) -> None:
     if options.out is not None:
         times = found["frame_time"].values
         last = run.dataset["frame_time"].values.searchsorted(times[-1])
-        _write(Path(options.out), found, run.dataset["position"].values[last])
+        positions = run.scene.cell.inside(run.dataset["position"].values[last])
+        _write(Path(options.out), found, positions)
     result = {"tracks": tracks.to_dict("list"), "events": events.to_dict("list"),
               "conserved": found.attrs["conserved"], "out": options.out}  # fmt: skip
     words = tracks.to_string(index=False, na_rep="", float_format="%.4g") if len(tracks) else ""

@@ -106,7 +106,7 @@ def tracked_defects(
     if least < 1:
         raise InputError(f"least {least}; take 1 frame or more")
     chosen = chosen_frames(run, start, stop)
-    frames = run.dataset["position"].values[chosen]
+    frames = run.scene.cell.inside(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
     found = defects_of_frames(frames)
     tracks = lasting_tracks(linked_tracks(found, reach, memory), least)

@@ -168,7 +168,7 @@ def _inner_forces(run: Trajectory, frame: int) -> np.ndarray:
     positions = run.dataset["position"].values[frame]
     height = float(run.dataset["frame_height"].values[frame])
     forces = compressive_forces(run.scene, positions, height)
-    return np.where(voronoi_cells(positions).interior, forces, np.nan)
+    return np.where(voronoi_cells(run.scene.cell.inside(positions)).interior, forces, np.nan)
 
 
 def _known(values: np.ndarray) -> np.ndarray:

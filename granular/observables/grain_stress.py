@@ -65,7 +65,7 @@ def grain_stresses(
     float (n, 2, 2)
         [N/m], positive for compression; NaN for grains without an interior Voronoi cell.
     """
-    cells = voronoi_cells(positions) if cells is None else cells
+    cells = voronoi_cells(scene.cell.inside(positions)) if cells is None else cells
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
 
 

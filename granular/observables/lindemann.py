@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,11 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 
-def lindemann_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
+def lindemann_parameter(
+    frames: np.ndarray,
+    lags: np.ndarray | None = None,
+    periods: tuple[float, float] | None = None,
+) -> np.ndarray:
     """gamma(t) = <|du_i(t) - du_j(t)|^2>/(2 a^2) over neighbours i and j.
 
     du is the way of a grain in the time t, neighbours are those of the Voronoi cells of the earlier
@@ -31,6 +36,9 @@ def lindemann_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> n
         Positions [m]; NaN for absent grains.
     lags : int (k,), optional
         Numbers of frames; about 30 at even ratios if not given.
+    periods : (float, float), optional
+        Sides of a periodic cell [m], in which neighbours are looked for; positions are then those
+        that were not brought back.
 
     Returns
     -------
@@ -46,7 +54,7 @@ def lindemann_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> n
     total, number = np.zeros((2, len(lags)))
     areas = []
     for first, start in enumerate(frames[:-1]):
-        cells = voronoi_cells(start)
+        cells = voronoi_cells(start if periods is None else np.mod(start, periods))
         i, j = cells.neighbours[cells.interior[cells.neighbours].all(axis=1)].T
         areas.append(cells.area[cells.interior])
         for k, lag in enumerate(lags):
@@ -70,6 +78,5 @@ def lindemann_of_run(run: Trajectory, start: float = 0.0, stop: float = np.inf) 
     InputError
         As `lindemann_parameter`, and if the frames are not evenly spaced in time.
     """
-    return over_lags_of_run(
-        run, lindemann_parameter, start, stop, "1", "dynamic Lindemann parameter"
-    )
+    measure = functools.partial(lindemann_parameter, periods=run.scene.cell.periods)
+    return over_lags_of_run(run, measure, start, stop, "1", "dynamic Lindemann parameter")

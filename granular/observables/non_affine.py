@@ -88,7 +88,9 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     frames = run.dataset["position"].values
     found = np.full(frames.shape[:2], np.nan)
     for k in range(every, len(frames)):
-        found[k] = non_affine_motion(frames[k - every], frames[k]).d2min
+        # To where the neighbours are, in a periodic cell; the ways between frames stay.
+        home = run.scene.cell.inside(frames[k - every]) - frames[k - every]
+        found[k] = non_affine_motion(frames[k - every] + home, frames[k] + home).d2min
     return frame_array(run, found, "m^2", "non-affine motion D2min", ("frame", "grain"))
 
 

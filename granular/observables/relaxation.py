@@ -62,6 +62,9 @@ def bond_relaxation_of_run(
     InputError
         As `bond_relaxation`, and if the frames are not evenly spaced in time.
     """
+    def measure(frames: np.ndarray, lags: np.ndarray) -> np.ndarray:
+        return bond_relaxation(run.scene.cell.inside(frames), lags)
+
     return over_lags_of_run(
-        run, bond_relaxation, start, stop, "1", "relaxation of bond orientation g6(t)"
+        run, measure, start, stop, "1", "relaxation of bond orientation g6(t)"
     )

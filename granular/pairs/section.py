@@ -127,11 +127,14 @@ class Pairs(Section):
         radius = self.radius(method, diameter, room)
         most = (0.5 if method == "direct" else ROOM) * room
         if radius is not None and radius > most * (1.0 + 1e-12):
+            needed = method == "mesh" and self.cut_off is None
+            other = "a greater tolerance" if needed else "a shorter cut_off"
             raise FieldError(
-                f"{radius * diameter:.6g} m is over {most / room:g} of the shorter side of "
-                f"the periodic cell, {most * diameter:.6g} m; take 'direct', a shorter cut_off or "
-                "a larger cell", "cut_off",
-            )  # fmt: skip
+                f"{'needs a radius of ' if needed else ''}{radius * diameter:.6g} m, which is over "
+                f"{most / room:g} of the shorter side of the periodic cell, "
+                f"{most * diameter:.6g} m; take 'direct', {other} or a larger cell",
+                "tolerance" if needed else "cut_off",
+            )
         if method != "direct" and grains < LEAST:
             raise FieldError(
                 f"{method!r} needs {LEAST} grains in a periodic cell, not {grains}; take 'direct'",

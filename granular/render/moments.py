@@ -9,6 +9,7 @@ import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames
 from granular.run.trajectory import Trajectory
+from granular.scene.parts import Cell
 
 FARTHEST = 0.25
 """How far [diameters] a grain's path may bend away from a straight line between two frames."""
@@ -45,7 +46,7 @@ def bed_at(
                 break
             before, after = after, following
             bent = max(bent, _bend(before, after))
-        yield _between(before, after, float(time), heights)
+        yield _between(before, after, float(time), heights, run.scene.cell)
     if bent > FARTHEST * run.scene.grains.diameters().max(initial=0.0):
         warnings.warn(
             f"between two frames a grain leaves the straight line by {1e3 * bent:.2g} mm, so the "
@@ -81,7 +82,9 @@ def _bend(before: BedFrame, after: BedFrame) -> float:
     return float(off.max(initial=0.0))
 
 
-def _between(before: BedFrame, after: BedFrame, time: float, heights: _Heights) -> BedFrame:
+def _between(
+    before: BedFrame, after: BedFrame, time: float, heights: _Heights, cell: Cell
+) -> BedFrame:
     span = after.time - before.time
     share = min(max((time - before.time) / span, 0.0), 1.0) if span > 0.0 else 0.0
     if share in (0.0, 1.0):
@@ -93,7 +96,8 @@ def _between(before: BedFrame, after: BedFrame, time: float, heights: _Heights) 
         ends = getattr(before, name)[first], getattr(after, name)[second]
         return (1.0 - share) * ends[0] + share * ends[1]
 
-    start, end = before.position[first], after.position[second]
+    start = before.position[first]
+    end = start + cell.nearest(after.position[second] - start)
     leaving, arriving = span * before.velocity[first], span * after.velocity[second]
     rest = 1.0 - share
     position = (
@@ -102,7 +106,7 @@ def _between(before: BedFrame, after: BedFrame, time: float, heights: _Heights) 
         + share * rest * (rest * leaving - share * arriving)
     )
     frame = BedFrame(
-        before.number, time, before.height, grains, position,
+        before.number, time, before.height, grains, cell.inside(position),
         evenly("velocity"), evenly("force"), evenly("interaction"),
     )  # fmt: skip
     return _lifted(frame, time, heights) if heights.known else frame

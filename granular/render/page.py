@@ -90,6 +90,8 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
             continue
         length = height if wall.length is None else min(height, 1e3 * wall.length)
         axes.add_patch(Rectangle((edge, 0.0), thickness, length, color=WALL, linewidth=0.0))
+    if scene.cell.periods is not None:
+        axes.plot([0.0, width], [height, height], ":", color=WALL, linewidth=1.0, zorder=0)
     bottom = None if walls is None else walls.bottom
     if bottom is None:
         axes.plot([0.0, width], [0.0, 0.0], ":", color=WALL, linewidth=1.0, zorder=0)

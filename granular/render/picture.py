@@ -224,7 +224,9 @@ def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> t
 
 
 def highest(run: Trajectory, frames: Iterable[BedFrame]) -> float:
-    """Height that holds piston and grains in all the frames [m]."""
+    """Height that holds piston and grains in all the frames [m]; that of a periodic cell."""
+    if run.scene.cell.height is not None:
+        return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0
     top = 0.0
     for frame in frames:

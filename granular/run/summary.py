@@ -31,8 +31,9 @@ def scene_figures(scene: Scene) -> dict[str, Any]:
             zip((one.name for one in scene.grains.species), scene.grains.counts(), strict=True)
         ),
     }
-    if scene.piston is not None:
-        figures["packing_fraction"] = packing_fraction(scene, scene.piston.height)
+    height = scene.cell.height if scene.piston is None else scene.piston.height
+    if height is not None:
+        figures["packing_fraction"] = packing_fraction(scene, height)
     return figures
 
 
@@ -62,6 +63,12 @@ def scene_text(scene: Scene) -> str:
     )
     width = scene.cell.width
     lines.append(f"  cell {1e3 * width:g} mm wide ({width / scales.length:g} D)")
+    if scene.cell.height is not None:
+        high = scene.cell.height
+        lines[-1] += (
+            f", {1e3 * high:g} mm high ({high / scales.length:g} D), periodic, packing fraction "
+            f"{packing_fraction(scene, high):.4f}"
+        )
     if scene.piston is not None:
         height, mass = scene.piston.height, scene.piston.mass
         lines.append(

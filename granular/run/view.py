@@ -33,6 +33,7 @@ def view_of(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, floa
     chosen = data.isel(frame=slice(None, None, every))
     plain: dict[str, Any] = {
         "width": scene.cell.width,
+        "periods": scene.cell.periods,
         "diameters": scene.grains.diameters().tolist(),
         "colours": [COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()],
         "frames": chosen["frame_time"].values.tolist(),

@@ -152,9 +152,7 @@ def check_positions(
     if len(positions) > 1 and not overlapping:
         tree = cKDTree(positions, boxsize=cell.periods)
         pairs = tree.query_pairs(2.0 * float(radius.max()), output_type="ndarray")
-        way = positions[pairs[:, 0]] - positions[pairs[:, 1]]
-        if cell.periods is not None:
-            way -= cell.periods * np.round(way / cell.periods)
+        way = cell.nearest(positions[pairs[:, 0]] - positions[pairs[:, 1]])
         gap = np.linalg.norm(way, axis=1)
         overlap = radius[pairs].sum(axis=1) - gap
         if len(overlap) and overlap.max() > 0.0:

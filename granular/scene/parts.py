@@ -202,6 +202,12 @@ class Cell(Section):
         # A place just below 0 is rounded to the other side itself.
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
+    def nearest(self, ways: np.ndarray) -> np.ndarray:
+        """Ways (..., 2) [m] to the nearest images in a periodic cell; as given in a closed one."""
+        if self.periods is None:
+            return ways
+        return np.asarray(ways - self.periods * np.round(ways / self.periods))
+
     def validate(self) -> None:
         if self.sides == "periodic" and self.height is None:
             raise FieldError("must be given where the sides are periodic", "height")

@@ -313,6 +313,8 @@ class Scene(Section):
         if self.piston is not None:
             mass = "" if self.piston.mass is None else f", {self.piston.mass:.6g} kg"
             piston = f", piston at {1e3 * self.piston.height:.6g} mm{mass}"
+        if self.cell.height is not None:
+            piston = f", {1e3 * self.cell.height:.6g} mm high, periodic"
         effects = ", ".join(one.key for one in self.effects.all)
         return (
             f"Scene {self.name!r}: {grains}, cell {1e3 * self.cell.width:.6g} mm wide{piston}\n"

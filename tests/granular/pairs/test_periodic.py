@@ -214,6 +214,7 @@ def test_a_perfect_lattice_is_at_rest() -> None:
         ({"pairs": {"method": "verlet-list"}}, "pairs.method: de Paula's list knows no images"),
         ({"pairs": {"method": "cut-off", "cut_off": "9 D"}}, "0.39 of the shorter side"),
         ({"pairs": {"method": "direct", "cut_off": "12 D"}}, "0.5 of the shorter side"),
+        ({"pairs": {"method": "mesh", "tolerance": 1e-5}}, "pairs.tolerance: needs a radius of"),
         ({"pairs": {"method": "direct", "far_every": 8}}, "has no far field; take 'mesh'"),
         ({"arrangement.height": "0.1 m"}, "a periodic cell is filled"),
     ],

@@ -1,0 +1,91 @@
+"""Observables of runs in a periodic cell: the same at all images of the grains."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, scene_text
+from granular.observables import (
+    bond_relaxation_of_run,
+    force_distribution_of_run,
+    grain_stress_series,
+    lindemann_of_run,
+    non_affine_series,
+    tracked_defects,
+)
+from granular.render.moments import bed_at
+from granular.run.trajectory import Trajectory
+
+from .conftest import MakeRun
+
+SPACING, COLUMNS, ROWS = 0.012, 12, 14
+WIDTH, HEIGHT = COLUMNS * SPACING, ROWS * SPACING * np.sqrt(0.75)
+
+
+def scene(count: int) -> Scene:
+    return Scene.from_plain(
+        {
+            "grains": {"count": count, "species": [{"diameter": "6 mm"}]},
+            "cell": {"width": WIDTH, "height": HEIGHT, "sides": "periodic"},
+            "effects": {"dipole": True},
+            "arrangement": {"jitter": 0.0},
+            "protocol": [{"kind": "hold", "name": "rest"}],
+        }
+    )
+
+
+def in_the_cell(make_run: MakeRun, frames: np.ndarray, velocities: Any = None) -> Trajectory:
+    run = make_run(frames, {"arrangement.height": "0.3 m"}, velocities=velocities)
+    return dataclasses.replace(run, scene=scene(frames.shape[1]))
+
+
+def walk() -> np.ndarray:
+    """A crystal that shakes and drifts, and a grain less, so that there are defects."""
+    sites = scene(COLUMNS * ROWS).initial_motion()[0]
+    steps = 0.08 * SPACING * np.random.default_rng(1).normal(size=(4, *sites.shape))
+    return np.delete(sites + steps.cumsum(axis=0) + 0.004, 90, axis=1)
+
+
+def defect_places(run: Trajectory) -> np.ndarray:
+    return np.asarray(tracked_defects(run, least=1)["position"].values)
+
+
+def forces(run: Trajectory) -> np.ndarray:
+    return np.concatenate([one.counts for one in force_distribution_of_run(run).values()])
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [lindemann_of_run, bond_relaxation_of_run, non_affine_series, grain_stress_series,
+     defect_places, forces],
+)  # fmt: skip
+def test_it_does_not_matter_at_which_image_a_grain_is(
+    make_run: MakeRun, measure: Callable[[Trajectory], Any]
+) -> None:
+    """As after long diffusion, where places that are not brought back are far apart."""
+    frames = walk()
+    turns = np.random.default_rng(2).integers(-3, 4, frames.shape[1:])
+    wanted = measure(in_the_cell(make_run, frames))
+    found = measure(in_the_cell(make_run, frames + turns * [WIDTH, HEIGHT]))
+    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-12)
+    assert np.isfinite(np.asarray(wanted, dtype=float)).any()
+
+
+def test_a_movie_takes_grains_across_a_side_by_the_short_way(make_run: MakeRun) -> None:
+    frames = np.array([[[0.99 * WIDTH, 0.5 * HEIGHT]], [[1.01 * WIDTH, 0.5 * HEIGHT]]])
+    speed = np.broadcast_to([0.02 * WIDTH, 0.0], frames.shape)
+    run = in_the_cell(make_run, frames, speed)
+    place = [one.position[0, 0] / WIDTH for one in bed_at(run, [0, 1], np.array([0.25, 0.75]))]
+    np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
+
+
+def test_a_scene_tells_of_its_sides() -> None:
+    assert "126 mm high (21 D), periodic, packing" in scene_text(
+        scene(24).replace(**{"cell.height": "126 mm"})
+    )
+    assert "mm high, periodic" in repr(scene(24))
