@@ -62,9 +62,8 @@ def bond_relaxation_of_run(
     InputError
         As `bond_relaxation`, and if the frames are not evenly spaced in time.
     """
+
     def measure(frames: np.ndarray, lags: np.ndarray) -> np.ndarray:
         return bond_relaxation(run.scene.cell.inside(frames), lags)
 
-    return over_lags_of_run(
-        run, measure, start, stop, "1", "relaxation of bond orientation g6(t)"
-    )
+    return over_lags_of_run(run, measure, start, stop, "1", "relaxation of bond orientation g6(t)")
