@@ -85,15 +85,20 @@ def plain_cut_sum(
 ) -> None:
     """Pair forces and sums within a radius, where the energy of a pair is zero.
 
-    With ``smooth``, of the near part of the law alone.
+    With ``smooth``, of the near part of the law alone. Of ``stripes`` it takes the sides of a
+    periodic cell, where each grain meets the nearest image of every other one.
     """
     for out in (fx, fy, stiffness, extremes, load):
         if out is not None:
             out[:] = 0.0
     q = np.ones(x.size) if moments is None else moments
+    periods = getattr(stripes, "periods", None)
     for i in range(grains):
         for j in range(i + 1, grains):
             dx, dy = x[i] - x[j], y[i] - y[j]
+            if periods is not None:
+                dx -= periods[0] * np.rint(dx / periods[0])
+                dy -= periods[1] * np.rint(dy / periods[1])
             r = np.sqrt(dx * dx + dy * dy)
             if r < radius:
                 pairs = np.array([q[i] * q[j], q[j], q[i]])
