@@ -22,6 +22,7 @@ from granular.shared.console import (
 )
 from granular.shared.errors import InputError
 from validation.benchmark import PARTS
+from validation.defects.command import add_defects, run_defects
 from validation.discovery.command import add_discovery, run_discovery
 from validation.melting.command import add_melting, run_melting
 from validation.published.command import add_published, run_published
@@ -74,6 +75,10 @@ examples:
 examples:
   %(prog)s                          # shows the results that come with the package
   %(prog)s --quick -o out/melting""",
+    "disorder": """\
+examples:
+  %(prog)s temperature             # shows the results that come with the package
+  %(prog)s slip --full             # ten minutes; goes on where it was stopped""",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:
@@ -105,6 +110,7 @@ def parser(prog: str = PROG) -> Parser:
     _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
     add_discovery(add("discovery", "how often are laws discovered? beside PySINDy and pyoperon"))
     add_melting(add("melting", "where a layer of dipoles melts, beside published values"))
+    add_defects(add("disorder", "temperature of beds, forces at defects, slip by dislocations"))
     _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))
     _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
@@ -196,6 +202,8 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         run_discovery(options)
     elif options.command == "melting":
         run_melting(options)
+    elif options.command == "disorder":
+        run_defects(options)
     elif options.command == "silverbox":
         _silverbox(options)
     else:

@@ -31,6 +31,9 @@ from .compression import (
 from .configurational import (
     configurational_temperature as configurational_temperature,
 )
+from .configurational import (
+    configurational_temperature_of_run as configurational_temperature_of_run,
+)
 from .correlation import (
     Correlation as Correlation,
 )
@@ -327,6 +330,15 @@ from .response import (
 )
 from .response import (
     response_of_run as response_of_run,
+)
+from .slip import (
+    Slip as Slip,
+)
+from .slip import (
+    elastic_strain as elastic_strain,
+)
+from .slip import (
+    slip_of_frames as slip_of_frames,
 )
 from .structure import (
     lattice_vector as lattice_vector,

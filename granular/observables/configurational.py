@@ -6,14 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.observables.frames import chosen_frames
 from granular.observables.interactions import moments_of, pair_interactions, wall_interactions
 from granular.observables.moduli import dipole_strength
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
+    from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
 
 KNOWN = ("bath", "dipole", "drag", "eddy", "walls")
+STRAIGHT = ("friction", "gravity", "shaking")
+"""Effects that add nothing to the Laplacian of the potential."""
 _STEP = 1e-5
 
 
@@ -42,12 +46,7 @@ def configurational_temperature(
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
         raise InputError(f"positions of frames have the shape {array.shape}; (f, n, 2) is wanted")
-    other = [one.key for one in scene.effects.all if one.key not in KNOWN]
-    if other or scene.effects.dipole is None:
-        raise InputError(
-            f"effects.{other[0] if other else 'dipole'}: only dipoles and walls are known here; "
-            "measure a scene of these"
-        )
+    _check(scene, KNOWN)
     square = bend = 0.0
     for positions in array:
         forces, laplacian = _of_pairs(scene, positions)
@@ -55,6 +54,44 @@ def configurational_temperature(
         square += float(np.nansum((forces + walls) ** 2))
         bend += laplacian + more
     return square / bend
+
+
+def configurational_temperature_of_run(
+    run: Trajectory, start: float = 0.0, stop: float = np.inf
+) -> float:
+    """`configurational_temperature` over the frames with start <= time <= stop [J].
+
+    By the forces of the run: weight counts, and so does the inertia of a shaken cell.
+
+    Raises
+    ------
+    InputError
+        If there are no such frames, no dipoles, or an effect other than `KNOWN` and `STRAIGHT`.
+    """
+    chosen = chosen_frames(run, start, stop)
+    data = run.dataset
+    frames = zip(data["position"].values[chosen], data["frame_height"].values[chosen], strict=True)
+    bend = sum(laplacian_of(run.scene, places, float(height)) for places, height in frames)
+    return float(np.nansum(data["force"].values[chosen] ** 2)) / bend
+
+
+def laplacian_of(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:
+    """Laplacian of U of dipoles and walls [N/m]; weight and shaking have none.
+
+    Parameters and errors as of `configurational_temperature`, but for one frame (n, 2), and with
+    effects that act by a uniform force or by friction besides.
+    """
+    _check(scene, (*KNOWN, *STRAIGHT))
+    return _of_pairs(scene, positions)[1] + _of_walls(scene, positions, piston_height)[1]
+
+
+def _check(scene: Scene, known: tuple[str, ...]) -> None:
+    other = [one.key for one in scene.effects.all if one.key not in known]
+    if other or scene.effects.dipole is None:
+        raise InputError(
+            f"effects.{other[0] if other else 'dipole'}: only dipoles and walls are known here; "
+            "measure a scene of these"
+        )
 
 
 def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:

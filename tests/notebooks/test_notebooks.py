@@ -166,6 +166,19 @@ def damper_at_work(found: Numbers) -> None:
     assert found["helps"]
 
 
+def defects_on_the_move(found: Numbers) -> None:
+    assert found["tracks"].get("dislocation", 0) > 0
+    # Two thermometers over 80 frames of 92 grains, which are not independent.
+    assert found["bath_error"] < 0.08
+    # What friction holds is cold, and no crystal.
+    assert found["settled_heat"] < 0.01
+    assert found["frozen"] > 0.05
+    assert found["uneven"] > 1.2
+    # Five beds of 184 grains: 0.33 to 0.49 over increments of 0.4 s.
+    assert 0.2 < found["share"] < 1.1
+    assert found["conserved"] > 0.9
+
+
 CHECKS: dict[str, Callable[[Numbers], None]] = {
     "01_first_bed": first_bed,
     "02_compression_and_structure": compression,
@@ -178,6 +191,7 @@ CHECKS: dict[str, Callable[[Numbers], None]] = {
     "09_designing_a_damper": designing_a_damper,
     "10_why_a_bed_damps": why_a_bed_damps,
     "11_damper_at_work": damper_at_work,
+    "12_defects_on_the_move": defects_on_the_move,
 }
 KEEP = """
 import pickle as _pickle

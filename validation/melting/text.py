@@ -102,8 +102,10 @@ def markdown(results: Results) -> str:
         f"{results.layers[0]['grains']} grains, η6 = 1/4 and K = 16π |",
     ]  # fmt: skip
     lines += [
-        f"| {one.source} | {one.hexatic:g} | {one.crystal:g} | {one.how} |" for one in PUBLISHED
+        f"| {one.source}, from memory | {one.hexatic:g} | {one.crystal:g} | {one.how} |"
+        for one in PUBLISHED
     ]
+    lines += ["", *(f"- {one}" for one in sentences(results).splitlines())]
     return "\n".join([*lines, ""])
 
 

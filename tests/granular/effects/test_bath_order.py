@@ -15,9 +15,9 @@ WELLS = 0.02
 """From well to well [m]."""
 DEPTH = 1e-4
 """a of the energy a (2 - cos kx - cos ky) [J]."""
-WARM = 3.0
+WARM = 2.0
 """Temperature of the bath, over a: far from harmonic."""
-RATE = 0.5
+RATE = 0.2
 """Of the bath, over the frequency of small swings."""
 
 
@@ -59,7 +59,7 @@ def too_warm(squares: np.ndarray, bends: np.ndarray) -> tuple[float, float]:
 def by_the_bath(step: float) -> tuple[float, float]:
     """Of the engine; ``step`` in units of the inverse frequency."""
     squares, bends = [], []
-    for seed in range(1, 9):
+    for seed in range(1, 11):
         scene, frequency = wells(160, seed)
         dt = step / frequency
         apart = max(1, round(1.5 / step)) * dt
@@ -125,7 +125,7 @@ def slope(steps: tuple[float, ...], found: list[tuple[float, float]]) -> tuple[f
 @pytest.mark.long  # quick: the generator's numbers, and a run that goes on
 def test_configurational_temperature_is_wrong_to_second_order() -> None:
     """In an anharmonic field, where the splitting is not exact; beside two other splittings."""
-    steps = (0.19, 0.27, 0.38)
+    steps = (0.14, 0.23, 0.38)
     found = [by_the_bath(step) for step in steps]
     value, sigma = slope(steps, found)
     print("bath", found, value, sigma)
@@ -137,6 +137,6 @@ def test_configurational_temperature_is_wrong_to_second_order() -> None:
     print("kicks outside", around, slope(steps, around))
     print("kick first", first, slope((0.075, 0.15), first))
     assert slope(steps, around)[0] == pytest.approx(2.0, abs=0.2)
-    assert around[-1][0] > 4.0 * found[-1][0]
+    assert around[-1][0] > 1.5 * found[-1][0]
     # The test tells a splitting of first order from one of second.
     assert slope((0.075, 0.15), first)[0] < 1.5

@@ -1,0 +1,145 @@
+"""Pictures of temperature, forces and slip, from the results that come with the package."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from granular.shared.plotting import COLOURS, GREY, figure
+from validation.defects.beds import GROUPS
+from validation.defects.candidates import CANDIDATES, ORDERS
+from validation.defects.carried import PARTS, WINDOW, carried, distinct, increments
+from validation.defects.cycles import FRAMES as FRAMES_OF_CYCLE
+from validation.defects.cycles import SHOWN as KEPT
+from validation.defects.forces import FRAMES, KINDS, interval
+from validation.defects.results import committed
+from validation.defects.temperature import AGITATED, judged_candidates
+from validation.defects.uneven import QUIET, SHELLS
+
+Row = Mapping[str, Any]
+
+SHOWN = ("kinetic", "configurational", "piston")
+MELTING = 0.100
+_MARKS = dict(zip(GROUPS, "os^D", strict=True))
+_LEAST = 3e-6
+
+
+def temperature_picture() -> Any:
+    """Orders over three temperatures, and the skill of each candidate."""
+    rows = committed("temperature")["rows"]
+    judged = [judged_candidates(rows, one) for one in (GROUPS, AGITATED)]
+    with figure(3, 4, width=11.5, height=8.6, sharey="row") as (drawing, table):
+        for line, (order, words) in zip(table, ORDERS.items(), strict=True):
+            for axes, name in zip(line, SHOWN, strict=False):
+                for k, group in enumerate(GROUPS):
+                    some = [row for row in rows if row["group"] == group]
+                    axes.plot(*_shown(some, name, order), _MARKS[group], color=COLOURS[k],
+                              markersize=4.0, fillstyle="none", label=group)  # fmt: skip
+                axes.axvline(MELTING, color=GREY, linestyle=":")
+                axes.set(xscale="log", xlim=(0.7 * _LEAST, 2.0))
+            line[0].set_ylabel(textwrap.fill(words, 24))
+            if order == "lindemann":
+                line[0].set(yscale="log", ylim=(0.7 * _LEAST, 5.0))
+            line[3].remove()
+        for axes, name in zip(table[-1], SHOWN, strict=False):
+            axes.set_xlabel(f"{name} [pair energy]")
+        for place, order in enumerate(ORDERS):
+            axes = drawing.add_subplot(3, 4, 4 * place + 4)
+            _skills(axes, judged, order, last=place == 2)
+        table[0, 0].legend(loc="upper left", fontsize=8)
+    return drawing
+
+
+def _shown(rows: Sequence[Row], name: str, order: str) -> tuple[np.ndarray, np.ndarray]:
+    """What is 0, or nearly, is drawn at the edge of logarithmic axes."""
+    x = np.maximum([row[name] for row in rows], _LEAST)
+    y = np.array([row[order] for row in rows])
+    return x, np.maximum(y, _LEAST) if order == "lindemann" else y
+
+
+def _skills(axes: Any, judged: Sequence[Any], order: str, *, last: bool) -> None:
+    looks = ((GREY, "D", "all four", 0.15), (COLOURS[0], "o", "bath, shaken", -0.15))
+    for found, (colour, mark, words, aside) in zip(judged, looks, strict=True):
+        for place, name in enumerate(CANDIDATES):
+            one = found[name, order].skill
+            at = len(CANDIDATES) - place + aside
+            axes.plot([max(one.low, -1.0), one.high], [at, at], color=colour, linewidth=1.2)
+            axes.plot(max(one.value, -1.0), at, mark, color=colour, markersize=3.5,
+                      label=words if place == 0 else None)  # fmt: skip
+    axes.set(xlim=(-1.05, 1.0), yticks=range(len(CANDIDATES), 0, -1))
+    axes.set_yticklabels(CANDIDATES, fontsize=8)
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    if last:
+        axes.set_xlabel("skill for an unseen way of driving")
+        axes.legend(fontsize=7, loc="lower left")
+
+
+def forces_picture() -> Any:
+    """Unevenness about defects in space and time, and a cycle with what its dislocations carry."""
+    forces, cycles = (committed(one)["rows"] for one in ("forces", "slip"))
+    with figure(2, 2, width=10.5, height=7.0) as (drawing, ((first, second), (third, fourth))):
+        for k, kind in enumerate(KINDS):
+            some = [row for row in forces if row["kind"] == kind]
+            _shells(first, some, kind, COLOURS[k])
+            for name, style in (("uneven about", "-"), ("force about", "--")):
+                _about(second, some, name, f"{name.split()[0]}, {kind}", COLOURS[k], style)
+        second.axvline(0.0, color=GREY, linestyle=":")
+        second.set(xlabel="time since a defect has arrived [ms]", ylabel="over that of calm grains")
+        for axes in (first, second):
+            axes.axhline(1.0, color="black", linewidth=0.8)
+        first.set(xlabel="neighbours away from a defect", ylabel="unevenness over calm grains")
+        _cycle(third, cycles)
+        _slopes(fourth, cycles)
+        first.set_xticks(range(SHELLS))
+        for axes in (first, second, fourth):
+            axes.legend(fontsize=8)
+        third.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.02, 1.0))
+    return drawing
+
+
+def _shells(axes: Any, rows: Sequence[Row], kind: str, colour: str) -> None:
+    found = [interval(list(some)) for some in zip(*(row["shells"] for row in rows), strict=True)]
+    values = np.array(found)
+    axes.errorbar(range(len(values)), values[:, 0],
+                  [values[:, 0] - values[:, 1], values[:, 2] - values[:, 0]], fmt="o-",
+                  color=colour, label=f"{kind}, {len(rows)} beds", markersize=4.0)  # fmt: skip
+
+
+def _about(axes: Any, rows: Sequence[Row], name: str, words: str, colour: str, style: str) -> None:
+    found = np.array([interval(list(some)) for some in zip(*(row[name] for row in rows),
+                                                           strict=True)])  # fmt: skip
+    time = 1e3 * FRAMES * np.arange(-QUIET, QUIET + 1)
+    axes.plot(time, found[:, 0], style, color=colour, label=words)
+    axes.fill_between(time, found[:, 1], found[:, 2], color=colour, alpha=0.2, linewidth=0)
+
+
+def _cycle(axes: Any, rows: Sequence[Row]) -> None:
+    row = max(rows, key=lambda one: (one["grains"], -one["seed"]))
+    lines = {
+        "bed, by its bonds": ("plastic",), "bed, by the law": ("law",),
+        **{f"dislocations, {one}": PARTS[one] for one in ("followed", "to the rim")},
+    }  # fmt: skip
+    for k, (words, parts) in enumerate(lines.items()):
+        axes.plot(row["driven"], sum(np.array(row[part]) for part in parts), color=COLOURS[k],
+                  linewidth=2.2 if k < 2 else 1.0, label=words)  # fmt: skip
+    axes.set(xlabel="strain by the piston", ylabel="plastic strain, yy less xx")
+    axes.set_title(f"one cycle of {row['grains']} grains", fontsize=10)
+
+
+def _slopes(axes: Any, rows: Sequence[Row]) -> None:
+    for k, size in enumerate(sorted({row["grains"] for row in rows})):
+        some = [row for row in distinct(rows) if row["grains"] == size]
+        x = np.concatenate([increments(row["plastic"]) for row in some])
+        y = np.concatenate([increments(row["moves"]) for row in some])
+        one = carried(some, ("moves",))
+        words = f"{size} grains: {one.slope:.2f} [{one.low:.2f}, {one.high:.2f}]"
+        axes.plot(x, y, "os"[k], color=COLOURS[k], markersize=3.5, fillstyle="none", label=words)
+        ends = np.array([x.min(), x.max()])
+        axes.fill_between(ends, one.low * ends, one.high * ends, color=COLOURS[k], alpha=0.2)
+    axes.plot(ends, ends, color="black", linewidth=0.8, label="all of it")
+    span = WINDOW * KEPT * FRAMES_OF_CYCLE
+    axes.set(xlabel=f"plastic strain of the bonds in {span:g} s",
+             ylabel="of the dislocations that were followed")  # fmt: skip

@@ -1,0 +1,46 @@
+"""The configurational temperature of a run, and what adds nothing to a Laplacian."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular import load_scene
+from granular.observables import (
+    configurational_temperature,
+    configurational_temperature_of_run,
+    pair_interactions,
+    wall_interactions,
+)
+from granular.observables.configurational import laplacian_of
+from granular.shared.errors import InputError
+
+from .conftest import MakeRun, hexagonal
+
+
+def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
+    """With the forces that dipoles and walls make."""
+    frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(
+        scale=4e-4, size=(3, 30, 2)
+    )
+    changes = {"effects.gravity": None, "effects.drag": None}
+    scene = make_run(frames, changes).scene
+    forces = np.zeros_like(frames)
+    for total, places in zip(forces, frames, strict=True):
+        for some in (*pair_interactions(scene, places), wall_interactions(scene, places, 0.36)):
+            total[some.grains] += some.forces.sum(axis=1)
+    run = make_run(frames, changes, forces=forces)
+    assert configurational_temperature_of_run(run) == pytest.approx(
+        configurational_temperature(scene, frames, 0.36), rel=1e-12
+    )
+    with pytest.raises(InputError, match="no frame"):
+        configurational_temperature_of_run(run, 9.0)
+
+
+def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:
+    scene = load_scene("bed").replace(**{"grains.count": 2, "arrangement.height": "19 D"})
+    places = 0.006 * np.array([[20.0, 9.0], [30.0, 9.0]])
+    bare = scene.replace(**{"effects.gravity": None})
+    assert laplacian_of(scene, places) == laplacian_of(bare, places) > 0.0
+    with pytest.raises(InputError, match="only dipoles and walls"):
+        laplacian_of(scene.replace(**{"effects.contact": {"modulus": "1 GPa"}}), places)

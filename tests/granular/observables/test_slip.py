@@ -1,0 +1,99 @@
+"""Orowan's sum over made films gives the strain that was driven; bonds give that of a lattice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular.observables import elastic_strain, slip_of_frames, voronoi_cells
+from granular.observables.slip import area_change, inner, swept, uniaxial, way_to_edge
+
+from .conftest import hexagonal, rotated
+from .test_defect_motion import FILMS, SPACING
+
+
+def frames_of(name: str) -> np.ndarray:
+    _, film = FILMS[name]
+    random = np.random.default_rng(3)
+    return SPACING * np.array([film(k, random) for k in range(40)])
+
+
+def area_of(frames: np.ndarray) -> float:
+    cells = [voronoi_cells(one) for one in frames[::13]]
+    return float(np.mean([one.area[inner(one)].sum() for one in cells]))
+
+
+def check(name: str, error: float = 0.06) -> None:
+    """The distortion b (z x d)/A of what was put in, from its first to its last frame.
+
+    A place is right to half a spacing, at both ends of a way of 12 to 27 spacings.
+    """
+    made, _ = FILMS[name]
+    frames = frames_of(name)
+    found = slip_of_frames(frames)
+    driven = sum(swept(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start))
+                 for one in made)  # fmt: skip
+    wanted = np.asarray(driven) / area_of(frames)
+    np.testing.assert_allclose(found.moves[-1], wanted, atol=error * np.abs(wanted).max())
+
+
+def test_glide_shears_as_it_was_driven() -> None:
+    check("glide with jitter")
+
+
+@pytest.mark.long  # quick: "glide with jitter", the same sum
+@pytest.mark.parametrize(
+    "name", ["glide", "fast glide", "glide backward", "glide at 60 degrees",
+             "glide at 120 degrees", "opposite sign"],
+)  # fmt: skip
+def test_other_films(name: str) -> None:
+    check(name)
+
+
+@pytest.mark.long  # quick: "glide with jitter"
+@pytest.mark.parametrize("name", ["climb", "climb downward", "glide and climb"])
+def test_climb(name: str) -> None:
+    """Grains near the end of a row that grows do move: what they carry along is known less well."""
+    check(name, 0.15)
+
+
+@pytest.mark.long  # quick: `test_glide_shears_as_it_was_driven`
+def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
+    """All that is left of both is the sum of b (z x r) of where they are in the end."""
+    made, _ = FILMS["pair born"]
+    frames = frames_of("pair born")
+    found = slip_of_frames(frames)
+    moment = sum(swept(SPACING * one.burgers, SPACING * one.place(one.last)) for one in made)
+    wanted = np.asarray(moment) / area_of(frames)
+    np.testing.assert_allclose(found.total[-1], wanted, atol=0.06 * np.abs(wanted).max())
+    assert np.abs(found.moves[-1]).max() < 0.95 * np.abs(wanted).max()
+    assert found.conserved == 1.0
+
+
+def test_climb_changes_the_area_and_glide_does_not() -> None:
+    """An extra half row above its end, which goes up, is shorter."""
+    right, up = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    assert area_change(swept(right, up)[None])[0] == -1.0
+    assert area_change(swept(right, right)[None])[0] == 0.0
+    assert swept(right, right)[0, 1] == 1.0
+
+
+def test_way_to_the_edge_is_along_the_burgers_vector() -> None:
+    box = np.array([[0.0, 0.0], [10.0, 6.0]])
+    np.testing.assert_allclose(
+        way_to_edge(np.array([3.0, 2.0]), np.array([1.0, 0.0]), box), [-3.0, 0.0]
+    )
+    way = way_to_edge(np.array([8.0, 5.0]), np.array([-1.0, 1.0]), box)
+    np.testing.assert_allclose(way, [-1.0, 1.0])
+    assert not way_to_edge(np.array([11.0, 2.0]), np.array([1.0, 0.0]), box).any()
+
+
+def test_bonds_share_the_strain_of_a_lattice_and_no_rotation() -> None:
+    lattice = hexagonal(14, 14)
+    squeezed = lattice * np.array([1.02, 0.97])
+    found = elastic_strain(np.array([lattice, squeezed, rotated(lattice, 0.1)]))
+    assert uniaxial(found)[1] == pytest.approx(np.log(0.97 / 1.02), rel=1e-3)
+    assert area_change(found)[1] == pytest.approx(np.log(0.97 * 1.02), rel=1e-3)
+    # Which bonds are inner ones depends on the box about the grains, which does not turn with them.
+    np.testing.assert_allclose(found[2], 0.0, atol=2e-3)
+    assert not slip_of_frames(np.array([lattice, squeezed])).total.any()

@@ -1,0 +1,232 @@
+"""Temperatures, forces and slip: the measures on made data whose answers are known."""
+
+from __future__ import annotations
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from granular import simulate
+from granular.observables import voronoi_cells
+from granular.shared.console import launch
+from validation.__main__ import main
+from validation.defects import text
+from validation.defects.beds import GROUPS, all_beds, scene_of, set_temperature
+from validation.defects.candidates import (
+    CANDIDATES,
+    ORDERS,
+    local_kinetic_temperature,
+    measured,
+    without_drive,
+)
+from validation.defects.carried import carried
+from validation.defects.collapse import collapse, rank_correlation, rising_curve, unseen_skill
+from validation.defects.crossing import seen_share
+from validation.defects.cycles import plastic_by_law
+from validation.defects.forces import interval, of_field
+from validation.defects.results import STUDIES, committed
+from validation.defects.uneven import QUIET, SHELLS, ForceField, shells, shuffled
+
+DRAWS = 40
+OWNERS = [one for one in GROUPS for _ in range(12)]
+
+
+@pytest.fixture
+def random() -> np.random.Generator:
+    return np.random.default_rng(5)
+
+
+def test_a_made_collapse_is_found(random: np.random.Generator) -> None:
+    x = 10.0 ** random.uniform(-4.0, 1.0, len(OWNERS))
+    y = np.tanh(0.4 * np.log(x) + 2.0) + 0.05 * random.normal(size=len(x))
+    found = collapse(x, y, OWNERS, DRAWS)
+    assert found.orders
+    assert found.skill.value > 0.9
+    assert found.skill.chance < 0.2
+    assert found.rank.chance < 0.5
+    assert found.rank.low > 0.8
+
+
+def test_curves_of_their_own_are_no_collapse(random: np.random.Generator) -> None:
+    """In each group y rises with x, but in each it begins elsewhere."""
+    place = np.repeat(np.arange(4.0), 12)
+    x = random.uniform(size=len(OWNERS)) + 3.0 - place
+    y = x + 3.0 * place
+    found = collapse(x, y, OWNERS, DRAWS)
+    assert not found.orders
+    # A rising curve through groups that fall is level: it tells no more than the mean.
+    assert found.skill.value == pytest.approx(0.0, abs=1e-9)
+    for group in range(4):
+        assert rank_correlation(x[place == group], y[place == group]) == pytest.approx(1.0)
+
+
+def test_chance_and_constants_order_nothing(random: np.random.Generator) -> None:
+    x, y = random.normal(size=(2, len(OWNERS)))
+    assert not collapse(x, y, OWNERS, DRAWS).orders
+    assert not collapse(np.zeros(len(x)), y, OWNERS, DRAWS).orders
+    assert rank_correlation(np.zeros(len(x)), y) == 0.0
+
+
+def test_ranks_and_scales(random: np.random.Generator) -> None:
+    x, y = random.integers(0, 6, size=(2, 30)).astype(float)
+    assert rank_correlation(x, y) == pytest.approx(spearmanr(x, y).statistic)
+    groups = np.arange(30) % 3
+    assert unseen_skill(x, y, groups) == pytest.approx(unseen_skill(np.exp(x), y**3, groups))
+
+
+def test_rising_curve_by_hand() -> None:
+    curve = rising_curve(np.array([1.0, 2.0, 2.0, 3.0]), np.array([0.0, 5.0, 3.0, 1.0]))
+    # 4 twice and 1 fall: their mean is 3.
+    np.testing.assert_allclose(
+        curve(np.array([0.0, 1.0, 1.5, 2.0, 9.0])), [0.0, 0.0, 1.5, 3.0, 3.0]
+    )
+
+
+def test_shared_motion_is_no_local_temperature(random: np.random.Generator) -> None:
+    points = random.random((400, 2))
+    cells, masses = voronoi_cells(points), np.full(400, 2.0)
+    heat = random.normal(scale=3.0, size=points.shape)
+    assert local_kinetic_temperature(heat, cells, masses) == pytest.approx(18.0, rel=0.1)
+    assert local_kinetic_temperature(heat + 100.0, cells, masses) == pytest.approx(
+        local_kinetic_temperature(heat, cells, masses)
+    )
+
+
+def test_what_is_in_step_is_taken_out(random: np.random.Generator) -> None:
+    time = np.arange(0.0, 6.0, 1e-3)
+    noise = random.normal(size=len(time))
+    drive = 7.0 * np.sin(2.0 * np.pi * 20.0 * time + 1.0) + np.cos(2.0 * np.pi * 60.0 * time)
+    left = without_drive(time, 3.0 + 2.0 * time + drive + noise, 20.0)
+    np.testing.assert_allclose(left, without_drive(time, noise, 20.0), atol=1e-9)
+    assert np.mean(left**2) == pytest.approx(1.0, rel=0.1)
+    # The force of a bed that is squeezed by a fifth bends: as a line it would seem to fluctuate.
+    bent = 9.0 * (1.0 - 0.03 * time) ** -2.5
+    assert np.abs(without_drive(time, bent, None, 4)).max() < 1e-3
+    assert np.ptp(without_drive(time, bent, None)) > 0.1
+
+
+def test_beds_have_starts_of_their_own() -> None:
+    beds = all_beds()
+    assert len({one.seed for one in beds}) == len({one.key for one in beds}) == len(beds)
+    assert {one.group for one in beds} == set(GROUPS)
+    for group in GROUPS:
+        scene_of(next(one for one in beds if one.group == group))
+
+
+def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
+    """A line of grains; one pair of defects comes to each in turn and stays for three frames."""
+    frames, grains = 60 * QUIET, 40
+    away = np.full((frames, grains), SHELLS)
+    for k, start in enumerate(range(2 * QUIET, frames - 2 * QUIET, 2 * QUIET)):
+        steps = np.abs(np.arange(grains) - (3 + 7 * k) % grains)
+        away[start : start + 3] = np.minimum(steps, SHELLS)
+    depth = np.broadcast_to(np.arange(grains) % 3, away.shape)
+    value = (1.0 + depth) * random.uniform(0.9, 1.1, away.shape)
+    value[away == 0] *= uneven
+    sides = np.where(away == 0, 5, 6)
+    return ForceField(np.ones(away.shape), value, sides, away, np.array(depth))
+
+
+def test_unevenness_at_made_defects_is_found(random: np.random.Generator) -> None:
+    found = of_field(made_field(random, uneven=1.5))
+    assert found["uneven"] == pytest.approx(1.5, rel=0.05)
+    assert found["uneven, shuffled"] == pytest.approx(1.0, abs=0.05)
+    about = np.array(found["uneven about"])
+    assert found["arrivals"] > 20
+    np.testing.assert_allclose(about[QUIET : QUIET + 3], 1.5, rtol=0.1)
+    np.testing.assert_allclose(about[:QUIET], 1.0, rtol=0.1)
+    assert found["force 5"] == 1.0
+    assert of_field(made_field(random, uneven=1.0))["uneven"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_shuffling_keeps_frames_and_depths(random: np.random.Generator) -> None:
+    field = made_field(random, uneven=1.0)
+    chosen = field.shell == 0
+    other = shuffled(field, chosen, random)
+    assert (other.sum(axis=1) == chosen.sum(axis=1)).all()
+    assert (field.depth[other].sum()) == field.depth[chosen].sum()
+    assert (other != chosen).any()
+
+
+def test_shells_are_ways_over_neighbours(random: np.random.Generator) -> None:
+    cells = voronoi_cells(random.random((200, 2)))
+    defects = np.zeros(200, dtype=bool)
+    defects[17] = True
+    found = shells(cells, defects)
+    assert found[17] == 0
+    i, j = cells.neighbours.T
+    assert set(np.flatnonzero(found == 1)) == set(j[i == 17]) | set(i[j == 17])
+    assert np.abs(found[i] - found[j]).max() <= 1
+
+
+def test_interval_of_a_mean(random: np.random.Generator) -> None:
+    values = random.normal(2.0, 0.3, 400)
+    found = interval([*values.tolist(), float("nan")])
+    assert found.value == pytest.approx(values.mean())
+    assert found.high - found.low == pytest.approx(3.92 * 0.3 / 20.0, rel=0.15)
+
+
+def made_cycles(random: np.random.Generator, share: float) -> list[dict[str, list[float]]]:
+    rows = []
+    for _ in range(6):
+        steps = np.repeat(random.exponential(size=20) * (random.random(20) < 0.3), 5)
+        plastic = np.cumsum(steps)
+        rows.append({"plastic": plastic.tolist(), "moves": (share * plastic).tolist()})
+    return rows
+
+
+def test_a_made_share_is_found(random: np.random.Generator) -> None:
+    found = carried(made_cycles(random, 0.7), ["moves"])
+    assert found[:3] == pytest.approx((0.7, 0.7, 0.7))
+    assert found.left == pytest.approx(0.0, abs=1e-12)
+    assert found.control < 0.5
+    assert carried(made_cycles(random, 0.0), ["moves"]).slope == 0.0
+
+
+@pytest.mark.long  # quick: the made films of tests/granular/observables/test_slip.py
+def test_what_is_seen_of_a_slip_grows_with_the_bed() -> None:
+    small, large = seen_share(184), seen_share(368)
+    assert 0.7 < small[0] < large[0] < 0.95
+    assert small[0] < small[1] < 1.0
+    assert large[0] < large[1] < 1.0
+
+
+def test_the_law_has_no_plastic_strain_while_it_is_elastic() -> None:
+    from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
+
+    height = np.linspace(1.0, 0.97, 20)
+    stress = -MODULUS * (1.0 + STIFFENING) * np.log(height)
+    np.testing.assert_allclose(plastic_by_law(height, stress), 0.0, atol=1e-15)
+    np.testing.assert_allclose(plastic_by_law(height, 0.0 * height), np.log(height))
+
+
+@pytest.mark.long  # quick: tests/granular/effects/test_bath.py has the thermometer of frames
+def test_thermometers_read_the_bath() -> None:
+    bed = next(one for one in all_beds() if one.group == "bath" and one.first == 0.12)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = measured(simulate(scene_of(bed), progress=False))
+    wanted = set_temperature(bed) / found["pair energy"]
+    for name in ("kinetic", "local kinetic", "configurational"):
+        assert found[name] == pytest.approx(wanted, rel=0.06)
+    # The force of one piston is noisier: 24 beds scatter by 7 %.
+    assert found["piston"] == pytest.approx(wanted, rel=0.2)
+
+
+@pytest.mark.parametrize("question", STUDIES)
+def test_results_come_with_the_package(
+    question: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("validation.defects.temperature.DRAWS", 5)
+    monkeypatch.setattr("validation.defects.text.seen_share", lambda size: (0.8, 0.9))
+    rows = committed(question)["rows"]
+    assert rows
+    assert launch(main, ["disorder", question, "--json", "--quiet"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["rows"]) == len(rows)
+    if question == "temperature":
+        assert {one.seed for one in all_beds()} == {row["seed"] for row in rows}
+        assert set(CANDIDATES) | set(ORDERS) <= set(rows[0])
+    assert "|---|" in text.TEXTS[question](rows)

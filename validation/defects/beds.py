@@ -1,0 +1,156 @@
+"""The beds whose temperatures are compared: heated, shaken, being compressed, and settled."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+
+COUNT = 184
+"""Grains of each bed; width and heights are those of the packaged bed times sqrt(184/368)."""
+
+STARTS = 2
+"""Of each way of driving with its numbers."""
+
+GROUPS = ("bath", "shaken", "compressed", "settled")
+"""Ways of driving; a curve has to tell each of them from the three others."""
+
+PACKINGS = (1.0, 1.25, 1.5)
+"""Heights of the piston over that of the packaged bed at full compression."""
+
+FRAMES, MOVING = 0.037, 100
+"""From frame to frame [s], no whole number of periods of any shaking; and frames of a compression,
+which may be shorter than that."""
+
+SETTLE, MEASURE, STEP, AFTER = 4.0, 6.0, 0.2, 1.0
+"""Seconds before the measurement, of it, of the piston's small step, and until it is over."""
+
+LOWERED = 0.02
+"""Share of its height by which the piston steps down, for the answer of the force."""
+
+_UNIT = 5.68e-4
+"""Energy of a pair at the mean spacing of the densest of these beds [J]: temperatures are written
+as shares of it. What is measured is compared with the energy that is measured."""
+
+
+class Bed(NamedTuple):
+    """A way of driving, with its numbers.
+
+    Attributes
+    ----------
+    group : str
+        Of `GROUPS`.
+    packing : float
+        Height of the piston over that of the packaged bed.
+    first, second : float
+        Temperature over the energy of a pair and rate [1/s] of a bath; frequency [Hz] and amplitude
+        [mm] of a shaking; speed of the piston [mm/s] and coefficient of the drag [kg/s] of a
+        compression; nothing where it is settled.
+    seed : int
+        Of the arrangement, and of the bath.
+    """
+
+    group: str
+    packing: float
+    first: float
+    second: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Its name in a file of results."""
+        return f"{self.group}-{self.packing:g}-{self.first:g}-{self.second:g}-{self.seed}"
+
+    @property
+    def height(self) -> float:
+        """Of the piston while it is measured, over D."""
+        return 20.0 * math.sqrt(COUNT / 368) * self.packing
+
+
+_SHAKEN = (
+    (20.0, 1.0), (20.0, 1.6), (20.0, 2.4), (40.0, 0.4), (40.0, 0.8), (40.0, 1.4),
+    (60.0, 0.4), (60.0, 0.7), (60.0, 1.2), (100.0, 0.2), (100.0, 0.35), (100.0, 0.6),
+)  # fmt: skip
+_BATHS = (0.01, 0.03, 0.06, 0.09, 0.12, 0.16, 0.22, 0.35)
+_SPEEDS = (5.0, 20.0, 80.0)
+
+
+def all_beds() -> list[Bed]:
+    """Every bed, each with a start of its own."""
+    beds: list[tuple[str, float, float, float]] = []
+    for k, share in enumerate(_BATHS):
+        beds.append(("bath", PACKINGS[k % 3], share, 5.0))
+    beds += [("bath", PACKINGS[(k + 1) % 3], share, 5.0) for k, share in enumerate(_BATHS[1::2])]
+    beds += [("shaken", PACKINGS[k % 2], *one) for k, one in enumerate(_SHAKEN)]
+    beds += [
+        ("compressed", packing, speed, drag)
+        for packing, drag in zip(PACKINGS, (0.02, 0.1, 0.02), strict=True)
+        for speed in _SPEEDS
+    ]
+    beds += [("settled", PACKINGS[k % 3], 0.0, 0.0) for k in range(9)]
+    return [Bed(*one, seed) for seed, one in enumerate(STARTS * beds, 1)]
+
+
+def set_temperature(bed: Bed) -> float:
+    """Of a bath [J]."""
+    return bed.first * _UNIT / bed.packing**1.5
+
+
+def scene_of(bed: Bed) -> Scene:
+    """The scene of a bed; its stages are named ``settle``, ``measure``, ``step`` and ``after``."""
+    begun = bed.height * (1.4 if bed.group == "compressed" else 1.0)
+    changes: dict[str, Any] = {
+        "name": bed.key,
+        "grains.count": COUNT,
+        "cell.width": _diameters(60.0 * math.sqrt(COUNT / 368)),
+        "piston.height": _diameters(begun),
+        "arrangement.height": _diameters(begun - 1.0),
+        "arrangement.seed": bed.seed,
+        "output.frames": _frames(bed),
+        "output.scalars": 0.001,
+        "protocol": _protocol(bed),
+    }
+    return load_scene("bed").replace(**changes, **_driving(bed))
+
+
+def _frames(bed: Bed) -> float:
+    if bed.group != "compressed":
+        return FRAMES
+    way = 0.2 * bed.height * load_scene("bed").grains.species[0].diameter
+    return max(0.001, round(way / (1e-3 * bed.first) / MOVING, 3))
+
+
+def _driving(bed: Bed) -> dict[str, Any]:
+    if bed.group == "bath":
+        bath = {"temperature": set_temperature(bed), "rate": bed.second, "seed": bed.seed}
+        return {"effects.drag": None, "effects.bath": bath}
+    if bed.group == "shaken":
+        shaking = {"frequency": bed.first, "amplitude": 1e-3 * bed.second}
+        return {"effects.drag.coefficient": 0.005, "effects.shaking": shaking}
+    if bed.group == "compressed":
+        return {"effects.drag.coefficient": bed.second}
+    return {"effects.drag": None, "effects.friction": True}
+
+
+def _protocol(bed: Bed) -> list[dict[str, Any]]:
+    if bed.group == "compressed":
+        # Measured over the last fifth of the height, while the piston moves.
+        way = {"kind": "move", "speed": 1e-3 * bed.first}
+        return [
+            {"name": "settle", "kind": "hold", "duration": SETTLE},
+            {**way, "name": "approach", "to": _diameters(1.1 * bed.height)},
+            {**way, "name": "measure", "to": _diameters(0.9 * bed.height)},
+        ]
+    return [
+        {"name": "settle", "kind": "hold", "duration": SETTLE},
+        {"name": "measure", "kind": "hold", "duration": MEASURE},
+        {"name": "step", "kind": "move", "to": _diameters(bed.height * (1.0 - LOWERED)),
+         "duration": STEP},
+        {"name": "after", "kind": "hold", "duration": AFTER + MEASURE},
+    ]  # fmt: skip
+
+
+def _diameters(number: float) -> str:
+    return f"{number!r} D"

@@ -1,0 +1,152 @@
+"""Whether one quantity orders the data of all ways of driving on one curve.
+
+A curve is a monotone one, so that only ranks matter: no form is fitted. Two figures are given with
+an interval over runs: Spearman's rank correlation, and the skill of a curve that has not seen the
+way of driving that it tells. Both are compared with shuffled data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+DRAWS = 500
+"""Resampled and shuffled sets of runs."""
+
+LEVEL = 0.95
+LEAST_SKILL = 0.5
+"""A curve that leaves more than half of the variance of the ranks orders nothing."""
+
+
+class Figure(NamedTuple):
+    """A figure with its interval over runs, and the highest one by chance.
+
+    Attributes
+    ----------
+    value : float
+    low, high : float
+        Interval of `LEVEL` over runs that are drawn again within each way of driving.
+    chance : float
+        Below which `LEVEL` of the figures of shuffled data lie.
+    """
+
+    value: float
+    low: float
+    high: float
+    chance: float
+
+
+class Collapse(NamedTuple):
+    """How well a candidate orders a quantity.
+
+    Attributes
+    ----------
+    rank : Figure
+        Spearman's correlation.
+    skill : Figure
+        `unseen_skill`.
+    """
+
+    rank: Figure
+    skill: Figure
+
+    @property
+    def orders(self) -> bool:
+        """Whether the skill's interval lies above chance and above `LEAST_SKILL`."""
+        return self.skill.low > max(self.skill.chance, LEAST_SKILL)
+
+
+def rank_correlation(x: np.ndarray, y: np.ndarray) -> float:
+    """Spearman's; 0 where one of both does not vary."""
+    first, second = _ranks(x), _ranks(y)
+    first, second = first - first.mean(), second - second.mean()
+    size = float(np.sqrt((first**2).sum() * (second**2).sum()))
+    return float((first * second).sum()) / size if size > 0.0 else 0.0
+
+
+def unseen_skill(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> float:
+    """1 - (what a rising curve leaves)/(what the mean leaves), over groups it has not seen.
+
+    For each group the curve is the isotonic regression of the ranks of y on x over all other
+    groups, and the mean is that of the same ranks. 1 if each group lies on the curve of the others,
+    0 if the curve tells no more than the mean, below 0 if it misleads.
+
+    Parameters
+    ----------
+    x, y : float (n,)
+    groups : int (n,)
+        Which runs belong together; two groups at least.
+    """
+    ranks = _ranks(y) / len(y)
+    left = whole = 0.0
+    for group in np.unique(groups):
+        unseen = groups == group
+        curve = rising_curve(x[~unseen], ranks[~unseen])
+        left += float(((ranks[unseen] - curve(x[unseen])) ** 2).sum())
+        whole += float(((ranks[unseen] - ranks[~unseen].mean()) ** 2).sum())
+    return 1.0 - left / whole if whole > 0.0 else 0.0
+
+
+def rising_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The isotonic regression of y on x, as a function.
+
+    Equal x have one value. Between two known x it is the mean of both their values, so that no
+    scale of x matters; beyond the last one it goes on as there.
+    """
+    from scipy.optimize import isotonic_regression
+
+    known, place = np.unique(x, return_inverse=True)
+    weights = np.bincount(place).astype(float)
+    means = np.bincount(place, y) / weights
+    levels = isotonic_regression(means, weights=weights).x
+
+    def curve(at: np.ndarray) -> np.ndarray:
+        below = np.clip(np.searchsorted(known, at, "right") - 1, 0, len(known) - 1)
+        above = np.clip(np.searchsorted(known, at, "left"), 0, len(known) - 1)
+        return np.asarray(0.5 * (levels[below] + levels[above]))
+
+    return curve
+
+
+def collapse(
+    x: np.ndarray, y: np.ndarray, groups: Sequence[str], draws: int = DRAWS, seed: int = 1
+) -> Collapse:
+    """Both figures with intervals, for a y that rises with x where x orders it.
+
+    The same seed draws the same runs again, whatever x and y are.
+
+    Parameters
+    ----------
+    x, y : float (n,)
+    groups : sequence of str
+        The way of driving of each run.
+    draws : int
+    seed : int
+    """
+    _, owner = np.unique(np.array(groups), return_inverse=True)
+    random = np.random.default_rng(seed)
+    members = [np.flatnonzero(owner == group) for group in np.unique(owner)]
+    again, shuffled = np.zeros((2, draws, 2))
+    for k in range(draws):
+        drawn = np.concatenate([random.choice(one, len(one)) for one in members])
+        again[k] = _both(x[drawn], y[drawn], owner[drawn])
+        shuffled[k] = _both(random.permutation(x), y, owner)
+    tail = 0.5 * (1.0 - LEVEL)
+    low, high = np.quantile(again, [tail, 1.0 - tail], axis=0)
+    chance = np.quantile(shuffled, LEVEL, axis=0)
+    figures = [Figure(*map(float, one))
+               for one in zip(_both(x, y, owner), low, high, chance, strict=True)]  # fmt: skip
+    return Collapse(*figures)
+
+
+def _both(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> tuple[float, float]:
+    return rank_correlation(x, y), unseen_skill(x, y, groups)
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Ranks from 1 on; equal values have their mean rank."""
+    _, place, number = np.unique(values, return_inverse=True, return_counts=True)
+    last = np.cumsum(number)
+    return np.asarray((last - 0.5 * (number - 1))[place])

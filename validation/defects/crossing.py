@@ -1,0 +1,86 @@
+"""What of a slip that is known the dislocations are seen to carry: made ones that cross a lattice.
+
+Near its rim a bed shows no dislocation. How much of the plastic strain of the inner part that
+takes away depends on its size, and is measured here on lattices as large as the beds.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from granular.observables.slip import inner, slip_of_frames, swept, uniaxial
+from granular.observables.voronoi import voronoi_cells
+
+ROWS = {184: 9, 368: 12}
+"""Rows of grains of the beds at rest under the piston, by their number of grains."""
+
+_STEP, _JITTER = 0.15, 0.01
+_OFFSETS = (-4.0, 0.0, 3.3)
+_POISSON, _CORE = 1.0 / 3.0, 0.09
+
+
+@lru_cache(maxsize=4)
+def seen_share(count: int) -> tuple[float, float]:
+    """Share of the inner plastic strain that `slip_of_frames` adds up to: moves, and all of it.
+
+    The mean over dislocations that glide from below the lattice to above it, in both directions at
+    60 degrees to its rows, at three places of it.
+
+    Parameters
+    ----------
+    count : int
+        Of `ROWS`.
+    """
+    rows = ROWS[count]
+    lattice = triangular(round(count / rows), rows)
+    found = [_share(lattice, rows, sign, aside) for sign in (1.0, -1.0) for aside in _OFFSETS]
+    moves, total = np.mean(found, axis=0)
+    return float(moves), float(total)
+
+
+def triangular(columns: int, rows: int) -> np.ndarray:
+    """A patch of the lattice (n, 2) with rows along x and the spacing 1."""
+    j, i = np.divmod(np.arange(columns * rows), columns)
+    return np.stack([i + 0.5 * (j % 2), np.sqrt(0.75) * j], axis=1)
+
+
+def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
+    """Of an edge dislocation in an elastic plane (n, 2) (Hirth and Lothe 1982), with a soft core.
+
+    Parameters
+    ----------
+    points : float (n, 2)
+    core : float (2,)
+    burgers : float (2,)
+        Of length 1.
+    """
+    across = np.array([-burgers[1], burgers[0]])
+    x, y = (points - core) @ burgers, (points - core) @ across
+    r2, turn, rest = x**2 + y**2 + _CORE, 1.0 / (2.0 * np.pi), 4.0 * (1.0 - _POISSON)
+    along = turn * (np.arctan2(y, x) + 2.0 * x * y / (rest * r2))
+    aside = -turn * ((1.0 - 2.0 * _POISSON) * np.log(r2) + (x**2 - y**2) / r2) / rest
+    return np.asarray(along[:, None] * burgers + aside[:, None] * across)
+
+
+def _share(lattice: np.ndarray, rows: int, sign: float, aside: float) -> tuple[float, float]:
+    burgers = np.array([0.5 * sign, np.sqrt(0.75)])
+    middle = lattice.mean(axis=0) + np.array([aside + 0.3, 0.0])
+    random = np.random.default_rng(1)
+    ways = np.arange(-rows / 1.6, rows / 1.6, _STEP)
+    frames = np.array(
+        [
+            lattice
+            + displacement(lattice, middle + way * burgers, burgers)
+            + _JITTER * random.normal(size=lattice.shape)
+            for way in ways
+        ]
+    )
+    slip = slip_of_frames(frames)
+    cells = voronoi_cells(frames[0])
+    known = inner(cells)
+    height = np.ptp(lattice[known, 1]) + np.sqrt(0.75)
+    whole = swept(burgers, burgers * height / burgers[1]) / cells.area[known].sum()
+    full = uniaxial(whole[None])[0]
+    return uniaxial(slip.moves)[-1] / full, uniaxial(slip.total)[-1] / full

@@ -1,0 +1,191 @@
+"""Slow cycles of compression and expansion of annealed beds."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular.observables.slip import Slip, area_change, elastic_strain, slip_of_frames, uniaxial
+from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.shared.shelf import Shelf, digest
+from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
+
+Row = dict[str, Any]
+
+SIZES = {184: 8, 368: 8}
+"""Starts of beds of so many grains."""
+
+DRAG = 0.1
+"""Of a grain [kg/s], as in the packaged bed: about half of critical for its fastest motion."""
+
+STROKE = 0.3
+"""Share of its height by which the piston goes down and up again."""
+
+CYCLE = 20.0
+"""Duration of the cycle [s]."""
+
+FRAMES, SHOWN = 0.004, 50
+"""From frame to frame [s]; and from one that is kept to the next, in frames."""
+
+ANNEAL, COOL = 15.0, 3.0
+"""Seconds in a bath below melting, and of drag alone before the cycle."""
+
+WARM = 0.07
+"""Temperature of the annealing over the energy of a pair at the mean spacing; a crystal melts near
+0.100."""
+
+_UNIT = 5.68e-4
+
+
+def annealing_scene(count: int, seed: int) -> Scene:
+    """A bed of the packing of full compression in a bath below melting."""
+    changes: dict[str, Any] = {
+        "effects.drag": None,
+        "effects.bath": {"temperature": WARM * _UNIT, "rate": 5.0, "seed": seed},
+        "protocol": [{"name": "anneal", "kind": "hold", "duration": ANNEAL}],
+        "output.frames": ANNEAL, "output.scalars": 0.05,
+    }  # fmt: skip
+    return _bed(count, seed).replace(**changes)
+
+
+def cycle_scene(count: int, seed: int, annealed: Trajectory) -> Scene:
+    """The bed that was annealed, cooled by its drag, then compressed and let go again."""
+    places = annealed.dataset["position"].values[-1]
+    height = _height(count)
+    half = 0.5 * CYCLE
+    changes: dict[str, Any] = {
+        "effects.drag.coefficient": DRAG,
+        "arrangement.positions": places.tolist(),
+        "protocol": [
+            {"name": "cool", "kind": "hold", "duration": COOL},
+            {"name": "compress", "kind": "move", "to": _diameters(height * (1.0 - STROKE)),
+             "duration": half},
+            {"name": "expand", "kind": "move", "to": _diameters(height), "duration": half},
+        ],
+        "output.frames": FRAMES, "output.scalars": FRAMES,
+    }  # fmt: skip
+    return _bed(count, seed).replace(**changes)
+
+
+def _bed(count: int, seed: int) -> Scene:
+    height = _height(count)
+    return load_scene("bed").replace(
+        **{
+            "name": f"cycle-{count}-{seed}",
+            "grains.count": count,
+            "cell.width": _diameters(60.0 * math.sqrt(count / 368)),
+            "piston.height": _diameters(height),
+            "arrangement.height": _diameters(height - 1.0),
+            "arrangement.seed": seed,
+        }
+    )
+
+
+def _height(count: int) -> float:
+    return 20.0 * math.sqrt(count / 368)
+
+
+def _diameters(number: float) -> str:
+    return f"{number!r} D"
+
+
+def stress_over_pressure(run: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time [s], height of the piston [m], and w = (p_y - p_x)/(p_y + p_x) by the walls' forces."""
+    data = run.dataset
+    height = data["piston_height"].values
+    down = 0.5 * (data["piston_force"].values + data["bottom_force"].values)
+    aside = 0.5 * (data["left_force"].values + data["right_force"].values)
+    first, second = down / run.scene.cell.width, aside / height
+    return data["time"].values, height, (first - second) / (first + second)
+
+
+def plastic_by_law(height: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    """Plastic strain since the first sample, of the law `annealing-bed` of an ordered bed.
+
+    Its w' = -(modulus/z)(z' + plastic flow) with the w that the walls measure: the strain log z
+    plus w over the modulus.
+    """
+    stiff = MODULUS * (1.0 + STIFFENING)
+    return np.asarray(np.log(height / height[0]) + (stress - stress[0]) / stiff)
+
+
+def cycle_rows(out: str | Path | None = None, *, progress: bool = True) -> list[Row]:
+    """Each start annealed, driven through its cycle and measured; minutes.
+
+    Parameters
+    ----------
+    out : str or Path, optional
+        Keeps each row as soon as it is there, and finds it again.
+    progress : bool
+
+    Raises
+    ------
+    StoreError
+        If the directory cannot be written.
+    """
+    from granular.shared.progress import progress_bar
+
+    shelf = None if out is None else Shelf(Path(out) / "cycles")
+    cases = [(count, seed + 1) for count, starts in SIZES.items() for seed in range(starts)]
+    rows = []
+    with progress_bar(total=len(cases), desc="cycles", wanted=progress) as bar:
+        for count, seed in cases:
+            setting = annealing_scene(count, seed).to_plain(), STROKE, CYCLE, COOL, FRAMES, DRAG
+            key = f"{count}-{seed}-{digest(setting, 8)}"
+            row = None if shelf is None else shelf.read(key)
+            if row is None:
+                row = cycle_row(count, seed)
+                if shelf is not None:
+                    shelf.keep(key, row)
+            rows.append(row)
+            bar.update()
+    return rows
+
+
+def cycle_row(count: int, seed: int) -> Row:
+    """Strains over one cycle, at every `SHOWN`-th frame since its begin.
+
+    Returns
+    -------
+    dict
+        ``time`` [s]; ``driven``, ``plastic`` (of the bed by its bonds), ``law``, ``moves``,
+        ``events`` and ``rim`` as yy less xx; ``climb``, the area change by dislocations; and
+        ``conserved``, ``tracks``.
+    """
+    from granular.run.simulation import simulate
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # as of `temperature_rows`
+        annealed = simulate(annealing_scene(count, seed), progress=False)
+        run = simulate(cycle_scene(count, seed, annealed), progress=False)
+    time, height, stress = stress_over_pressure(run)
+    frame_times = run.dataset["frame_time"].values
+    first = int(np.searchsorted(frame_times, COOL - 0.5 * FRAMES))
+    frames = run.dataset["position"].values[first:]
+    slip = slip_of_frames(frames)
+    shown = np.arange(0, len(frames), SHOWN)
+    at = np.searchsorted(time, frame_times[first + shown] - 0.5 * FRAMES)
+    driven = np.log(height[at] / height[at[0]])
+    series = {
+        "time": frame_times[first + shown] - frame_times[first],
+        "driven": driven,
+        "plastic": driven - uniaxial(elastic_strain(frames[shown])),
+        "law": plastic_by_law(height[at], stress[at]),
+        **_carried(slip, shown),
+    }
+    plain = {name: np.round(values, 5).tolist() for name, values in series.items()}
+    return {
+        "grains": count, "seed": seed, "conserved": slip.conserved, "tracks": len(slip.tracks),
+        "climb": round(float(area_change(slip.total)[-1]), 5), **plain,
+    }  # fmt: skip
+
+
+def _carried(slip: Slip, shown: np.ndarray) -> dict[str, np.ndarray]:
+    parts = {"moves": slip.moves, "events": slip.events, "rim": slip.rim}
+    return {name: uniaxial(values)[shown] for name, values in parts.items()}

@@ -1,0 +1,183 @@
+"""Forces at defects, in beds that are compressed and in beds that are kept warm."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.shared.shelf import Shelf, digest
+from validation.defects.uneven import (
+    QUIET,
+    SHELLS,
+    ForceField,
+    about_arrivals,
+    arrivals,
+    force_field,
+    over_others,
+    shuffled,
+)
+
+Row = dict[str, Any]
+
+COUNT, STARTS = 184, 12
+KINDS = ("compressed", "warm")
+FRAMES = 0.01
+"""From frame to frame [s]."""
+
+SPEED, DRAG = 0.01, 0.1
+"""Of the piston [m/s], and drag of a grain [kg/s], of the beds that are compressed."""
+
+WARM, RATE = 0.09, 5.0
+"""Of the warm beds: temperature over the energy of a pair at the mean spacing (a crystal melts near
+0.100), and rate of the bath [1/s]."""
+
+SETTLE, MEASURE = 2.0, 4.0
+SHUFFLES, DRAWS = 20, 2000
+LEVEL = 0.95
+_UNIT = 5.68e-4
+
+
+class Interval(NamedTuple):
+    """A mean over independent runs, with its interval by drawing the runs again."""
+
+    value: float
+    low: float
+    high: float
+
+
+def force_scene(kind: str, seed: int) -> Scene:
+    """A bed of `KINDS`; it is measured from the time `SETTLE` on."""
+    height = 20.0 * math.sqrt(COUNT / 368)
+    begun = 1.4 * height if kind == "compressed" else height
+    changes: dict[str, Any] = {
+        "name": f"forces-{kind}-{seed}",
+        "grains.count": COUNT,
+        "cell.width": f"{60.0 * math.sqrt(COUNT / 368)!r} D",
+        "piston.height": f"{begun!r} D",
+        "arrangement.height": f"{begun - 1.0!r} D",
+        "arrangement.seed": seed,
+        "output.frames": FRAMES, "output.scalars": FRAMES,
+    }  # fmt: skip
+    stages: list[dict[str, Any]] = [{"name": "settle", "kind": "hold", "duration": SETTLE}]
+    if kind == "compressed":
+        stages.append({"name": "press", "kind": "move", "to": f"{height!r} D", "speed": SPEED})
+        changes["effects.drag.coefficient"] = DRAG
+    else:
+        stages.append({"name": "warm", "kind": "hold", "duration": MEASURE})
+        changes["effects.drag"] = None
+        changes["effects.bath"] = {"temperature": WARM * _UNIT, "rate": RATE, "seed": seed}
+    return load_scene("bed").replace(**changes, protocol=stages)
+
+
+def force_rows(out: str | Path | None = None, *, progress: bool = True) -> list[Row]:
+    """Each bed simulated and measured; a few minutes.
+
+    Parameters
+    ----------
+    out : str or Path, optional
+        Keeps each row as soon as it is there, and finds it again.
+    progress : bool
+
+    Raises
+    ------
+    StoreError
+        If the directory cannot be written.
+    """
+    from granular.shared.progress import progress_bar
+
+    shelf = None if out is None else Shelf(Path(out) / "forces")
+    cases = [(kind, seed + 1) for kind in KINDS for seed in range(STARTS)]
+    rows = []
+    with progress_bar(total=len(cases), desc="beds", wanted=progress) as bar:
+        for kind, seed in cases:
+            key = f"{kind}-{seed}-{digest(force_scene(kind, seed).to_plain(), 8)}"
+            row = None if shelf is None else shelf.read(key)
+            if row is None:
+                row = _row(kind, seed)
+                if shelf is not None:
+                    shelf.keep(key, row)
+            rows.append(row)
+            bar.update()
+    return rows
+
+
+def _row(kind: str, seed: int) -> Row:
+    from granular.run.simulation import simulate
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # as of `temperature_rows`
+        run = simulate(force_scene(kind, seed), progress=False)
+    return {"kind": kind, "seed": seed, **of_field(force_field(run, SETTLE), seed)}
+
+
+def of_field(field: ForceField, seed: int = 1) -> Row:
+    """What a row holds of one bed.
+
+    Returns
+    -------
+    dict
+        Ratios of means at defects, at pentagons and at heptagons to those at other grains as far
+        from the walls: ``uneven``, ``force``, ``force 5``, ``force 7``; ``uneven, shuffled``, the
+        same of shuffled places; ``shells`` of the unevenness; ``arrivals``, their number, and
+        ``uneven about`` and ``force about`` them, `QUIET` frames before to as many after; and the
+        share of ``defects``.
+    """
+    known = field.depth >= 0
+    odd = known & (field.sides != 6)
+    random = np.random.default_rng(seed)
+    by_chance = [
+        over_others(field, field.unevenness, shuffled(field, odd, random)) for _ in range(SHUFFLES)
+    ]
+    events = arrivals(field)
+    calm = field.shell == SHELLS
+    return {
+        "defects": float(odd.sum() / known.sum()),
+        "uneven": over_others(field, field.unevenness, odd),
+        "uneven, shuffled": float(np.mean(by_chance)),
+        "force": over_others(field, field.force, odd),
+        "force 5": over_others(field, field.force, known & (field.sides == 5)),
+        "force 7": over_others(field, field.force, known & (field.sides == 7)),
+        "shells": [
+            over_others(_among(field, calm | (field.shell == k)), field.unevenness,
+                        field.shell == k)
+            for k in range(SHELLS)
+        ],
+        "arrivals": len(events),
+        "uneven about": about_arrivals(field, field.unevenness, events).tolist(),
+        "force about": about_arrivals(field, field.force, events).tolist(),
+    }  # fmt: skip
+
+
+def _among(field: ForceField, chosen: np.ndarray) -> ForceField:
+    return field._replace(depth=np.where(chosen, field.depth, -1))
+
+
+def interval(values: Sequence[float], seed: int = 1) -> Interval:
+    """The mean over runs and the interval of `LEVEL`; runs without a value are left out."""
+    known = np.array([one for one in values if np.isfinite(one)])
+    random = np.random.default_rng(seed)
+    means = known[random.integers(len(known), size=(DRAWS, len(known)))].mean(axis=1)
+    tail = 0.5 * (1.0 - LEVEL)
+    return Interval(float(known.mean()), *map(float, np.quantile(means, [tail, 1.0 - tail])))
+
+
+def before_and_after(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Interval]:
+    """Means over the earlier half of the frames before the arrivals, at them, and long after.
+
+    ``name`` is ``uneven about`` or ``force about``.
+    """
+    table = np.array([row[name] for row in rows], dtype=float)
+    spans = {
+        "before": slice(0, QUIET // 2),
+        "just before": slice(QUIET - 2, QUIET),
+        "at": slice(QUIET, QUIET + 2),
+        "after": slice(QUIET + QUIET // 2 + 1, 2 * QUIET + 1),
+    }
+    return {word: interval(table[:, span].mean(axis=1).tolist()) for word, span in spans.items()}

@@ -1,0 +1,97 @@
+"""Which temperature orders beds that are heated, shaken, compressed or settled, if any does."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular.shared.shelf import Shelf, digest
+from validation.defects.beds import Bed, all_beds, scene_of
+from validation.defects.candidates import CANDIDATES, ORDERS, measured
+from validation.defects.collapse import DRAWS, Collapse, collapse
+
+Row = dict[str, Any]
+
+FALLING = ("psi6",)
+"""Orders that fall where the others rise."""
+
+AGITATED = ("bath", "shaken")
+"""Ways of driving that move the grains about their places all the time."""
+
+
+def temperature_rows(out: str | Path | None = None, *, progress: bool = True) -> list[Row]:
+    """Every bed of `all_beds` simulated and measured; minutes.
+
+    Parameters
+    ----------
+    out : str or Path, optional
+        Keeps each row as soon as it is there, and finds it again.
+    progress : bool
+
+    Raises
+    ------
+    StoreError
+        If the directory cannot be written.
+    """
+    from granular.shared.progress import progress_bar
+
+    shelf = None if out is None else Shelf(Path(out) / "temperature")
+    rows = []
+    with progress_bar(total=len(all_beds()), desc="beds", wanted=progress) as bar:
+        for bed in all_beds():
+            key = f"{bed.key}-{digest(scene_of(bed).to_plain(), 8)}"
+            row = None if shelf is None else shelf.read(key)
+            if row is None:
+                row = _row(bed)
+                if shelf is not None:
+                    shelf.keep(key, row)
+            rows.append(row)
+            bar.update()
+    return rows
+
+
+def _row(bed: Bed) -> Row:
+    from granular.run.simulation import simulate
+
+    with warnings.catch_warnings():
+        # Point dipoles of hot beds come nearer than a diameter; ``closest`` tells it of each.
+        warnings.simplefilter("ignore", UserWarning)
+        run = simulate(scene_of(bed), progress=False)
+    return bed._asdict() | measured(run)
+
+
+def judged_candidates(
+    rows: Sequence[Mapping[str, Any]], groups: Sequence[str], draws: int | None = None
+) -> dict[tuple[str, str], Collapse]:
+    """`collapse` of each candidate with each order, over the rows of some ways of driving.
+
+    ``draws`` is `DRAWS` if not given.
+    """
+    chosen = [row for row in rows if row["group"] in groups]
+    columns = tuple(tuple(row[name] for row in chosen) for name in (*CANDIDATES, *ORDERS))
+    owners = tuple(row["group"] for row in chosen)
+    return _judged(owners, columns, DRAWS if draws is None else draws)
+
+
+@lru_cache(maxsize=8)
+def _judged(
+    owners: tuple[str, ...], columns: tuple[tuple[float, ...], ...], draws: int
+) -> dict[tuple[str, str], Collapse]:
+    table = dict(zip((*CANDIDATES, *ORDERS), map(np.array, columns), strict=True))
+    return {
+        (candidate, order): collapse(
+            table[candidate], table[order] * (-1.0 if order in FALLING else 1.0), owners, draws
+        )
+        for order in ORDERS
+        for candidate in CANDIDATES
+    }
+
+
+def orders_all(judged: Mapping[tuple[str, str], Collapse]) -> list[str]:
+    """Candidates that order each of the orders."""
+    return [one for one in CANDIDATES if all(judged[one, order].orders for order in ORDERS)]

@@ -1,0 +1,194 @@
+"""Whether defects sit where the force between grains is uneven, and what comes first.
+
+The force of a grain is its compressive force, the sum of the magnitudes of all that presses on it.
+It falls towards the walls, since grains beyond are missing; so each is written over the mean of the
+grains of its frame that are as far from the walls, and defects are compared with such grains.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.observables.compression import compressive_forces
+from granular.observables.voronoi import VoronoiCells, voronoi_cells
+from granular.run.trajectory import Trajectory
+
+SHELLS = 5
+"""Defects, their neighbours, the neighbours of these, ..."""
+
+QUIET = 12
+"""Frames before an arrival in which neither the grain nor a neighbour is a defect, and frames after
+it that are looked at."""
+
+DEPTHS = np.array([1.5, 2.5, 3.5, 4.5])
+"""Edges between classes of distance to the nearest wall, in spacings."""
+
+
+class ForceField(NamedTuple):
+    """What is compared, of every frame and grain; NaN or False for grains without interior cell.
+
+    Attributes
+    ----------
+    force : float (f, n)
+        Compressive force over the mean at this distance to the walls.
+    unevenness : float (f, n)
+        Standard deviation of that over the grain and its neighbours.
+    sides : int (f, n)
+        Of the Voronoi cell; 0 where it is not interior.
+    shell : int (f, n)
+        Ways from neighbour to neighbour to the next defect, up to `SHELLS`.
+    depth : int (f, n)
+        Class of the distance to the nearest wall; -1 where the cell is not interior.
+    """
+
+    force: np.ndarray
+    unevenness: np.ndarray
+    sides: np.ndarray
+    shell: np.ndarray
+    depth: np.ndarray
+
+
+def force_field(run: Trajectory, start: float = 0.0) -> ForceField:
+    """Of all frames of a run from a time on [s]."""
+    data = run.dataset
+    chosen = data["frame_time"].values >= start
+    rows = []
+    for places, height in zip(
+        data["position"].values[chosen], data["frame_height"].values[chosen], strict=True
+    ):
+        forces = compressive_forces(run.scene, places, float(height))
+        rows.append(_of_frame(places, forces, run.scene.cell.width, float(height)))
+    return ForceField(*(np.array(one) for one in zip(*rows, strict=True)))
+
+
+def _of_frame(
+    places: np.ndarray, forces: np.ndarray, width: float, height: float
+) -> tuple[np.ndarray, ...]:
+    cells = voronoi_cells(places)
+    spacing = np.sqrt(2.0 / np.sqrt(3.0) * cells.area[cells.interior].mean())
+    x, y = places.T
+    away = np.min([x, width - x, y, height - y], axis=0) / spacing
+    depth = np.searchsorted(DEPTHS, away)
+    relative = forces / mean_at(depth, forces)[depth]
+    sides = np.where(cells.interior, cells.sides, 0)
+    return (
+        np.where(cells.interior, relative, np.nan),
+        np.where(cells.interior, _spread(relative, cells), np.nan),
+        sides,
+        shells(cells, cells.interior & (cells.sides != 6)),
+        np.where(cells.interior, depth, -1),
+    )
+
+
+def mean_at(places: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Mean of the values at each class."""
+    number = np.bincount(places, minlength=len(DEPTHS) + 1)
+    total = np.bincount(places, values, minlength=len(DEPTHS) + 1)
+    return np.asarray(total / np.maximum(number, 1))
+
+
+def _spread(values: np.ndarray, cells: VoronoiCells) -> np.ndarray:
+    """Standard deviation over each grain and its neighbours (n,)."""
+    i, j = cells.neighbours.T
+    count = len(values)
+    number = 1.0 + np.bincount(cells.neighbours.ravel(), minlength=count)
+
+    def total(of: np.ndarray) -> np.ndarray:
+        return of + np.bincount(i, of[j], minlength=count) + np.bincount(j, of[i], minlength=count)
+
+    mean = total(values) / number
+    return np.asarray(np.sqrt(np.maximum(total(values**2) / number - mean**2, 0.0)))
+
+
+def shells(cells: VoronoiCells, defects: np.ndarray) -> np.ndarray:
+    """Ways from each grain to the next defect (n,), up to `SHELLS`."""
+    found = np.where(defects, 0, SHELLS)
+    i, j = cells.neighbours.T
+    for _ in range(SHELLS):
+        step = found.copy()
+        np.minimum.at(step, i, found[j] + 1)
+        np.minimum.at(step, j, found[i] + 1)
+        found = step
+    return found
+
+
+def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> float:
+    """Mean at chosen grains over that at the others of the same frame, as far from the walls.
+
+    Parameters
+    ----------
+    field : ForceField
+    values : float (f, n)
+    chosen : bool (f, n)
+        Those without interior cell are left out.
+
+    Returns
+    -------
+    float
+        1 where the choice does not matter; NaN if nothing is chosen.
+    """
+    classes = len(DEPTHS) + 1
+    frame = np.arange(len(values))[:, None] * classes
+    known = field.depth >= 0
+    place = (frame + field.depth)[known]
+    picked = chosen[known]
+    most = classes * len(values)
+    number = np.bincount(place[picked], minlength=most)
+    others = np.bincount(place[~picked], minlength=most)
+    total = np.bincount(place[picked], values[known][picked], minlength=most)
+    rest = np.bincount(place[~picked], values[known][~picked], minlength=most)
+    both = (number > 0) & (others > 0)
+    expected = (number * rest / np.maximum(others, 1))[both].sum()
+    return float(total[both].sum() / expected) if both.any() else float("nan")
+
+
+def shuffled(field: ForceField, chosen: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """As many chosen grains in each frame and class of distance to the walls, but any of them."""
+    classes = len(DEPTHS) + 1
+    group = np.where(field.depth >= 0, np.arange(len(chosen))[:, None] * classes + field.depth, -1)
+    flat, flags = group.ravel(), chosen.ravel()
+    mixed = random.permutation(len(flat))
+    # Both orders run through the groups one after the other; within them the second is random.
+    straight = np.argsort(flat, kind="stable")
+    other = mixed[np.argsort(flat[mixed], kind="stable")]
+    found = np.zeros_like(flags)
+    found[straight] = flags[other]
+    return found.reshape(chosen.shape)
+
+
+def arrivals(field: ForceField) -> np.ndarray:
+    """Frames and grains (k, 2) in which a defect comes to a neighbourhood without one.
+
+    For `QUIET` frames before neither the grain nor a neighbour is a defect; over these and as many
+    afterwards its cell is interior.
+    """
+    near = field.shell <= 1
+    inside = field.depth >= 0
+    found = []
+    for frame in range(QUIET, len(near) - QUIET):
+        window = slice(frame - QUIET, frame + QUIET + 1)
+        able = inside[window].all(axis=0) & ~near[frame - QUIET : frame].any(axis=0)
+        found += [(frame, int(i)) for i in np.flatnonzero(able & (field.shell[frame] == 0))]
+    return np.array(found, dtype=int).reshape(-1, 2)
+
+
+def about_arrivals(field: ForceField, values: np.ndarray, events: np.ndarray) -> np.ndarray:
+    """Mean from `QUIET` frames before the arrivals to as many after, over grains without defects.
+
+    Those have no defect as a neighbour, and are of the same frame and as far from the walls. Float
+    (2 QUIET + 1,), NaN without arrivals.
+    """
+    calm = field.shell >= 2
+    total, number = np.zeros((2, 2 * QUIET + 1))
+    for frame, grain in events:
+        for k, lag in enumerate(range(-QUIET, QUIET + 1)):
+            now = frame + lag
+            like = calm[now] & (field.depth[now] == field.depth[now, grain])
+            like[grain] = False
+            if like.any():
+                total[k] += values[now, grain] / values[now, like].mean()
+                number[k] += 1
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / number)
