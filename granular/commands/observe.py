@@ -17,7 +17,7 @@ examples:
 observables:
   mean_distance     mean distance of two grains
   piston_distance   distance of the piston from the grain next to it
-  packing           packing fraction below the piston
+  packing           packing fraction below the piston, or of a periodic cell
   hexatic_order     mean of |psi_6| over the grains
   temperature       kinetic temperature of the bed
 

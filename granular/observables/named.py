@@ -33,10 +33,10 @@ def piston_distance(frame: Frame) -> float:
     return least_piston_distance(frame.positions, frame.piston_height)
 
 
-@observable("1", "packing fraction below the piston")
+@observable("1", "packing fraction below the piston, or of a periodic cell")
 def packing(frame: Frame) -> float:
     here = np.isfinite(frame.positions).all(axis=1)
-    height = frame.piston_height
+    height = frame.scene.cell.height or frame.piston_height
     return float(packing_fraction(frame.diameters[here], frame.scene.cell.width, height))
 
 

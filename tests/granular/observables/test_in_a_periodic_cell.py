@@ -18,7 +18,9 @@ from granular.observables import (
     lindemann_of_run,
     non_affine_series,
     tracked_defects,
+    with_observables,
 )
+from granular.observables.named import packing
 from granular.render.moments import bed_at
 from granular.run.trajectory import Trajectory
 
@@ -97,6 +99,13 @@ def test_a_movie_takes_grains_across_a_side_by_the_short_way(make_run: MakeRun) 
     run = in_the_cell(make_run, frames, speed)
     place = [one.position[0, 0] / WIDTH for one in bed_at(run, [0, 1], np.array([0.25, 0.75]))]
     np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
+
+
+def test_packing_is_that_of_the_cell(make_run: MakeRun) -> None:
+    run = in_the_cell(make_run, walk())
+    found = with_observables(run, packing)["packing"].values
+    covered = (COLUMNS * ROWS - 1) * np.pi / 4.0 * 0.006**2
+    np.testing.assert_allclose(found, covered / (WIDTH * HEIGHT))
 
 
 def test_a_scene_tells_of_its_sides() -> None:
