@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from granular.observables.moduli import crystal_moduli, lattice_spacing
 from validation.melting.results import Results
 from validation.melting.text import markdown
 from validation.melting.transitions import HEXATIC_EXPONENT, Interval
@@ -51,36 +52,41 @@ def draw(results: Results) -> Figure:
     layers, orders = results.layers, results.orders
     gammas = [one.gamma for one in orders]
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(layers)))
-    with figure(2, 2, width=9.0, height=7.2, size=READABLE) as (drawing, axes):
+    with figure(2, 2, width=11.0, height=8.6, size=READABLE) as (drawing, axes):
         for one, shade in zip(layers, shades, strict=True):
             g6 = np.mean(one["g6"], axis=0)
-            axes[0, 0].plot(one["r"], g6, color=shade, label=f"{one['gamma']:g}")
-            axes[0, 1].plot(one["lags"], one["lindemann"], color=shade)
+            axes[0, 0].plot(one["r"], g6, color=shade)
+            axes[0, 1].plot(one["lags"], one["lindemann"], color=shade, label=f"{one['gamma']:g}")
         r = np.array([4.0, 16.0])
         axes[0, 0].plot(r, 0.5 * (r / r[0]) ** -HEXATIC_EXPONENT, "k--", linewidth=1.0)
         axes[0, 0].set(
             xscale="log", yscale="log", xlim=(1.0, None), ylim=(0.01, 1.0), xlabel="r/a",
             ylabel="g6",
         )  # fmt: skip
-        axes[0, 0].legend(title="Γ", ncol=2, loc="lower left")
+        axes[0, 1].legend(title="Γ", ncol=3, loc="upper left", fontsize="x-small")
         axes[0, 1].axhline(0.033, color="k", linestyle="--", linewidth=1.0)
         axes[0, 1].set(
-            xscale="log", yscale="log", xlabel="time [units]", ylabel="dynamic Lindemann parameter"
-        )
+            xscale="log", yscale="log", ylim=(0.01, 3e3), xlabel="time [units]",
+            ylabel="Lindemann parameter",
+        )  # fmt: skip
         shown = [k for k, one in enumerate(orders) if math.isfinite(one.exponent.value)]
         _points(axes[1, 0], [gammas[k] for k in shown], [orders[k].exponent for k in shown], 1.0)
         axes[1, 0].axhline(HEXATIC_EXPONENT, color="k", linestyle="--", linewidth=1.0)
-        axes[1, 0].set(xlabel="Γ", ylabel="η6", yscale="log")
+        axes[1, 0].set(xlabel="Γ", ylabel="η6", yscale="log", ylim=(4e-3, 5.0))
         scale = 1.0 / (16.0 * math.pi)
         _points(axes[1, 1], gammas, [one.modulus for one in orders], scale)
         axes[1, 1].axhline(1.0, color="k", linestyle="--", linewidth=1.0)
+        cold = crystal_moduli(1.0, 1.0).young * lattice_spacing(1.0) ** 2 / math.pi**1.5
+        ends = np.array([gammas[0], gammas[-1]])
+        axes[1, 1].plot(ends, scale * cold * ends, "k:", linewidth=1.0, label="crystal at rest")
         axes[1, 1].set(xlabel="Γ", ylabel="K/16π")
         for k, other in enumerate(PUBLISHED):
             name = other.source.split(",")[0] + " et al."
             colour = COLOURS[k + 1]
             axes[1, 0].axvline(other.hexatic, color=colour, linewidth=1.0, label=name)
             axes[1, 1].axvline(other.crystal, color=colour, linewidth=1.0, label=name)
-        axes[1, 0].legend()
+        axes[1, 0].legend(fontsize="small")
+        axes[1, 1].legend(fontsize="small")
     return drawing
 
 
@@ -88,4 +94,4 @@ def _points(ax: object, gammas: list[float], values: list[Interval], scale: floa
     middle = [scale * one.value for one in values]
     below = [max(0.0, scale * (one.value - one.low)) for one in values]
     above = [max(0.0, scale * (one.high - one.value)) for one in values]
-    ax.errorbar(gammas, middle, [below, above], fmt="o", capsize=3)  # type: ignore[attr-defined]
+    ax.errorbar(gammas, middle, [below, above], fmt="o", markersize=5, capsize=3)  # type: ignore[attr-defined]
