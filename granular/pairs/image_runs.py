@@ -2,8 +2,8 @@
 
 As in `granular.pairs.stripe_lists`, but for the images of the partners on both sides, and of the
 lowest stripes above the highest ones: each run has a shift, by which its partners stand away from
-the places that they have within the cell. There are five stripes or more, and twice the reach is
-less than the cell is wide, so that each pair is met once.
+the places that they have within the cell. There are four stripes or more, and twice the reach is
+less than the cell is wide and high, so that each pair is met once.
 """
 
 from __future__ import annotations

@@ -113,9 +113,12 @@ def _grid(
     edge = 0 if periodic else 1
     mesh = np.array([width / (columns + edge), height / (rows + edge)])
     widest = max(one.diameter for one in grains.species)
-    if mesh.min() * (1.0 - 2.0 * plan.jitter) < widest:
+    apart = mesh.min()
+    if periodic:
+        apart = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
+    if apart * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
-            f"{count} grains leave {mesh.min():.4g} m from one to the next, and with a jitter of "
+            f"{count} grains leave {apart:.4g} m from one to the next, and with a jitter of "
             f"{plan.jitter:g} grains of {widest:.4g} m could overlap; use fewer grains, less "
             "jitter, or more room"
         )

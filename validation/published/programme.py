@@ -167,7 +167,7 @@ def summary(results: Results) -> dict[str, Any]:
         "entries": [row.to_plain() for row in rows],
         "statements": [
             {"source": one.source, "words": one.words,
-             "holds": None if check is None else check.holds,
+             "holds": None if check is None else bool(check.holds),
              "figures": None if check is None else check.figures}
             for one, check in checks
         ],
