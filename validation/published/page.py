@@ -196,7 +196,7 @@ def _statements(made: Page, results: Results) -> None:
     made.text("What de Paula says without a number, tested on the runs.")
     rows = []
     for one in statements():
-        check = one.test(results)
+        check = one.check(results)
         verdict = "not run" if check is None else "holds" if check.holds else "does not hold"
         rows.append((one.words, one.source, verdict, "" if check is None else check.figures))
     made.table(("statement", "section", "", "figures"), rows)

@@ -158,7 +158,7 @@ def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[st
 def summary(results: Results) -> dict[str, Any]:
     """Entries with verdicts, statements and comparisons, as plain data."""
     rows = judged(results)
-    checks = [(one, one.test(results)) for one in statements()]
+    checks = [(one, one.check(results)) for one in statements()]
     return {
         "made": dict(results.made),
         "summary": counts(rows),
@@ -167,7 +167,7 @@ def summary(results: Results) -> dict[str, Any]:
         "entries": [row.to_plain() for row in rows],
         "statements": [
             {"source": one.source, "words": one.words,
-             "holds": None if check is None else bool(check.holds),
+             "holds": None if check is None else check.holds,
              "figures": None if check is None else check.figures}
             for one, check in checks
         ],

@@ -38,6 +38,11 @@ class Statement(NamedTuple):
     words: str
     test: Callable[[Results], StatementCheck | None]
 
+    def check(self, results: Results) -> StatementCheck | None:
+        """The test's outcome, with a plain truth value: comparisons of arrays make other ones."""
+        found = self.test(results)
+        return None if found is None else found._replace(holds=bool(found.holds))
+
 
 def packings(count: int, course: np.ndarray, stretch: float = 1.0) -> np.ndarray:
     """Packing at even steps of the stroke, from the start's height to the end's."""

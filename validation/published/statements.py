@@ -132,7 +132,7 @@ def statements() -> tuple[Statement, ...]:
 
 def counted_statements(results: Results) -> dict[str, int]:
     """How many statements hold, do not hold, and were not run."""
-    found = [one.test(results) for one in statements()]
+    found = [one.check(results) for one in statements()]
     return {
         "hold": sum(one is not None and one.holds for one in found),
         "do not hold": sum(one is not None and not one.holds for one in found),
