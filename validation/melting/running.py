@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from granular.shared.files import make_directory
 from granular.shared.shelf import Shelf, digest
+from granular.studies.workers import workshop
 from validation.melting.scenes import STEP, layer
 
 
@@ -51,13 +52,20 @@ def run_plan(
     workers : int
         Processes.
     progress : bool
-        Say on standard error which layer is done.
+        Say on standard error how many layers are done.
+
+    Raises
+    ------
+    StoreError
+        If the directory cannot be written.
+    KeyboardInterrupt
+        On Ctrl-C; the directory keeps the runs, which go on where they were.
     """
     from granular.shared.progress import progress_bar
 
     make_directory(directory)
     with (
-        ProcessPoolExecutor(workers) as pool,
+        workshop(None, workers) as pool,
         progress_bar(total=len(plan.gammas), desc="layers", unit="layer", wanted=progress) as bar,
     ):
         waiting = {pool.submit(run_layer, plan, one, directory): one for one in plan.gammas}
