@@ -29,7 +29,7 @@ STILL = 5e-4
 """Way of a grain [D] up to which the far field counts as unchanged where grains rub.
 
 In a bed as dense as a full compression, grain against grain, it changes by at most 25 rho / r_c^3
-times twice this way, with rho grains per D^2: 2e-5 F* at a radius of 7 D, a sixth of what the mesh
+times twice this way, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of what the mesh
 may be off by. Beds whose grains move together change it by far less."""
 
 AHEAD = 8
