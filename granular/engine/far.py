@@ -1,7 +1,7 @@
 """The far field in the engine: a part of every force, or impulses that come every so many steps.
 
 Where grains rub it is a part of every force, for sticking is decided by all of it. At rest it stays
-as it is, to the last bit; while grains slide it goes on for `AHEAD` steps as it changed before.
+as it is, to the last bit; while grains slide it goes on for some steps as it changed before.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import State
 from granular.pairs.far_direct import DirectRoom, find_far_direct
 from granular.pairs.far_field import (
-    AHEAD,
     CALLS,
     CHANGING,
     TIME,
     FarForces,
     find_far_forces,
     has_changed,
+    remember,
 )
 from granular.pairs.mesh import Mesh
 
@@ -49,7 +49,9 @@ def _find(
         find_far_direct(
             direct, state.stripes, far.radius, constants.threaded, constants.grains,
             state.x, state.y, far.fx, far.fy, far.energy, moments_of(constants),
+            far.load, constants.acting.weight,
         )  # fmt: skip
+        remember(far.met, state.x, state.y, constants.grains)
     return crowded
 
 
@@ -59,8 +61,8 @@ def refresh_far_field(
 ) -> int:
     """Find the far field where it is a part of every force; where it acts in impulses, it stays.
 
-    It also stays where grains rub and none has moved by more than
-    `granular.pairs.far_field.STILL`: grains at rest feel the same force to the last bit.
+    It also stays where grains rub and none has moved by more than a little (see
+    `granular.pairs.far_field.STILL`): grains at rest feel the same force to the last bit.
     """
     if far is None:
         return 0
@@ -83,9 +85,9 @@ def _refresh_rubbing(
     if met is None:
         return find_far_field(far, state, constants, time)
     far.moment[CALLS] += 1.0
-    if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < AHEAD:
+    if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < far.ahead:
         return 0
-    if has_changed(met, state.x, state.y, constants.grains):
+    if has_changed(met, state.x, state.y, constants.grains, far.still):
         return _find_course(far.course, far, state, constants, time)
     far.moment[CHANGING] = 0.0
     return 0
@@ -99,7 +101,7 @@ def _find_course(
     if course is None:
         return find_far_field(far, state, constants, time)
     lapse = time - far.moment[TIME]
-    goes_on = far.moment[CALLS] <= AHEAD and lapse > 0.0
+    goes_on = far.moment[CALLS] <= far.ahead and lapse > 0.0
     _keep(course, far)
     crowded = find_far_field(far, state, constants, time)
     if goes_on:

@@ -168,8 +168,10 @@ def _far_field(
 ) -> FarField | None:
     """What is split off the law of a pair; None where it is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
-        every = _far_every(scene, method)
-        return None if every is None else FarField(SPLIT_RADIUS, None, every)
+        every, rubbing = _far_every(scene, method), _rubbing(scene, method)
+        if every is None and rubbing is None:
+            return None
+        return FarField(SPLIT_RADIUS, None, every, rubbing)
     radius = scene.pairs.radius(summed, scales.length)
     if summed != "mesh" or radius is None:
         return None
@@ -184,28 +186,37 @@ def _far_field(
             f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
             f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
         )
-    rubbing = None
-    if scene.effects.friction is not None and scene.pairs.far_every is None:
-        rubbing = AHEAD if method is not None and method.takes_impulses else 1
-    every = _far_every(scene, method)
+    every, rubbing = _far_every(scene, method), _rubbing(scene, method)
     return FarField(radius, (width, height), every, rubbing, periodic=periods is not None)
+
+
+def _rubbing(scene: Scene, method: Method | None) -> int | None:
+    """Steps that the far field goes on for where grains slide; None where it does not."""
+    wanted = scene.pairs.far_every
+    if scene.effects.friction is None or wanted == 1:
+        return None
+    if wanted is None:
+        if scene.pair_method == "direct":
+            return None
+        return AHEAD if method is not None and method.takes_impulses else 1
+    return wanted
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:
     """Steps from impulse to impulse of the far field; None where it is a part of every force."""
     wanted = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None
-    able = method is not None and method.takes_impulses and not rubs and not hosted
-    if wanted is None:
-        return FAR_EVERY if able and scene.pair_method == "mesh" else None
-    if wanted > 1 and method is not None and not able:
+    able = method is not None and method.takes_impulses and (rubs or not hosted)
+    if wanted is not None and wanted > 1 and method is not None and not able:
         why, other = f"{method.name!r} cannot", " or 'stormer-verlet'"
-        if rubs:
-            why, other = "grains rub, and need the whole force to stick", ""
-        elif hosted:
+        if hosted and method.takes_impulses:
             why, other = "a host moves by the whole force on its cell", ""
         raise InputError(f"pairs.far_every = {wanted}: {why}; leave it away, or take 1{other}")
-    return wanted if able and wanted > 1 else None
+    if rubs or not able:
+        return None
+    if wanted is None:
+        return FAR_EVERY if scene.pair_method == "mesh" else None
+    return wanted if wanted > 1 else None
 
 
 def _piston_mass(scene: Scene, scales: Scales, gravity: float) -> tuple[float, float]:

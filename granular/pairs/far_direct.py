@@ -29,24 +29,33 @@ class DirectRoom(NamedTuple):
         Of all pairs, and of the near ones; see `granular.pairs.direct.direct_sum`.
     buffers : float64 (parts, 5, m) or None
         See `granular.pairs.direct.part_buffers`.
+    load : float64 (m,) or None
+        Near part of the sums behind the normal force of friction.
     """
 
     near: np.ndarray
     extremes: np.ndarray
     buffers: np.ndarray | None
+    load: np.ndarray | None
 
 
-def direct_room(size: int) -> DirectRoom:
+def direct_room(size: int, *, loaded: bool) -> DirectRoom:
     """Room for that many grains (padded)."""
-    return DirectRoom(np.zeros((2, size)), np.zeros((2, 2)), part_buffers(size))
+    return DirectRoom(
+        near=np.zeros((2, size)),
+        extremes=np.zeros((2, 2)),
+        buffers=part_buffers(size),
+        load=np.zeros(size) if loaded else None,
+    )
 
 
 @compiled
 def find_far_direct(
     room: DirectRoom, stripes: Stripes, radius: float, threaded: bool | None, grains: int,
     x: Array, y: Array, fx: Array, fy: Array, energy: Array, moments: Array | None,
+    load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
-    """Overwrite forces and energy by those of the far part.
+    """Overwrite forces, energy and, where grains rub, loads by those of the far part.
 
     Parameters
     ----------
@@ -57,7 +66,7 @@ def find_far_direct(
         Where the near part ends [D].
     threaded : bool or None
     grains : int
-    x, y, fx, fy, moments
+    x, y, fx, fy, moments, load, weight
         As in `granular.pairs.direct.direct_sum`.
     energy : float64 (1,)
     """
@@ -66,12 +75,15 @@ def find_far_direct(
         fy[:grains] = np.nan
         return
     near_x, near_y, every, near = room.near[0], room.near[1], room.extremes[0], room.extremes[1]
-    direct_sum(x, y, fx, fy, moments, None, every, None, None, room.buffers, threaded, None)
+    direct_sum(x, y, fx, fy, moments, None, every, load, weight, room.buffers, threaded, None)
     cut_sum(
         stripes, radius, True, threaded, grains, x, y, near_x, near_y, moments, None, near,
-        None, None,
+        room.load, weight,
     )  # fmt: skip
     for i in range(grains):
         fx[i] -= near_x[i]
         fy[i] -= near_y[i]
     energy[0] = ENERGY * (every[0] - near[0])
+    if load is not None and room.load is not None:
+        for i in range(grains):
+            load[i] -= room.load[i]

@@ -29,11 +29,15 @@ STILL = 5e-4
 """Way of a grain [D] up to which the far field counts as unchanged where grains rub.
 
 In a bed as dense as a full compression, grain against grain, it changes by at most 25 rho / r_c^3
-times twice this way, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of what the mesh
-may be off by. Beds whose grains move together change it by far less."""
+times twice this way, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of what the
+mesh may be off by. Beds whose grains move together change it by far less."""
+
+STILL_EXACT = 5e-5
+"""The same where the far field is a sum over pairs: 3e-6 F*, for there is no mesh's error."""
 
 AHEAD = 8
-"""Steps that the far field goes on for as it last changed, where grains slide fast.
+"""Steps that the far field goes on for as it last changed, where grains slide fast and nothing else
+is asked for.
 
 To second order in them, as impulses every so many steps are."""
 
@@ -92,6 +96,10 @@ class FarForces(NamedTuple):
         Places where they were last found; None where that is done for every force.
     course : float64 (3, m) or None
         How fast forces and loads change [1/tau] while grains slide; None where that is not asked.
+    ahead : int
+        Steps that they then go on for.
+    still : float
+        See `STILL`.
     moment : float64 (3,)
         See `TIME` and the others.
     energy : float64 (1,)
@@ -108,6 +116,8 @@ class FarForces(NamedTuple):
     load: np.ndarray | None
     met: np.ndarray | None
     course: np.ndarray | None
+    ahead: int
+    still: float
     moment: np.ndarray
     energy: np.ndarray
     totals: np.ndarray
@@ -122,7 +132,7 @@ def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
         mesh = mesh_room(*field.size, field.radius, spacing, size)
     return FarForces(
         mesh=mesh,
-        direct=direct_room(size) if mesh is None else None,
+        direct=direct_room(size, loaded=loaded) if mesh is None else None,
         radius=field.radius,
         fx=np.zeros(size),
         fy=np.zeros(size),
@@ -130,6 +140,8 @@ def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
         load=np.zeros(size) if loaded else None,
         met=None if field.rubbing is None else np.full((2, size), np.nan),
         course=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
+        ahead=field.rubbing or 0,
+        still=STILL_EXACT if mesh is None else STILL,
         moment=np.zeros(3),
         energy=np.zeros(1),
         totals=np.zeros(PARTS),
@@ -279,12 +291,12 @@ def find_far_forces(
 
 
 @compiled
-def has_changed(met: Array, x: Array, y: Array, grains: int) -> bool:
+def has_changed(met: Array, x: Array, y: Array, grains: int, still: float) -> bool:
     """Whether a grain has moved so far since the forces were found that they are others."""
     moved = 0
     for i in range(grains):
         dx, dy = x[i] - met[0, i], y[i] - met[1, i]
-        moved += not dx * dx + dy * dy <= STILL * STILL
+        moved += not dx * dx + dy * dy <= still * still
     return moved > 0
 
 

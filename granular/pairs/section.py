@@ -54,10 +54,10 @@ class Pairs(Section):
     far_every : int or None
         Of the mesh and the direct sum: steps from one evaluation of the far field, the smooth part
         of the law beyond a radius, to the next (Tuckerman, Berne and Martyna 1992,
-        doi:10.1063/1.463137). More than 1 only where no grain rubs and the method is Verlet's. If
-        not given, 8 there for the mesh. Where grains rub, that of the mesh is found again once one
-        has moved by 5e-4 diameters, and goes on as it changed for up to 8 steps while they slide;
-        it is found at every step with 1 given. Otherwise 1.
+        doi:10.1063/1.463137). More than 1 only where the method is Verlet's. If not given, 8 for
+        the mesh, and 1 for the direct sum. Where grains rub, it is found again once one has moved
+        by 5e-4 diameters (5e-5 by the direct sum), and goes on as it changed for up to so many
+        steps while they slide; it is found at every step with 1 given.
     """
 
     method: str = choice(*METHODS, default="auto")

@@ -244,7 +244,8 @@ def _warn_of_cadence(step: Step, scene: Scene) -> None:
 
 def _settings(scene: Scene, dt: float | str, method: Method, system: System) -> dict[str, Any]:
     far = system.constants.acting.far
-    every = {} if far is None or far.every is None else {"far_every": far.every}
+    asked = None if far is None else far.every or scene.pairs.far_every
+    every = {} if asked is None else {"far_every": asked}
     return {
         "scene_digest": scene.digest(),
         "dt": dt,

@@ -130,7 +130,7 @@ SHEETS: dict[str, Sheet] = {
     ),
     "protocol": Sheet(
         "The published protocol, 368 grains: relaxation 5 T, compression, expansion, relaxation",
-        (_plain("seed"), _number("speed", ".4g", "speed [m/s]"),
+        (_plain("seed"), _plain("far every"), _number("speed", ".4g", "speed [m/s]"),
          _number("seconds", ".1f", "wall time [s]"),
          _number("simulated", ".1f", "simulated [s]"), _plain("steps"),
          _number("ledger", ".1e", "energy, over that turned over"),

@@ -13,7 +13,6 @@ from granular.pairs.far_direct import direct_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.split import far_cube, far_fifth
 from granular.pairs.stripes import stripes_room
-from granular.shared.errors import InputError
 
 find_far_direct = entry(far_direct.find_far_direct)
 COUNT, WIDTH = 150, 30.0
@@ -26,22 +25,26 @@ def places() -> np.ndarray:
     return np.asarray(grid + np.random.default_rng(3).uniform(-0.4, 0.4, grid.shape))
 
 
-def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray]:
-    """Forces and energy of the far part, and the moments."""
+WEIGHTS = np.random.default_rng(5).uniform(0.3, 0.8, COUNT)
+
+
+def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    """Forces, energy and loads of the far part, and the moments."""
     moments = np.random.default_rng(4).choice([0.36, 1.0], COUNT)
     x, y = padded_coordinates(places())
-    fx, fy, energy = np.zeros_like(x), np.zeros_like(x), np.zeros(1)
+    fx, fy, load, energy = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x), np.zeros(1)
     find_far_direct(
-        direct_room(x.size), stripes_room(x.size, moments=differing, loaded=False), RADIUS, None,
-        COUNT, x, y, fx, fy, energy, padded_values(moments) if differing else None,
+        direct_room(x.size, loaded=True), stripes_room(x.size, moments=differing, loaded=True),
+        RADIUS, None, COUNT, x, y, fx, fy, energy, padded_values(moments) if differing else None,
+        load, padded_values(WEIGHTS),
     )  # fmt: skip
     forces = np.column_stack([fx[:COUNT], fy[:COUNT]])
-    return forces, float(energy[0]), moments if differing else np.ones(COUNT)
+    return forces, float(energy[0]), load[:COUNT], moments if differing else np.ones(COUNT)
 
 
 @pytest.mark.parametrize("differing", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
-    forces, energy, q = found(differing)
+    forces, energy, load, q = found(differing)
     apart = places()[:, None] - places()[None]
     square, products = (apart**2).sum(axis=2), q[:, None] * q[None]
     wanted = 0.75 * ((products * far_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
@@ -51,6 +54,7 @@ def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
     np.testing.assert_allclose(forces, wanted, atol=1e-13)
     assert energy == pytest.approx(0.125 * (products * cubes).sum(), rel=1e-11)
     np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-13)  # action and reaction
+    np.testing.assert_allclose(load, cubes @ WEIGHTS, rtol=1e-11)
 
 
 def spared(scene: Scene, every: int = 8) -> Scene:
@@ -97,9 +101,3 @@ def test_it_is_of_second_order(small_damper: Scene) -> None:
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(slopes, 2.0, atol=0.1)
-
-
-def test_where_grains_rub_it_is_refused(small_bed: Scene) -> None:
-    rubbing = spared(small_bed.replace(**{"effects.friction": {}}), 4)
-    with pytest.raises(InputError, match=r"pairs\.far_every = 4: grains rub"):
-        simulate(rubbing, t_end=0.01, progress=False)

@@ -37,7 +37,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "package": {"what": "the wheel", "bytes": 700_000},
     "study": {"cases": 20, "grains": 92, "cores": 2, "seconds": 20.0, "run alone": 1.8,
               "filled": 0.9, "failed": 0},
-    "protocol": {"seed": 1, "speed": 8.33e-3, "seconds": 40.0, "simulated": 316.9,
+    "protocol": {"seed": 1, "speed": 8.33e-3, "far every": 1, "seconds": 40.0, "simulated": 316.9,
                  "steps": 633800, "ledger": 3e-3, "force": 15.3, "half distance": 10.9},
     "fits": {"law": "linear", "samples": 1000, "cold": 9.0, "next process": 3.0, "warm": 0.1,
              "error": 1e-3, "converged": 1.0},
