@@ -90,8 +90,10 @@ def _counts(results: Results) -> str:
         f"Of {sum(counted_statements(results).values())} statements: "
         f"{words_of(counted_statements(results))}.",
         f"{series['whole']} of {series['planned']} series are run whole, {series['begun']} begun, "
-        f"{series['stale']} stale; {series['residual above 1e-3']} of them miss the energy by more "
-        "than 1e-3 of that turned over.",
+        f"{series['stale']} stale; of {series['stopped']} every start was stopped, for lists so "
+        "short that they lose pairs do not keep the energy. "
+        f"{series['residual above 1e-3']} of those run miss the energy by more than 1e-3 of that "
+        "turned over.",
         f"Made by `{made.get('command', '')}` on {made.get('date', '')}, begun "
         f"{made.get('sittings', 0)} times.",
     ]

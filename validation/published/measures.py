@@ -171,21 +171,30 @@ def time_saving(count: int) -> Measure:
 def first_inside(radii: Sequence[float], reference: str) -> Measure:
     """The least radius of the list whose mean force lies within a deviation of the direct sum's.
 
-    That is de Paula's own choice of its radius [D, Fig. 5.2].
+    That is de Paula's own choice of its radius [D, Fig. 5.2]. A list that loses so many pairs that
+    its energy stops every start has no force, and lies outside.
     """
 
     def measure(results: Results) -> Finding | None:
-        names = [f"list of radius {radius:g} D" for radius in radii]
-        found = together([reference, *names], "force", results)
+        protocol = results.best(reference, *(_listed(radius) for radius in radii))
+        if protocol is None:
+            return None
+        left = [radius for radius in radii if not results.stopped(_listed(radius), protocol)]
+        names = [_listed(radius) for radius in left]
+        found = together([reference, *names], "force", results, protocol)
         if found is None:
             return None
         band = found[0].finding()
-        for radius, one in zip(radii, found[1:], strict=True):
+        for radius, one in zip(left, found[1:], strict=True):
             if abs(one.values.mean() - band.value) <= (band.spread or 0.0):
                 return without_error(radius, found)
         return None
 
     return measure
+
+
+def _listed(radius: float) -> str:
+    return f"list of radius {radius:g} D"
 
 
 def deviation_at_full(name: str) -> Measure:

@@ -11,7 +11,14 @@ from validation.published.causes import ChangedFigure, comparisons, verdict_on_h
 from validation.published.entry import AGREES, DIFFERS
 from validation.published.finding import Finding
 from validation.published.judging import Judged, judged, said
-from validation.published.results import Results, counted, is_whole, worst_residual
+from validation.published.results import (
+    Plain,
+    Results,
+    counted,
+    is_stopped,
+    is_whole,
+    worst_residual,
+)
 from validation.published.statements import counted_statements, statements
 
 TITLE = "Published results, reproduced"
@@ -85,7 +92,8 @@ def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
     series = counted(shown)
     words = (
         f"{len(rows)} published numbers: {said(rows)}. {series['whole']} of "
-        f"{series['planned']} series are run whole, by today's code; {series['stale']} are stale. "
+        f"{series['planned']} series are run whole, by today's code; {series['stopped']} were "
+        f"stopped in every start, {series['stale']} are stale. "
         f"Statements: {words_of(counted_statements(shown))}."
     )
     return words if quick is None else f"{words} This quick run: {said(judged(quick))}."
@@ -235,7 +243,7 @@ def _state(made: Page, results: Results) -> None:
     made.section("State of the series")
     made.text(f"{words_of(counted(results))}.")
     rows = [
-        (key, "stale" if one.get("stale") else f"{len(one['done'])} of {len(one['seeds'])} starts",
+        (key, _word(one),
          one["step"] + (" (de Paula's scheme)" if one["coarse"] else ""),
          f"{worst_residual(one):.1e}" if one["done"] else "")
         for key, one in results.series.items()
@@ -244,6 +252,12 @@ def _state(made: Page, results: Results) -> None:
     if rows:
         made.text("Series that are not whole, or whose energy is off by more than 1e-4:")
         made.table(("series", "state", "step", "energy residual"), rows)
+
+
+def _word(one: Plain) -> str:
+    if is_stopped(one):
+        return "every start stopped"
+    return "stale" if one.get("stale") else f"{len(one['done'])} of {len(one['seeds'])} starts"
 
 
 def _errors(made: Page, results: Results) -> None:

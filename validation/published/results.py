@@ -104,6 +104,11 @@ class Results:
         one = self.series.get(f"{name} | {chosen}")
         return one if one is not None and is_whole(one) else None
 
+    def stopped(self, name: str, protocol: str) -> bool:
+        """Whether every start of a series was stopped by an error, its energy for instance."""
+        one = self.series.get(f"{name} | {protocol}")
+        return one is not None and is_stopped(one)
+
     def to_plain(self) -> Plain:
         """For JSON."""
         return {
@@ -126,21 +131,28 @@ def is_whole(one: Plain) -> bool:
     return bool(one["done"]) and one["done"] == list(one["seeds"]) and not one.get("stale")
 
 
+def is_stopped(one: Plain) -> bool:
+    """Whether all starts of a series were run by today's code, and each was stopped by an error."""
+    return len(one["errors"]) == len(one["seeds"]) and not one["done"] and not one.get("stale")
+
+
 def counted(results: Results) -> dict[str, int]:
-    """How many series are whole, begun, stale, not run; and how many miss the energy residual."""
+    """How many series are whole, stopped, begun, stale, not run, and miss the energy residual."""
     whole = [one for one in results.series.values() if is_whole(one)]
     stale = [one for one in results.series.values() if one.get("stale")]
     begun = [
         one for one in results.series.values()
         if one["done"] and not is_whole(one) and not one.get("stale")
     ]  # fmt: skip
+    stopped = [one for one in results.series.values() if is_stopped(one)]
     off = [one for one in whole if not one["coarse"] and worst_residual(one) > RESIDUAL]
     return {
         "planned": len(results.series),
         "whole": len(whole),
+        "stopped": len(stopped),
         "begun": len(begun),
         "stale": len(stale),
-        "not run": len(results.series) - len(whole) - len(begun) - len(stale),
+        "not run": len(results.series) - len(whole) - len(stopped) - len(begun) - len(stale),
         "residual above 1e-3": len(off),
     }
 

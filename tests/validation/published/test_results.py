@@ -14,7 +14,15 @@ from validation.published.causes import comparisons, gaps_at_the_end, verdict_on
 from validation.published.guide import PAGES, ROOT, blocks, marks, with_blocks
 from validation.published.judging import Judged, counts, judged, series_behind, strength
 from validation.published.page import page
-from validation.published.plan import LARGE, LISTED, RATIOS, full_plan, mixture_name, quick_plan
+from validation.published.plan import (
+    LARGE,
+    LISTED,
+    RADII,
+    RATIOS,
+    full_plan,
+    mixture_name,
+    quick_plan,
+)
 from validation.published.programme import summary
 from validation.published.results import COMMITTED, EMPTY, Results, committed, counted, read
 from validation.published.values import published_value
@@ -75,6 +83,29 @@ def test_nothing_stands_in_for_the_planned_protocol() -> None:
     assert finding.value == pytest.approx(15.1)
     numbers = counted(results(quick, series("a"), part, {"b": stale["direct 368 | published"]}))
     assert numbers["whole"] == numbers["begun"] == numbers["stale"] == numbers["not run"] == 1
+
+
+def stopped(name: str, protocol: str) -> dict[str, dict[str, Any]]:
+    (plain,) = series(name, protocol).values()
+    return {f"{name} | {protocol}": plain | {"errors": ["EnergyError"] * len(plain["seeds"])}}
+
+
+def test_a_list_whose_starts_are_all_stopped_is_counted_and_lies_outside() -> None:
+    direct = series("direct 368", "quick", force=[15.0, 15.1, 15.2])
+    lists = [
+        series(f"list of radius {radius:g} D", "quick", force=[force] * 3)
+        for radius, force in zip(RADII, (14.0, 14.1, 14.2, 14.3, 14.4, 15.05, 15.1), strict=True)
+    ]
+    key = "algorithm.first_radius_inside"
+
+    def found(*first: dict[str, dict[str, Any]]) -> float | None:
+        one = row(results(direct, *first, *lists[1:]), key).found
+        return None if one is None else one.value
+
+    assert found(lists[0]) == found(stopped("list of radius 6.26 D", "quick")) == 11.26
+    assert found(series("list of radius 6.26 D", "quick")) is None
+    numbers = counted(results(direct, stopped("a", "quick"), series("b")))
+    assert numbers["stopped"] == numbers["whole"] == numbers["not run"] == 1
 
 
 def test_residuals_of_the_energy_are_counted() -> None:
