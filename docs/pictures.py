@@ -567,7 +567,7 @@ def draw_verification() -> None:
         half = row.found.half_width()
         if row.published == 0.0 or half is None or row.entry.key.endswith("_std"):
             continue
-        unit = f"[{row.entry.unit or 1}]"
+        unit = row.entry.unit or "ratios"
         group = "hysteresis" if "hysteresis" in row.entry.key else unit
         ratio = row.found.value / row.published
         error = half / abs(row.published)

@@ -73,10 +73,11 @@ def write_guide(results: Results, root: Path = ROOT) -> list[Path]:
 def _summary(results: Results) -> str:
     rows, made = judged(results), results.made
     number = counts(rows)
+    left = f"{number['not run']} are not run yet" if number["not run"] else "none is left to run"
     return _wrapped(
         f"- Of {len(rows)} numbers that de Paula (2025) prints, {number[AGREES]} agree, "
-        f"{number[DIFFERS]} differ and {number['not run']} are not run yet; the others hold by "
-        "construction or cannot be compared "
+        f"{number[DIFFERS]} differ and {left}; the others hold by construction or cannot be "
+        "compared "
         f"(`{made.get('command', '')}`, {made.get('date', '')})."
     )
 
