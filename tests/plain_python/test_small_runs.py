@@ -133,7 +133,9 @@ SCENES: dict[str, dict[str, Any]] = {
 def test_ledger_closes_to_second_order(name: str) -> None:
     """Half the step leaves a quarter; a wrong sign or factor anywhere leaves all of it, or half."""
     scene = small(**SCENES[name])
-    whole, half = (residual(run(scene, dt)) for dt in (STEP, STEP / 2))
+    # The far field acts eight steps at once there: at `STEP` its higher orders still make 3 %.
+    step = STEP / 2 if name == "mesh" else STEP
+    whole, half = (residual(run(scene, dt)) for dt in (step, step / 2))
     assert 0.0 < whole < 1e-4
     assert whole / half == pytest.approx(4.0, abs=0.1)
 
