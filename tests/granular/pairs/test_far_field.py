@@ -223,7 +223,7 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
     assert large.replace(**{"pairs.method": "direct"}).pair_method == "direct"
     radii = [large.replace(**{"pairs.tolerance": one}).pairs.radius("mesh", 0.006)
              for one in (TOLERANCE, 0.1 * TOLERANCE)]  # fmt: skip
-    assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.6)])
+    assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.36)])
     with pytest.raises(SceneError, match=r"pairs\.method: the mesh of 'mesh' covers a closed"):
         small_bed.replace(**{"effects.walls.left": None, "pairs.method": "mesh"})
     with pytest.raises(SceneError, match=r"pairs\.far_every: only the methods 'mesh'"):
