@@ -112,11 +112,11 @@ def movie(
     picture = BedPicture(run, colour, limits, top, span, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
     beds = bed_frames(run, numbers, bar) if speed is None else bed_at(run, numbers, times, bar)
-    with replacing(path, overwrite) as part, deferred_stop() as stop:
-        made = write(part, _images(picture, beds, stop), fps)
-    if made < len(times):
-        warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)
-        raise stop.error()
+    with deferred_stop() as stop:
+        with replacing(path, overwrite) as part:
+            made = write(part, _images(picture, beds, stop), fps)
+        if made < len(times):
+            warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)
     return path
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import signal
 import time
 import warnings
 from collections.abc import Mapping
@@ -35,7 +34,7 @@ from granular.run.threads import Threads, set_threads, threads_of
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.scene import Scene
-from granular.shared.errors import InputError, Interrupted, RunError, StoreError
+from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stops import Stop, deferred_stop
 from granular.shared.version import versions
 
@@ -171,10 +170,9 @@ class _Job:
             except RunError as error:
                 error.trajectory = self._result(complete=False, until=run.time)
                 raise
-        trajectory = self._result(complete, until)
-        if not complete:
-            raise Interrupted(trajectory, stop.number == signal.SIGTERM)
-        _warn_of_doubts(trajectory)
+        stop.trajectory = trajectory = self._result(complete, until)
+        if complete:
+            _warn_of_doubts(trajectory)
         return trajectory
 
     def _snapshot(self) -> dict[str, Any]:

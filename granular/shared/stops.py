@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from granular.shared.errors import Terminated
+from granular.shared.errors import Interrupted, Terminated
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
@@ -30,18 +30,24 @@ class Stop:
     ----------
     number : int or None
         Of the signal; None while there was none.
+    trajectory : Trajectory or None
+        The run that is kept when the stop is raised.
     """
 
     def __init__(self) -> None:
         self.number: int | None = None
+        self.trajectory: object = None
 
     @property
     def asked(self) -> bool:
         return self.number is not None
 
     def error(self) -> KeyboardInterrupt:
-        """What the signal would have raised."""
-        return Terminated() if self.number == signal.SIGTERM else KeyboardInterrupt()
+        """The error that the signal would have raised, with the run that is kept."""
+        terminated = self.number == signal.SIGTERM
+        if self.trajectory is not None:
+            return Interrupted(self.trajectory, terminated)
+        return Terminated() if terminated else KeyboardInterrupt()
 
     def _take(self, number: int, _: FrameType | None) -> None:
         self.number = number
@@ -51,7 +57,13 @@ class Stop:
 def deferred_stop() -> Iterator[Stop]:
     """Let a stop wait to be looked at, instead of breaking off in the middle of something.
 
-    Outside the main thread, which alone has signals, none comes.
+    It is raised at the end of the block, also in place of an error that ends it: whoever goes on
+    after that error would lose it. Outside the main thread, which alone has signals, none comes.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        At the end, if a stop was asked for.
     """
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
@@ -59,12 +71,16 @@ def deferred_stop() -> Iterator[Stop]:
         return
     taken = signal.getsignal(signal.SIGTERM) is _terminate
     numbers = (signal.SIGINT, signal.SIGTERM) if taken else (signal.SIGINT,)
-    former = {number: signal.signal(number, stop._take) for number in numbers}
+    former = {number: signal.getsignal(number) for number in numbers}
     try:
+        for number in numbers:
+            signal.signal(number, stop._take)
         yield stop
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
+        if stop.asked:
+            raise stop.error()
 
 
 @contextlib.contextmanager

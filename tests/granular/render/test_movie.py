@@ -108,6 +108,22 @@ def test_ctrl_c_keeps_what_was_made(
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
+def test_ctrl_c_after_the_last_picture_is_not_lost(
+    short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = os.replace
+
+    def interrupted(*places: Path) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        replace(*places)
+
+    path = tmp_path / "bed.gif"
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        movie(short, path, speed=None, progress=False)
+    assert len(pictures(path)) == 12
+
+
 def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> None:
     """The bar at the side does not change from picture to picture."""
     path = movie(short, tmp_path / "bed.mp4", colour="speed", speed=None, progress=False)

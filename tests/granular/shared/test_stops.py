@@ -63,16 +63,32 @@ def test_a_stop_that_a_callback_swallowed_comes_again(number: int, code: int) ->
     assert launch(command, []) == code
 
 
-def test_a_stop_waits_to_be_looked_at() -> None:
+def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
+    """A block with a stop in it, which it looks at before it ends, or fails."""
     with deferred_stop() as stop:
-        assert not stop.asked
-        os.kill(os.getpid(), signal.SIGINT)
-        assert stop.asked
-    assert type(stop.error()) is KeyboardInterrupt
-    with taking_sigterm(), deferred_stop() as stop:
-        os.kill(os.getpid(), signal.SIGTERM)
-        assert stop.asked
-    assert isinstance(stop.error(), Terminated)
+        seen.append(stop.asked)
+        os.kill(os.getpid(), number)
+        seen.append(stop.asked)
+        if error is not None:
+            raise error
+
+
+def test_a_stop_waits_to_be_looked_at() -> None:
+    seen: list[bool] = []
+    with pytest.raises(KeyboardInterrupt) as caught:
+        stopped(signal.SIGINT, seen)
+    assert caught.type is KeyboardInterrupt
+    with pytest.raises(Terminated), taking_sigterm():
+        stopped(signal.SIGTERM, seen)
+    assert seen == [False, True, False, True]
+
+
+def test_a_stop_is_not_lost_to_an_error() -> None:
+    """Whoever goes on after the error still stops."""
+    failure = ValueError("something else")
+    with pytest.raises(KeyboardInterrupt) as caught:
+        stopped(signal.SIGINT, [], failure)
+    assert caught.value.__context__ is failure
 
 
 def test_a_library_leaves_sigterm_alone() -> None:

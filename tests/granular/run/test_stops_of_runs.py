@@ -1,0 +1,153 @@
+"""Ctrl-C and SIGTERM in runs and loops of them: whenever one comes, it ends them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import granular.run.simulation
+from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
+from granular.shared.errors import Interrupted, RunError
+
+ROOT = Path(__file__).parents[3]
+END = 0.02
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    scene = load_scene("single-particle")
+    simulate(scene, t_end=END, progress=False)  # compiled before signals come
+    return scene
+
+
+def short_runs(scene: Scene, folder: Path | None) -> Callable[[], None]:
+    """What makes one more short run, in memory or below a folder."""
+    made = iter(range(10**6))
+
+    def one() -> None:
+        out = None if folder is None else folder / str(next(made))
+        simulate(scene, t_end=END, out=out, progress=False)
+
+    return one
+
+
+def seconds_until_the_end(one: Callable[[], None], delay: float) -> float:
+    """For so long [s] a loop goes on after a Ctrl-C that comes after a delay [s]; 5 s at most."""
+    sent: list[float] = []
+
+    def send() -> None:
+        time.sleep(delay)
+        sent.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        while not sent or time.monotonic() - sent[0] < 5.0:
+            one()
+    except KeyboardInterrupt:
+        sender.join()
+        return time.monotonic() - sent[0]
+    sender.join()
+    return np.inf
+
+
+@pytest.mark.parametrize("kept", ["memory", "disk"])
+def test_some_ctrl_c_end_a_loop_of_short_runs(
+    scene: Scene, tmp_path: Path, random: np.random.Generator, kept: str
+) -> None:
+    one = short_runs(scene, tmp_path if kept == "disk" else None)
+    for delay in random.uniform(0.0, 0.1, 5):
+        assert seconds_until_the_end(one, delay) < 5.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kept", ["memory", "disk"])
+def test_every_ctrl_c_ends_a_loop_of_short_runs(
+    scene: Scene, tmp_path: Path, random: np.random.Generator, kept: str
+) -> None:
+    one = short_runs(scene, tmp_path if kept == "disk" else None)
+    for delay in random.uniform(0.0, 0.4, 100):
+        assert seconds_until_the_end(one, delay) < 5.0
+
+
+@pytest.mark.parametrize("kept", ["memory", "disk"])
+def test_a_stop_after_the_last_step_is_raised_with_the_whole_run(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
+) -> None:
+    plain = granular.run.simulation.finished
+    ends = "granular.run.trajectory.finished", "granular.run.simulation.finished"
+
+    def finished(*known: object) -> Trajectory:
+        os.kill(os.getpid(), signal.SIGINT)
+        return plain(*known)  # type: ignore[arg-type]
+
+    for end in ends:
+        monkeypatch.setattr(end, finished)
+    out = tmp_path / "run" if kept == "disk" else None
+    with pytest.raises(Interrupted) as caught:
+        simulate(scene, t_end=END, out=out, progress=False)
+    monkeypatch.undo()
+    run = caught.value.trajectory
+    assert isinstance(run, Trajectory)
+    assert run.complete
+    assert run.dataset.equals(simulate(scene, t_end=END, progress=False).dataset)
+
+
+def test_a_stop_is_not_lost_to_a_run_that_fails(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A loop that goes on after a failed run ends all the same."""
+    from granular.run.run import Run
+
+    def advance(_: Run) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        raise RunError("it fails", step=0, time=0.0, remedy="try again")
+
+    monkeypatch.setattr(Run, "advance", advance)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, t_end=END, progress=False)
+
+
+def commands_end(
+    scene: Scene, folder: Path, delays: np.ndarray, numbers: list[signal.Signals]
+) -> None:
+    """Signals to the command ``run`` after some seconds: exit status, and what is on the disk."""
+    scene.save(folder / "scene.toml")
+    for k, (delay, number) in enumerate(zip(delays, numbers, strict=True)):
+        out = folder / f"run-{k}"
+        words = ("run", str(folder / "scene.toml"), "-o", str(out), "--t-end", "1e6", "--quiet")
+        command = subprocess.Popen(
+            [sys.executable, "-m", "granular", *words],
+            cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        while not out.exists():
+            time.sleep(0.01)
+        time.sleep(delay)
+        command.send_signal(number)
+        _, said = command.communicate(timeout=10.0)
+        assert command.returncode == 128 + number, said
+        assert said.count("error: ") == 1
+        assert "Traceback" not in said
+        assert not load_trajectory(out).complete
+
+
+def test_a_signal_ends_a_command(scene: Scene, tmp_path: Path) -> None:
+    commands_end(scene, tmp_path, np.array([0.1]), [signal.SIGTERM])
+
+
+@pytest.mark.long
+def test_many_signals_end_commands(
+    scene: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    numbers = [signal.SIGINT, signal.SIGTERM] * 20
+    commands_end(scene, tmp_path, random.uniform(0.0, 2.0, 40), numbers)
