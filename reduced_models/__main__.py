@@ -158,7 +158,6 @@ def _add_fit(one: Parser) -> None:
         help="linear (default), bootstrap (resampled records) or profile (right also where "
         "parameters are bounded or trade places)",
     )  # fmt: skip
-    one.add_argument("--bootstrap", action="store_true", help="the same as --intervals bootstrap")
     one.add_argument("-o", "--out", metavar="FILE", help="model of the first record, as JSON")
     add_output(one)
 

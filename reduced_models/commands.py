@@ -119,7 +119,7 @@ def fit_sources(options: Any) -> None:
         bounds=bounds_from(options.bounds, _units(options.law)),
         holdout=options.holdout,
         starts=options.starts,
-        intervals="bootstrap" if options.bootstrap else options.intervals,
+        intervals=options.intervals,
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:

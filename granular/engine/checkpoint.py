@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from granular.engine.state import KEPT, LOSSES, PISTON, WORK, State, kept_lists, put_lists
+from granular.engine.state import KEPT, State, kept_lists, put_lists
 
 
 @dataclasses.dataclass
@@ -48,18 +47,10 @@ class Progress:
     results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
-IN_FILES = {"wall_forces": "totals", "rounding": "low", "ledger": "entries"}
-"""Fields of a state that checkpoints hold under another name: that of the first ones."""
-
-
-SINCE = ("far_held", "far_moment")
-"""What former checkpoints of the same scene need not hold: the far field may have been none."""
-
-
 def _kept(state: State) -> dict[str, np.ndarray]:
     """The arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
-    kept = {IN_FILES.get(name, name): getattr(state, name) for name in names}
+    kept = {name: getattr(state, name) for name in names}
     for place, room in enumerate(state.rooms):
         if hasattr(room, "kept"):
             kept[f"room_{place}"] = room.kept
@@ -71,20 +62,6 @@ def _kept(state: State) -> dict[str, np.ndarray]:
     return kept
 
 
-FORMER_LEDGER = ("work", "drag", "friction", "contact", "piston")
-"""What stood where in the ledger of the first checkpoints, whatever acted."""
-
-
-def entries_of_former(ledger: np.ndarray, effects: Sequence[str]) -> np.ndarray:
-    """The ledger of a first checkpoint as it is now: an entry for each effect that acts."""
-    former = dict(zip(FORMER_LEDGER, ledger.tolist(), strict=True))
-    entries = np.zeros(LOSSES + len(effects))
-    entries[WORK], entries[PISTON] = former["work"], former["piston"]
-    for place, name in enumerate(effects):
-        entries[LOSSES + place] = former.get(name, 0.0)
-    return entries
-
-
 def kept_arrays(state: State) -> dict[str, Any]:
     """Copies of the arrays that a state cannot be made again from."""
     kept = {name: array.copy() for name, array in _kept(state).items()}
@@ -94,6 +71,5 @@ def kept_arrays(state: State) -> dict[str, Any]:
 def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
     """Put kept arrays back."""
     for name, array in _kept(state).items():
-        if name in kept or name not in SINCE:
-            array[:] = kept[name]
+        array[:] = kept[name]
     put_lists(state.stripes or state.verlet_list, kept)

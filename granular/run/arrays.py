@@ -102,7 +102,7 @@ def open_data(
     Parameters
     ----------
     manifest : mapping
-        Of the run; where it is empty, the run was written before there were checksums.
+        Of the run.
     complete : mapping
         How many records and frames are complete, by dimension.
 
@@ -115,13 +115,11 @@ def open_data(
 
     check_metadata(path, scene, manifest, complete)
     with _in_one_line(path):
-        data = xarray.open_zarr(_chunks(path, manifest), consolidated=True, chunks=None)
+        data = xarray.open_zarr(_chunks(path), consolidated=True, chunks=None)
         return data.isel({dim: slice(0, length) for dim, length in complete.items()})
 
 
-def check_open_chunks(
-    path: Path, scene: Scene, manifest: Mapping[str, str], lengths: Mapping[str, int]
-) -> None:
+def check_open_chunks(path: Path, scene: Scene, lengths: Mapping[str, int]) -> None:
     """Read the chunks that are appended to next, where part of them is there already.
 
     Raises
@@ -132,7 +130,7 @@ def check_open_chunks(
     import zarr
 
     with _in_one_line(path):
-        group = zarr.open_group(_chunks(path, manifest), mode="r", use_consolidated=False)
+        group = zarr.open_group(_chunks(path), mode="r", use_consolidated=False)
         for one in run_variables(scene):
             array, length = group[one.name], lengths[one.dims[0]]
             assert isinstance(array, zarr.Array)
@@ -168,12 +166,10 @@ def check_metadata(
             )
 
 
-def _chunks(path: Path, manifest: Mapping[str, str]) -> Any:
-    from zarr.storage import LocalStore
-
+def _chunks(path: Path) -> Any:
     from granular.run.chunks import CheckedChunks
 
-    return (CheckedChunks if manifest else LocalStore)(path / TRAJECTORY, read_only=True)
+    return CheckedChunks(path / TRAJECTORY, read_only=True)
 
 
 @contextlib.contextmanager

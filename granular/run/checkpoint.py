@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.directory import CHECKPOINT, CHECKPOINT_PART, is_run
-from granular.run.manifest import MANIFEST, file_bytes
+from granular.run.manifest import file_bytes
 from granular.shared.errors import StoreError
 
 _SEAL = 64  # signs of a SHA-256 in hexadecimal
@@ -51,8 +51,7 @@ def read_checkpoint(path: Path) -> dict[str, np.ndarray]:
         TypeError, AttributeError, zipfile.BadZipFile, zlib.error,
     ) as error:  # fmt: skip
         raise _damaged(file, str(error)) from None
-    # What was written before there were seals has no manifest either.
-    if MANIFEST in kept and content[-_SEAL:] != _digest(content[:-_SEAL]):
+    if content[-_SEAL:] != _digest(content[:-_SEAL]):
         raise _damaged(file, "its digest differs")
     return kept
 

@@ -29,8 +29,8 @@ def new_manifest(path: Path, names: Iterable[str]) -> dict[str, str]:
 
 
 def manifest_of(checkpoint: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """The manifest that a checkpoint carries; empty for a run of before there were any."""
-    return dict(json.loads(str(checkpoint[MANIFEST]))) if MANIFEST in checkpoint else {}
+    """The manifest that a checkpoint carries."""
+    return dict(json.loads(str(checkpoint[MANIFEST])))
 
 
 def unchanged_bytes(path: Path, name: str, manifest: Mapping[str, str]) -> bytes:
@@ -42,7 +42,7 @@ def unchanged_bytes(path: Path, name: str, manifest: Mapping[str, str]) -> bytes
         If it is missing, cannot be read, or is not what the run wrote.
     """
     content = file_bytes(path / name)
-    if name in manifest and _digest(name, content) != manifest[name]:
+    if _digest(name, content) != manifest.get(name):
         raise StoreError(
             f"{path / name} is not what the run wrote (its digest differs); restore it, or run the "
             "scene anew"

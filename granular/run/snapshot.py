@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.engine.checkpoint import Progress, entries_of_former, kept_arrays, put_arrays
+from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants
 from granular.engine.ledger import Ledger
 from granular.protocol.stage import Timed, stage_motion
@@ -37,9 +37,6 @@ def restore(run: Standing, kept: dict[str, np.ndarray]) -> None:
         If the run has gone farther than its end is now to be, or the checkpoint lacks an array.
     """
     state = run.state
-    if "entries" not in kept and "ledger" in kept:
-        names = [effect.key for effect in run.system.effects]
-        kept = {**kept, "entries": entries_of_former(kept["ledger"], names)}
     missing = set(kept_arrays(state)) - set(kept)
     if missing:
         raise StoreError(

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,7 @@ from granular.run.directory import (
 from granular.run.manifest import MANIFEST, manifest_of, new_manifest, unchanged_bytes
 from granular.run.recorder import Recorder
 from granular.scene.loading import load_scene
-from granular.scene.scene import Scene, plain_digest
+from granular.scene.scene import Scene
 from granular.shared.errors import StoreError
 
 
@@ -116,7 +115,7 @@ class Store:
         self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])
         check_metadata(self.path, self.scene, self.manifest, complete)
         written = {"time": self.rows, "frame": self.frames}
-        check_open_chunks(self.path, self.scene, self.manifest, written)
+        check_open_chunks(self.path, self.scene, written)
         # A write that was cut off may have left some arrays longer than others.
         for one, array in writable_arrays(self.path, self.scene):
             resize(array, complete[one.dims[0]])
@@ -139,8 +138,7 @@ class Store:
 
     def commit(self, kept: Mapping[str, Any]) -> None:
         """Replace the checkpoint."""
-        manifest = {MANIFEST: np.array(json.dumps(self.manifest))} if self.manifest else {}
-        write_checkpoint(self.path, {**kept, **manifest})
+        write_checkpoint(self.path, {**kept, MANIFEST: np.array(json.dumps(self.manifest))})
 
 
 def complete_lengths(checkpoint: Mapping[str, np.ndarray]) -> dict[str, int]:
@@ -156,23 +154,6 @@ def read_settings(path: Path, manifest: Mapping[str, str]) -> tuple[Scene, dict[
     StoreError
         If one is missing, or is not what the run wrote.
     """
-    written = unchanged_bytes(path, SETTINGS, manifest)
-    described = unchanged_bytes(path, SCENE, manifest)
-    try:
-        settings = json.loads(written)
-        missing = [name for name in ("scene_digest", "dt", "method") if name not in settings]
-    except (ValueError, TypeError, RecursionError):
-        raise StoreError(f"{path / SETTINGS} is not what a run wrote; restore it") from None
-    if missing:
-        raise StoreError(f"{path / SETTINGS} lacks {missing[0]!r}; it is not what a run wrote")
-    try:
-        # Of the text, not of the scene: another version of the toolkit may know more keys.
-        digest = plain_digest(tomllib.loads(described.decode()))
-    except (ValueError, TypeError, RecursionError):
-        digest = ""
-    if digest != settings["scene_digest"]:
-        raise StoreError(
-            f"{path / SCENE} is not the scene of this run ({SETTINGS} has its digest); restore it, "
-            "or run the changed scene in a new directory"
-        )
+    settings = json.loads(unchanged_bytes(path, SETTINGS, manifest))
+    unchanged_bytes(path, SCENE, manifest)
     return load_scene(path / SCENE), settings

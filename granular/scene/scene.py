@@ -360,13 +360,8 @@ class Scene(Section):
 
     def digest(self) -> str:
         """A digest of the scene's content: equal scenes have equal digests."""
-        return plain_digest(self.to_plain())
-
-
-def plain_digest(plain: Mapping[str, Any]) -> str:
-    """The digest of a scene from its plain data."""
-    text = json.dumps(plain, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+        text = json.dumps(self.to_plain(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _first_diameter(plain: Mapping[str, Any]) -> float | None:

@@ -76,9 +76,6 @@ class CandidateEquation:
         return text if self.memory is None else self.memory.within(text)
 
 
-Candidate = CandidateEquation  # its former name
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discovery:
     """Equations that were discovered in a record, or in several.

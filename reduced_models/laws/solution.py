@@ -190,9 +190,6 @@ class Solution:
     ending: Ending
 
 
-Motion = Solution  # its former name
-
-
 @functools.lru_cache(maxsize=PROGRAMS)
 def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
     rates = compiled_field(equation)

@@ -116,7 +116,7 @@ class ReducedModel(FittedLaw):
         Raises
         ------
         InputError
-            As `simulate`, and for a model that was saved without its covariance.
+            As `simulate`, and for a model without a covariance.
         """
         from scipy.stats import norm
 
@@ -351,13 +351,13 @@ class ReducedModel(FittedLaw):
             undetermined=tuple(Direction(**direction) for direction in data["undetermined"]),
             domain=data["domain"],
             notes=tuple(data["notes"]),
-            provenance=data.get("provenance", {}),
-            hidden=data.get("hidden", {}),
-            input_interpolation=data.get("input_interpolation", "spline"),
-            covariance_names=tuple(data.get("covariance_names", ())),
-            covariance=np.array(data.get("covariance", np.zeros((0, 0))), dtype=np.float64),
-            no_swing=data.get("no_swing", ""),
-            angle=data.get("angle", False),
+            provenance=data["provenance"],
+            hidden=data["hidden"],
+            input_interpolation=data["input_interpolation"],
+            covariance_names=tuple(data["covariance_names"]),
+            covariance=np.reshape(data["covariance"], 2 * (len(data["covariance"]),)),
+            no_swing=data["no_swing"],
+            angle=data["angle"],
         )
 
 

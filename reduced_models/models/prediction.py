@@ -64,10 +64,10 @@ def prediction(
     Raises
     ------
     InputError
-        If the model has no covariance, as one from a file of a former release.
+        If the model has no covariance.
     """
     if not names:
-        raise InputError("the model has no covariance, as models of former releases; fit it again")
+        raise InputError("the model has no covariance; fit it to a record")
     here = model.simulate(times, inputs=inputs).height
     size = max(float(np.ptp(here)), 1e-300)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))

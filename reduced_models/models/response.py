@@ -70,9 +70,6 @@ class SteadyAmplitudes(NamedTuple):
     high: np.ndarray
 
 
-Cycle, FrequencyResponse = HarmonicCycle, SteadyAmplitudes  # their former names
-
-
 def decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
     """The motion of a piston let go so far above its level of rest [m], over so many periods.
 

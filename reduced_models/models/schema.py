@@ -126,9 +126,8 @@ def _table(each: Check) -> Check:
     return check
 
 
-def _shape(needed: Mapping[str, Check], others: Mapping[str, Check] | None = None) -> Check:
-    """A table with given keys; those in ``others`` may be missing."""
-    known = {**needed, **(others or {})}
+def _shape(known: Mapping[str, Check]) -> Check:
+    """A table with given keys."""
 
     def check(where: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping):
@@ -139,7 +138,7 @@ def _shape(needed: Mapping[str, Check], others: Mapping[str, Check] | None = Non
                     "the data are not those of a reduced model: "
                     f"{visible(where)}: {unknown(str(key), tuple(known), 'key')}"
                 )
-        for key in needed:
+        for key in known:
             if key not in value:
                 raise InputError(
                     f"the data are not those of a reduced model: {visible(where)}: {key!r} is "
@@ -187,8 +186,6 @@ _MODEL = _shape(
                 "converged": _whole(0, 10**9),
                 "samples": _whole(0, 10**12),
                 "solver_error": _SIZE,
-            },
-            {
                 "holdout_at_rest": _maybe(_SIZE),
                 "noise": _SIZE,
                 "correlation": _SIZE,
@@ -204,8 +201,6 @@ _MODEL = _shape(
         "undetermined": _list(_shape({"powers": _table(_number()), "spread": _SIZE})),
         "domain": _table(_pair),
         "notes": _list(_text()),
-    },
-    {
         "latex": _text(100_000),
         "inputs": _list(_text(200)),
         "resolution": _whole(1, _MOST_RESOLUTION),
@@ -239,13 +234,9 @@ def checked(data: object) -> dict[str, Any]:
             raise _wrong(f"model.intervals.{name}", None, "a pair")
     if not found["map"]["scale"]:
         raise _wrong("model.map.scale", 0.0, "another number")
-    size = len(found.get("covariance_names", ()))
-    if any(len(row) != size for row in found.get("covariance", ())) or size != len(
-        found.get("covariance", ())
-    ):
-        raise _wrong(
-            "model.covariance", found.get("covariance"), "a row and a column for each name"
-        )
+    size = len(found["covariance_names"])
+    if [len(row) for row in found["covariance"]] != [size] * size:
+        raise _wrong("model.covariance", found["covariance"], "a row and a column for each name")
     if len(found["initial"]) != 2:
         raise _wrong("model.initial", found["initial"], "a pair")
     return found

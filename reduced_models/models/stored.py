@@ -23,8 +23,8 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
         units=plain["units"],
         mapped=plain["mapped"],
         source=plain["source"],
-        inputs=tuple(plain.get("inputs", ())),
-        resolution=plain.get("resolution", 1),
+        inputs=tuple(plain["inputs"]),
+        resolution=plain["resolution"],
     )
     if set(own.parameters) != set(plain["parameters"]):
         raise InputError(

@@ -101,9 +101,6 @@ class FirstGuesses:
         return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
 
 
-Estimates = FirstGuesses  # its former name, which laws of one's own import
-
-
 def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
     """Times at which a swing passes zero, counted once it has gone beyond the threshold."""
     beyond = np.flatnonzero(np.abs(swing) > threshold)

@@ -26,8 +26,6 @@ COMMANDS = {"subprocess", "os", "asyncio", "pty"}
 ALLOWED = {
     ("granular/shared/algebra.py", "lambdify"):
         "the one place where formulas become code: trees of the grammar, names made there",
-    ("granular/shared/moved.py", "import_module"):
-        "modules of the packages by their former names, from a table in the source",
     ("granular/shared/own_file.py", "exec"):
         "the file that a user names on the command line, by --import",
     ("granular/shared/own_file.py", "compile"):
@@ -37,7 +35,6 @@ ALLOWED = {
         "compiled code that was sealed, in a folder that belongs to the user alone",
     ("validation/exact/__init__.py", "import_module"): "names from a table in the source",
     ("validation/benchmark/others.py", "import_module"): "names from a table in the source",
-    ("validation/granular_damper.py", "import_module"): "the three packages' own names",
     ("validation/console_script.py", "import_module"): "the three packages' own names",
 }  # fmt: skip
 """Where such a call stands, and why no text of a user's comes to it."""

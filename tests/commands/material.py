@@ -26,7 +26,7 @@ def prepared(here: Path) -> Path:
     for name in ("my-bed", "my-damper", "mine"):
         damper(count=92).save(here / f"{name}.toml")
     load_scene("bed").save(here / "bed.toml")
-    shutil.copy(ROOT / "tests" / "data" / "former" / "model.json", here)
+    shutil.copy(ROOT / "tests" / "data" / "model.json", here)
     return here
 
 

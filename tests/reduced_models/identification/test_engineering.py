@@ -23,7 +23,7 @@ from reduced_models.identification.engineering import (
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.models.fitted_law import AtRest
 
-SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
 
 def test_a_textbook_oscillator() -> None:

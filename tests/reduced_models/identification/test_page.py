@@ -17,7 +17,7 @@ from reduced_models.identification.data import Figure, IdentificationData
 from reduced_models.identification.page import comparison_page, identification_page
 from reduced_models.laws.catalogue import LAWS
 
-SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+SAVED = Path(__file__).parents[2] / "data" / "model.json"
 HOSTILE = (
     "$\\frac{$", "$", "$$x$$", "_hidden", "<script>alert(1)</script>", '"><img src=x>', "a&b",
     "\x1b[31mred", "\x00", "]]>", "-->", "x" * 4000, "\u202etxt.exe", "\\", "%s{}", "\n\n",

@@ -15,7 +15,7 @@ import pytest
 from granular.shared.errors import InputError
 from reduced_models import ReducedModel, load_model
 
-SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+SAVED = Path(__file__).parents[2] / "data" / "model.json"
 ODD: tuple[Any, ...] = (
     None, True, 0, -1, 99, 2**53 + 1, 10**400, 1e-320, 1e99, 1e308, "1.0", "", "NaN", "x\x1b[2J",
     "z" * 10**5, [], [1.0], [None, None], [2.0, 1.0], [0.1] * 300, {}, {"a": 1}, {"a": {"b": []}},
@@ -128,6 +128,9 @@ def test_all_damaged_models_are_read_or_refused(tmp_path: Path) -> None:
         (("map", "scale"), 0.0, "model.map.scale is 0.0; another number"),
         (("quality", "residul"), 0.0, "unknown key 'residul'; did you mean 'residual'?"),
         (("initial",), ..., "'initial' is missing"),
+        (("hidden",), ..., "'hidden' is missing; give the file that was saved"),
+        (("quality", "noise"), ..., "model.quality: 'noise' is missing"),
+        (("covariance",), [[1.0]], "model.covariance is [[1.0]]; a row and a column for each name"),
     ],
 )
 def test_a_refusal_names_the_entry(

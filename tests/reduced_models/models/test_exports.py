@@ -24,7 +24,7 @@ from reduced_models.models.export_matlab import matlab_source
 from reduced_models.models.export_modelica import modelica_source
 from reduced_models.models.export_parts import comment, safe_names
 
-SAVED = Path(__file__).parents[2] / "data" / "former" / "model.json"
+SAVED = Path(__file__).parents[2] / "data" / "model.json"
 TIMES = np.linspace(0.0, 2.0, 101)
 LAWS = {
     "linear": ({"lam": 0.8, "omega": 21.0, "g0": 26.0}, (0.062, 0.0), HeightMap()),
