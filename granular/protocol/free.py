@@ -1,10 +1,17 @@
-"""The piston moves freely, under its weight and the force of the grains."""
+"""Stages in which the piston is free, with or without a force from outside."""
 
 from __future__ import annotations
 
-from granular.protocol.motion import Motion
-from granular.protocol.stage import Timed
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+from granular.effects.dimensions import Dimension
+from granular.effects.formula import TIME
+from granular.protocol.motion import SPLINE, Motion
+from granular.protocol.stage import Course, Timed
 from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, quantity, text
 
 
 class Free(Timed):
@@ -16,3 +23,78 @@ class Free(Timed):
 
     def motion(self, height: float, scales: Scales) -> Motion:
         return Motion(free=True, start=height / scales.length)
+
+
+class Push(Timed):
+    """The force F(t) = mean + amplitude sin(2 pi f t) on the free piston, upwards.
+
+    Attributes
+    ----------
+    amplitude, mean : float
+        [N]
+    frequency : float
+        f [Hz]; t counts from the stage's start.
+    """
+
+    amplitude: float = quantity("N", default=0.0, least=0.0)
+    mean: float = quantity("N", default=0.0)
+    frequency: float = quantity("Hz", default=0.0, least=0.0)
+
+    @property
+    def needs_mass(self) -> bool:
+        return True
+
+    def validate(self) -> None:
+        super().validate()
+        if self.amplitude > 0.0 and self.frequency == 0.0:
+            raise FieldError("must be above 0 Hz where the force has an amplitude", "frequency")
+        if self.until == "rest" and self.amplitude > 0.0:
+            raise FieldError("a piston that is pushed to and fro does not come to rest", "until")
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(
+            free=True,
+            start=height / scales.length,
+            omega=2.0 * math.pi * self.frequency * scales.time,
+            push=self.amplitude / scales.force,
+            bias=self.mean / scales.force,
+        )
+
+
+class Force(Course):
+    """A force on the free piston, upwards, such as ``f*exp(-t/s)``.
+
+    Attributes
+    ----------
+    force : str
+        [N]; of the time ``t`` since the stage's start, and parameters, which stand beside it with
+        their units. It must be smooth.
+    duration : float
+        [s]
+    """
+
+    variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME}
+    written: ClassVar[str] = "force"
+    unit: ClassVar[str] = "N"
+
+    force: str = text()
+    duration: float = quantity("s", above=0.0)
+
+    @property
+    def needs_mass(self) -> bool:
+        return True
+
+    def span(self, height: float) -> float | None:
+        return self.duration
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        times, values = self.course(self.duration, None)
+        values[0] /= scales.force
+        values[1] *= scales.time / scales.force
+        return Motion(
+            free=True,
+            kind=SPLINE,
+            start=height / scales.length,
+            times=times / scales.time,
+            heights=values.ravel(),
+        )

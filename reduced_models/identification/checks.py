@@ -87,7 +87,7 @@ def seed_checks(run: Trajectory) -> list[RunCheck]:
 
 def held_out_lift(scene: Scene) -> RunCheck | None:
     """The scene with a lift three times as high; None where not just one stage lifts."""
-    from granular.protocol.lift import Lift
+    from granular.protocol.prescribed import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
     if len(lifts) != 1:

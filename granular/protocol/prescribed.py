@@ -1,0 +1,251 @@
+"""Stages in which the piston stands still or is driven along a path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from granular.effects.dimensions import Dimension
+from granular.effects.formula import LENGTH, TIME
+from granular.protocol.motion import DESCENT, SINE, SPLINE, TABLE, Motion
+from granular.protocol.stage import Course, Stage, Timed
+from granular.scene.scales import Scales
+from granular.scene.schema import FieldError, numbers, quantity, text
+
+
+class Hold(Timed):
+    """The piston stays where it is. Without duration and ``until``: as long as the run."""
+
+    @property
+    def needs_piston(self) -> bool:
+        return False
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(start=height / scales.length)
+
+
+class Move(Stage):
+    """Constant speed to a height, as in the compression of [D, 2.3.3].
+
+    Attributes
+    ----------
+    to : float
+        Height at the end [m].
+    speed : float or None
+        Magnitude of the velocity [m/s].
+    duration : float or None
+        How long it takes [s]; one of speed and duration is given.
+    until_force : float or None
+        Stop before, as soon as the grains push the piston with this force [N]; the experiments of
+        de Paula stop at 110 N.
+    """
+
+    to: float = quantity("m", above=0.0)
+    speed: float | None = quantity("m/s", above=0.0, default=None, optional=True)
+    duration: float | None = quantity("s", above=0.0, default=None, optional=True)
+    until_force: float | None = quantity("N", above=0.0, default=None, optional=True)
+
+    def validate(self) -> None:
+        if (self.speed is None) == (self.duration is None):
+            raise FieldError("give either speed or duration", "speed")
+
+    @property
+    def limits_force(self) -> bool:
+        return self.until_force is not None
+
+    def span(self, height: float) -> float | None:
+        if self.duration is not None:
+            return self.duration
+        assert self.speed is not None
+        return abs(self.to - height) / self.speed
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        span = self.span(height)
+        velocity = (self.to - height) / span if span else 0.0
+        limit = math.inf if self.until_force is None else self.until_force / scales.force
+        return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
+
+    def final_height(self) -> float | None:
+        return self.to
+
+
+class Descend(Stage):
+    """The exponential law of [D, 2.3.2], in the reading
+
+        H(t) = H_s - (H_s - to) (e^(k t/duration) - 1) / (e^k - 1)
+
+    from the present height H_s, with k = 5: de Paula's relaxation of 5 T under exp(t/T - 5).
+
+    Attributes
+    ----------
+    to : float
+        Height at the end [m].
+    duration : float
+        [s]
+    steepness : float
+        k
+    """
+
+    to: float = quantity("m", above=0.0)
+    duration: float = quantity("s", above=0.0)
+    steepness: float = quantity("1", default=5.0, above=0.0)
+
+    def span(self, height: float) -> float | None:
+        return self.duration
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(
+            kind=DESCENT,
+            start=height / scales.length,
+            reach=(height - self.to) / scales.length,
+            span=self.duration / scales.time,
+            steepness=self.steepness,
+        )
+
+    def final_height(self) -> float | None:
+        return self.to
+
+
+class Follow(Stage):
+    """Straight lines from row to row of a table; the piston is at the first height at once.
+
+    Attributes
+    ----------
+    times : tuple of float
+        [s], increasing from 0, counted from the stage's start.
+    heights : tuple of float
+        [m]
+    """
+
+    times: tuple[float, ...] = numbers("s", least=0.0)
+    heights: tuple[float, ...] = numbers("m", above=0.0)
+
+    def validate(self) -> None:
+        if len(self.times) != len(self.heights):
+            raise FieldError(
+                f"holds {len(self.heights)} values for {len(self.times)} times", "heights"
+            )
+        if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
+            raise FieldError("must increase from 0, with at least two values", "times")
+
+    @property
+    def tabled(self) -> bool:
+        return True
+
+    def span(self, height: float) -> float | None:
+        return self.times[-1]
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(
+            kind=TABLE,
+            start=self.heights[0] / scales.length,
+            times=np.array(self.times) / scales.time,
+            heights=np.array(self.heights) / scales.length,
+        )
+
+    def jump(self, height: float) -> float:
+        return self.heights[0] - height
+
+    def final_height(self) -> float | None:
+        return self.heights[-1]
+
+
+class Oscillate(Stage):
+    """Height H + amplitude sin(2 pi f t) about the present height H.
+
+    Attributes
+    ----------
+    amplitude : float
+        [m]
+    frequency : float
+        f [Hz]; t counts from the stage's start.
+    duration : float or None
+        [s]; without, as long as the run.
+    """
+
+    amplitude: float = quantity("m", above=0.0)
+    frequency: float = quantity("Hz", above=0.0)
+    duration: float | None = quantity("s", above=0.0, default=None, optional=True)
+
+    def validate(self) -> None:
+        if self.duration is not None and self.duration * self.frequency < 0.25:
+            raise FieldError(
+                f"{self.duration:g} s is less than a quarter of a period, "
+                f"{0.25 / self.frequency:g} s",
+                "duration",
+            )
+
+    def span(self, height: float) -> float | None:
+        return self.duration
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(
+            kind=SINE,
+            start=height / scales.length,
+            reach=self.amplitude / scales.length,
+            omega=2.0 * math.pi * self.frequency * scales.time,
+        )
+
+
+class Lift(Stage):
+    """The nudge of [D, 5.3]: the piston is set ``by`` higher, faster than the grains can follow.
+
+    Attributes
+    ----------
+    by : float
+        How far [m]; negative lowers it.
+    """
+
+    by: float = quantity("m")
+
+    def jump(self, height: float) -> float:
+        return self.by
+
+    def span(self, height: float) -> float | None:
+        return 0.0
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        return Motion(start=height / scales.length)
+
+
+class Path(Course):
+    """A height as a formula, such as ``h0 - a*(1 - cos(w*t))/2``.
+
+    Attributes
+    ----------
+    height : str
+        [m]; of the time ``t`` since the stage's start, the height ``h0`` there, and parameters,
+        which stand beside it with their units. It must begin at ``h0`` and be smooth.
+    duration : float
+        [s]
+    """
+
+    variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME, "h0": LENGTH}
+    written: ClassVar[str] = "height"
+    unit: ClassVar[str] = "m"
+
+    height: str = text()
+    duration: float = quantity("s", above=0.0)
+
+    def span(self, height: float) -> float | None:
+        return self.duration
+
+    def motion(self, height: float, scales: Scales) -> Motion:
+        times, values = self.course(self.duration, height)
+        if abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
+            raise FieldError(
+                f"begins at {values[0, 0]:g} m and the piston stands at {height:g} m; let the "
+                "formula begin at h0",
+                "height",
+            )
+        values[0] /= scales.length
+        values[1] /= scales.velocity
+        return Motion(
+            kind=SPLINE,
+            start=height / scales.length,
+            times=times / scales.time,
+            heights=values.ravel(),
+        )
