@@ -1,24 +1,23 @@
-from .effects.own import effect as effect
-from .effects.own_wall import wall_law as wall_law
-from .methods import Method as Method
-from .run.evaluation import Evaluation as Evaluation
-from .run.evaluation import evaluate as evaluate
-from .run.record import PistonRecord as PistonRecord
-from .run.simulation import simulate as simulate
-from .run.summary import run_text as run_text
-from .run.summary import scene_text as scene_text
-from .run.trajectory import Trajectory as Trajectory
-from .run.trajectory import load_trajectory as load_trajectory
-from .scene.beds import bidisperse as bidisperse
-from .scene.beds import damper as damper
-from .scene.beds import mono_bed as mono_bed
-from .scene.loading import load_scene as load_scene
-from .scene.loading import scene_names as scene_names
-from .scene.scene import Scene as Scene
-from .scene.schema import quantity as quantity
-from .shared.citing import cite as cite
-from .shared.errors import GranularError as GranularError
-from .shared.errors import InputError as InputError
-from .shared.version import __version__ as __version__
-from .studies.sweep import Study as Study
-from .studies.sweep import sweep as sweep
+from .effects.own import effect
+from .effects.own_wall import wall_law
+from .methods import Method
+from .run.evaluation import Evaluation, evaluate
+from .run.record import PistonRecord
+from .run.simulation import simulate
+from .run.summary import run_text, scene_text
+from .run.trajectory import Trajectory, load_trajectory
+from .scene.beds import bidisperse, damper, mono_bed
+from .scene.loading import load_scene, scene_names
+from .scene.scene import Scene
+from .scene.schema import quantity
+from .shared.citing import cite
+from .shared.errors import GranularError, InputError
+from .shared.version import __version__
+from .studies.sweep import Study, sweep
+
+__all__ = [
+    "Evaluation", "GranularError", "InputError", "Method", "PistonRecord", "Scene", "Study",
+    "Trajectory", "__version__", "bidisperse", "cite", "damper", "effect", "evaluate",
+    "load_scene", "load_trajectory", "mono_bed", "quantity", "run_text", "scene_names",
+    "scene_text", "simulate", "sweep", "wall_law",
+]  # fmt: skip

@@ -1,27 +1,32 @@
-from .calibration.calibration import calibrate as calibrate
-from .calibration.result import Calibration as Calibration
-from .designs.candidate import Candidate as Candidate
-from .designs.design import design as design
-from .designs.maps import DamperMaps as DamperMaps
-from .designs.maps import damper_maps as damper_maps
-from .designs.result import Design as Design
-from .designs.study import run_study as run_study
-from .discovery.discovering import discover as discover
-from .falls.judging import judged_falls as judged_falls
-from .falls.theory import predict as predict
-from .falls.whole_fall import whole_fall as whole_fall
-from .fitting.fitting import fit as fit
-from .fitting.law_estimator import LawEstimator as LawEstimator
-from .fitting.posterior import posterior as posterior
-from .identification.comparison import compare as compare
-from .identification.comparison_table import Comparison as Comparison
-from .identification.identification import identify as identify
-from .laws.catalogue import law_named as law_named
-from .laws.height_map import HeightMap as HeightMap
-from .laws.law import Law as Law
-from .models.model import ReducedModel as ReducedModel
-from .models.model import load_model as load_model
-from .models.response import forced_law as forced_law
-from .models.roll_out import roll_out as roll_out
-from .records.first_guesses import FirstGuesses as FirstGuesses
-from .records.record import PistonRecord as PistonRecord
+from .calibration.calibration import calibrate
+from .calibration.result import Calibration
+from .designs.candidate import Candidate
+from .designs.design import design
+from .designs.maps import DamperMaps, damper_maps
+from .designs.result import Design
+from .designs.study import run_study
+from .discovery.discovering import discover
+from .falls.judging import judged_falls
+from .falls.theory import predict
+from .falls.whole_fall import whole_fall
+from .fitting.fitting import fit
+from .fitting.law_estimator import LawEstimator
+from .fitting.posterior import posterior
+from .identification.comparison import compare
+from .identification.comparison_table import Comparison
+from .identification.identification import identify
+from .laws.catalogue import law_named
+from .laws.height_map import HeightMap
+from .laws.law import Law
+from .models.model import ReducedModel, load_model
+from .models.response import forced_law
+from .models.roll_out import roll_out
+from .records.first_guesses import FirstGuesses
+from .records.record import PistonRecord
+
+__all__ = [
+    "Calibration", "Candidate", "Comparison", "DamperMaps", "Design", "FirstGuesses",
+    "HeightMap", "Law", "LawEstimator", "PistonRecord", "ReducedModel", "calibrate", "compare",
+    "damper_maps", "design", "discover", "fit", "forced_law", "identify", "judged_falls",
+    "law_named", "load_model", "posterior", "predict", "roll_out", "run_study", "whole_fall",
+]  # fmt: skip

@@ -1,17 +1,15 @@
-from .choice import cheapest as cheapest
-from .convergence_result import ConvergenceResult as ConvergenceResult
-from .convergence_result import convergence_table as convergence_table
-from .cost import Setting as Setting
-from .cost import WorkPrecision as WorkPrecision
-from .cost import work_precision as work_precision
-from .exact import exact_problem as exact_problem
-from .exact import exact_problems as exact_problems
-from .hard_cases import catalogue as catalogue
-from .hard_cases import energy_change as energy_change
-from .hard_cases import head_on as head_on
-from .hard_cases import near_limit as near_limit
-from .order import convergence as convergence
-from .outcomes import outcome as outcome
-from .own_method import method_report as method_report
-from .trend import Trend as Trend
-from .trend import energy_trend as energy_trend
+from .choice import cheapest
+from .convergence_result import ConvergenceResult, convergence_table
+from .cost import Setting, WorkPrecision, work_precision
+from .exact import exact_problem, exact_problems
+from .hard_cases import catalogue, energy_change, head_on, near_limit
+from .order import convergence
+from .outcomes import outcome
+from .own_method import method_report
+from .trend import Trend, energy_trend
+
+__all__ = [
+    "ConvergenceResult", "Setting", "Trend", "WorkPrecision", "catalogue", "cheapest",
+    "convergence", "convergence_table", "energy_change", "energy_trend", "exact_problem",
+    "exact_problems", "head_on", "method_report", "near_limit", "outcome", "work_precision",
+]  # fmt: skip

@@ -44,7 +44,7 @@ def add_options(one: Parser) -> None:
 def carry_out(options: Any) -> None:
     """Make a table of observables."""
     from granular.observables.named import observable_named
-    from granular.observables.table import observed_table
+    from granular.observables.of_frames import observed_table
     from granular.own import import_own
     from granular.run.trajectory import load_trajectory
 

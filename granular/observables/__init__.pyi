@@ -1,384 +1,158 @@
-from .area_profile import (
-    area_fraction_profile as area_fraction_profile,
-)
-from .area_profile import (
-    area_profile_series as area_profile_series,
-)
-from .biexponential import (
-    BiexponentialFit as BiexponentialFit,
-)
-from .biexponential import (
-    biexponential_fit as biexponential_fit,
-)
+from .biexponential import BiexponentialFit, biexponential_fit
 from .bond_order import (
-    global_psi6 as global_psi6,
-)
-from .bond_order import (
-    local_psi6 as local_psi6,
-)
-from .bond_order import (
-    psi6 as psi6,
-)
-from .bond_order import (
-    psi6_series as psi6_series,
-)
-from .compression import (
-    compressive_force_series as compressive_force_series,
-)
-from .compression import (
-    compressive_forces as compressive_forces,
-)
-from .configurational import (
-    configurational_temperature as configurational_temperature,
-)
-from .configurational import (
-    configurational_temperature_of_run as configurational_temperature_of_run,
+    block_susceptibilities,
+    global_psi6,
+    hexatic_susceptibility,
+    local_psi6,
+    psi6,
+    psi6_series,
+    susceptibility_of_run,
 )
 from .correlation import (
-    Correlation as Correlation,
+    Correlation,
+    ValueCorrelation,
+    order_correlation_of_run,
+    pearson_correlation,
+    value_correlation,
 )
-from .correlation import (
-    order_correlation_of_run as order_correlation_of_run,
-)
-from .correlation import (
-    pearson_correlation as pearson_correlation,
-)
-from .defect_clusters import (
-    Defects as Defects,
-)
-from .defect_clusters import (
-    found_defects as found_defects,
-)
-from .defect_motion import (
-    defects_of_frames as defects_of_frames,
-)
-from .defect_motion import (
-    tracked_defects as tracked_defects,
-)
+from .defect_clusters import Defects, found_defects
+from .defect_motion import defects_of_frames, tracked_defects
 from .defect_tracks import (
-    DefectEvent as DefectEvent,
+    DefectEvent,
+    DefectMotion,
+    DefectTrack,
+    found_events,
+    lasting_tracks,
+    linked_tracks,
+    motion_of_track,
 )
-from .defect_tracks import (
-    DefectMotion as DefectMotion,
-)
-from .defect_tracks import (
-    DefectTrack as DefectTrack,
-)
-from .defect_tracks import (
-    found_events as found_events,
-)
-from .defect_tracks import (
-    lasting_tracks as lasting_tracks,
-)
-from .defect_tracks import (
-    linked_tracks as linked_tracks,
-)
-from .defect_tracks import (
-    motion_of_track as motion_of_track,
-)
-from .defects import (
-    Dislocations as Dislocations,
-)
-from .defects import (
-    defect_series as defect_series,
-)
-from .defects import (
-    disclination_charges as disclination_charges,
-)
-from .defects import (
-    dislocations as dislocations,
-)
-from .dip import (
-    DipTest as DipTest,
-)
-from .dip import (
-    dip_test as dip_test,
-)
-from .directions import (
-    Directions as Directions,
-)
-from .directions import (
-    direction_order as direction_order,
+from .defects import Dislocations, defect_series, disclination_charges, dislocations
+from .displacement import (
+    displacement_of_run,
+    lindemann_of_run,
+    lindemann_parameter,
+    mean_square_displacement,
+    non_gaussian_of_run,
+    non_gaussian_parameter,
 )
 from .distance import (
-    mean_pair_distance as mean_pair_distance,
+    least_piston_distance,
+    mean_pair_distance,
+    pair_distance_series,
+    piston_distance_series,
+    source_pair_distance,
 )
-from .distance import (
-    pair_distance_series as pair_distance_series,
-)
-from .distance import (
-    source_pair_distance as source_pair_distance,
-)
-from .elasticity import (
-    BedModuli as BedModuli,
-)
-from .elasticity import (
-    bed_moduli as bed_moduli,
-)
-from .fluctuation import (
-    fluctuation_series as fluctuation_series,
-)
-from .fluctuation import (
-    relative_fluctuation as relative_fluctuation,
-)
+from .fluctuation import fluctuation_series, relative_fluctuation
 from .force_distribution import (
-    Histogram as Histogram,
-)
-from .force_distribution import (
-    force_distribution_of_run as force_distribution_of_run,
-)
-from .force_distribution import (
-    force_modes_of_run as force_modes_of_run,
-)
-from .force_distribution import (
-    knuth_bins as knuth_bins,
-)
-from .force_distribution import (
-    knuth_histogram as knuth_histogram,
+    DipTest,
+    Histogram,
+    dip_test,
+    force_distribution_of_run,
+    force_modes_of_run,
+    knuth_bins,
+    knuth_histogram,
 )
 from .forces import (
-    force_magnitudes as force_magnitudes,
+    compressive_force_series,
+    compressive_forces,
+    force_magnitudes,
+    grain_forces,
+    interaction_forces,
+    piston_force,
+    wall_forces,
 )
-from .forces import (
-    grain_forces as grain_forces,
-)
-from .forces import (
-    interaction_forces as interaction_forces,
-)
-from .forces import (
-    piston_force as piston_force,
-)
-from .forces import (
-    wall_forces as wall_forces,
-)
-from .grain_correlation import (
-    ValueCorrelation as ValueCorrelation,
-)
-from .grain_correlation import (
-    value_correlation as value_correlation,
-)
-from .grain_stress import (
-    grain_pressures as grain_pressures,
-)
-from .grain_stress import (
-    grain_stress_series as grain_stress_series,
-)
-from .grain_stress import (
-    grain_stresses as grain_stresses,
-)
-from .grain_stress import (
-    grain_virials as grain_virials,
-)
-from .hexatic import (
-    block_susceptibilities as block_susceptibilities,
-)
-from .hexatic import (
-    hexatic_susceptibility as hexatic_susceptibility,
-)
-from .hexatic import (
-    susceptibility_of_run as susceptibility_of_run,
-)
-from .hysteresis import (
-    Cycle as Cycle,
-)
-from .hysteresis import (
-    cycle_bounds as cycle_bounds,
-)
-from .hysteresis import (
-    hysteresis_energy as hysteresis_energy,
-)
-from .hysteresis import (
-    hysteresis_of_run as hysteresis_of_run,
-)
-from .interactions import (
-    Interactions as Interactions,
-)
-from .interactions import (
-    pair_interactions as pair_interactions,
-)
-from .interactions import (
-    wall_interactions as wall_interactions,
-)
-from .lindemann import (
-    lindemann_of_run as lindemann_of_run,
-)
-from .lindemann import (
-    lindemann_parameter as lindemann_parameter,
-)
+from .grain_stress import grain_pressures, grain_stress_series, grain_stresses, grain_virials
+from .hysteresis import Cycle, cycle_bounds, hysteresis_energy, hysteresis_of_run
+from .interactions import Interactions, pair_interactions, wall_interactions
 from .moduli import (
-    Moduli as Moduli,
+    BedModuli,
+    Moduli,
+    bed_moduli,
+    crystal_moduli,
+    dipole_strength,
+    hexagonal_sum,
+    interaction_parameter,
+    lattice_spacing,
+    theory_modulus,
 )
-from .moduli import (
-    crystal_moduli as crystal_moduli,
-)
-from .moduli import (
-    dipole_strength as dipole_strength,
-)
-from .moduli import (
-    hexagonal_sum as hexagonal_sum,
-)
-from .moduli import (
-    interaction_parameter as interaction_parameter,
-)
-from .moduli import (
-    lattice_spacing as lattice_spacing,
-)
-from .moduli import (
-    theory_modulus as theory_modulus,
-)
-from .named import (
-    OBSERVABLES as OBSERVABLES,
-)
-from .named import (
-    observable_named as observable_named,
-)
-from .non_affine import (
-    NonAffineMotion as NonAffineMotion,
-)
-from .non_affine import (
-    non_affine_motion as non_affine_motion,
-)
-from .non_affine import (
-    non_affine_series as non_affine_series,
-)
-from .non_gaussian import (
-    displacement_of_run as displacement_of_run,
-)
-from .non_gaussian import (
-    mean_square_displacement as mean_square_displacement,
-)
-from .non_gaussian import (
-    non_gaussian_of_run as non_gaussian_of_run,
-)
-from .non_gaussian import (
-    non_gaussian_parameter as non_gaussian_parameter,
-)
-from .of_frames import (
-    Frame as Frame,
-)
-from .of_frames import (
-    Observable as Observable,
-)
-from .of_frames import (
-    observable as observable,
-)
-from .of_frames import (
-    with_observables as with_observables,
-)
+from .named import OBSERVABLES, observable_named
+from .non_affine import NonAffineMotion, non_affine_motion, non_affine_series
+from .of_frames import Frame, Observable, observable, with_observables
 from .orientation import (
-    BondCorrelation as BondCorrelation,
+    BondCorrelation,
+    Directions,
+    bond_correlation,
+    bond_correlation_of_run,
+    bond_relaxation,
+    bond_relaxation_of_run,
+    direction_order,
 )
-from .orientation import (
-    bond_correlation as bond_correlation,
-)
-from .orientation import (
-    bond_correlation_of_run as bond_correlation_of_run,
-)
-from .packing import (
-    packing_fraction as packing_fraction,
-)
-from .packing import (
-    packing_series as packing_series,
-)
-from .piston_distance import (
-    least_piston_distance as least_piston_distance,
-)
-from .piston_distance import (
-    piston_distance_series as piston_distance_series,
-)
+from .packing import area_fraction_profile, area_profile_series, packing_fraction, packing_series
 from .plasticity import (
-    DropStatistics as DropStatistics,
+    DropStatistics,
+    PlasticEvents,
+    drop_statistics,
+    plastic_events,
+    plastic_events_of_run,
 )
-from .plasticity import (
-    PlasticEvents as PlasticEvents,
-)
-from .plasticity import (
-    drop_statistics as drop_statistics,
-)
-from .plasticity import (
-    plastic_events as plastic_events,
-)
-from .plasticity import (
-    plastic_events_of_run as plastic_events_of_run,
-)
-from .radial import (
-    RadialDistribution as RadialDistribution,
-)
-from .radial import (
-    radial_distribution as radial_distribution,
-)
-from .radial import (
-    radial_distribution_of_run as radial_distribution_of_run,
-)
-from .regularity import (
-    hexagon_regularity as hexagon_regularity,
-)
-from .regularity import (
-    regularity_series as regularity_series,
-)
-from .relaxation import (
-    bond_relaxation as bond_relaxation,
-)
-from .relaxation import (
-    bond_relaxation_of_run as bond_relaxation_of_run,
-)
-from .response import (
-    FrequencyResponse as FrequencyResponse,
-)
-from .response import (
-    frequency_response as frequency_response,
-)
-from .response import (
-    response_of_run as response_of_run,
-)
-from .slip import (
-    Slip as Slip,
-)
-from .slip import (
-    elastic_strain as elastic_strain,
-)
-from .slip import (
-    slip_of_frames as slip_of_frames,
-)
-from .structure import (
-    lattice_vector as lattice_vector,
-)
-from .structure import (
-    structure_factor as structure_factor,
-)
+from .radial import RadialDistribution, radial_distribution, radial_distribution_of_run
+from .response import FrequencyResponse, frequency_response, response_of_run
+from .slip import Slip, elastic_strain, slip_of_frames
 from .temperature import (
-    kinetic_temperature as kinetic_temperature,
-)
-from .temperature import (
-    temperature_series as temperature_series,
-)
-from .translation import (
-    TranslationalCorrelation as TranslationalCorrelation,
+    configurational_temperature,
+    configurational_temperature_of_run,
+    kinetic_temperature,
+    temperature_series,
 )
 from .translation import (
-    translational_correlation as translational_correlation,
-)
-from .translation import (
-    translational_correlation_of_run as translational_correlation_of_run,
-)
-from .translation import (
-    translational_order as translational_order,
-)
-from .voronoi import (
-    CellShares as CellShares,
+    TranslationalCorrelation,
+    lattice_vector,
+    structure_factor,
+    translational_correlation,
+    translational_correlation_of_run,
+    translational_order,
 )
 from .voronoi import (
-    VoronoiCells as VoronoiCells,
+    CellShares,
+    VoronoiCells,
+    cell_polygons,
+    cell_shares,
+    hexagon_regularity,
+    regularity_series,
+    share_series,
+    voronoi_cells,
 )
-from .voronoi import (
-    cell_polygons as cell_polygons,
-)
-from .voronoi import (
-    cell_shares as cell_shares,
-)
-from .voronoi import (
-    share_series as share_series,
-)
-from .voronoi import (
-    voronoi_cells as voronoi_cells,
-)
+
+__all__ = [
+    "OBSERVABLES", "BedModuli", "BiexponentialFit", "BondCorrelation", "CellShares",
+    "Correlation", "Cycle", "DefectEvent", "DefectMotion", "DefectTrack", "Defects", "DipTest",
+    "Directions", "Dislocations", "DropStatistics", "Frame", "FrequencyResponse", "Histogram",
+    "Interactions", "Moduli", "NonAffineMotion", "Observable", "PlasticEvents",
+    "RadialDistribution", "Slip", "TranslationalCorrelation", "ValueCorrelation",
+    "VoronoiCells", "area_fraction_profile", "area_profile_series", "bed_moduli",
+    "biexponential_fit", "block_susceptibilities", "bond_correlation",
+    "bond_correlation_of_run", "bond_relaxation", "bond_relaxation_of_run", "cell_polygons",
+    "cell_shares", "compressive_force_series", "compressive_forces",
+    "configurational_temperature", "configurational_temperature_of_run", "crystal_moduli",
+    "cycle_bounds", "defect_series", "defects_of_frames", "dip_test", "dipole_strength",
+    "direction_order", "disclination_charges", "dislocations", "displacement_of_run",
+    "drop_statistics", "elastic_strain", "fluctuation_series", "force_distribution_of_run",
+    "force_magnitudes", "force_modes_of_run", "found_defects", "found_events",
+    "frequency_response", "global_psi6", "grain_forces", "grain_pressures",
+    "grain_stress_series", "grain_stresses", "grain_virials", "hexagon_regularity",
+    "hexagonal_sum", "hexatic_susceptibility", "hysteresis_energy", "hysteresis_of_run",
+    "interaction_forces", "interaction_parameter", "kinetic_temperature", "knuth_bins",
+    "knuth_histogram", "lasting_tracks", "lattice_spacing", "lattice_vector",
+    "least_piston_distance", "lindemann_of_run", "lindemann_parameter", "linked_tracks",
+    "local_psi6", "mean_pair_distance", "mean_square_displacement", "motion_of_track",
+    "non_affine_motion", "non_affine_series", "non_gaussian_of_run", "non_gaussian_parameter",
+    "observable", "observable_named", "order_correlation_of_run", "packing_fraction",
+    "packing_series", "pair_distance_series", "pair_interactions", "pearson_correlation",
+    "piston_distance_series", "piston_force", "plastic_events", "plastic_events_of_run", "psi6",
+    "psi6_series", "radial_distribution", "radial_distribution_of_run", "regularity_series",
+    "relative_fluctuation", "response_of_run", "share_series", "slip_of_frames",
+    "source_pair_distance", "structure_factor", "susceptibility_of_run", "temperature_series",
+    "theory_modulus", "tracked_defects", "translational_correlation",
+    "translational_correlation_of_run", "translational_order", "value_correlation",
+    "voronoi_cells", "wall_forces", "wall_interactions", "with_observables",
+]  # fmt: skip

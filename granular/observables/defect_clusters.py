@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6, local_psi6
-from granular.observables.burgers import (
+from granular.observables.defects import (
     burgers_vectors,
     counter_clockwise,
     grains_in_excess,
@@ -46,7 +46,7 @@ class Defects(NamedTuple):
     positions : float (d, 2)
         [m]
     lattice : int (d, 2)
-        Burgers vector in the lattice; see `granular.observables.burgers`.
+        Burgers vector in the lattice; see `granular.observables.defects`.
     burgers : float (d, 2)
         The same in the plane [m].
     charge : int (d,)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.observables.bond_order import global_psi6
-from granular.observables.burgers import in_space
 from granular.observables.defect_clusters import KINDS, Defects, found_defects
 from granular.observables.defect_tracks import (
     MEMORY,
@@ -20,6 +19,7 @@ from granular.observables.defect_tracks import (
     linked_tracks,
     motion_of_track,
 )
+from granular.observables.defects import in_space
 from granular.observables.frames import chosen_frames
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError

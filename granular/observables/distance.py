@@ -1,4 +1,4 @@
-"""Mean distance of the grains' pairs."""
+"""Mean distances of the grains' pairs, and the least distance of the grains to the piston."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frames import frame_array, over_frames, present_positions
+from granular.observables.frames import (
+    frame_array,
+    over_frames,
+    piston_heights,
+    present_positions,
+    species_names,
+)
 
 if TYPE_CHECKING:
     import xarray
 
     from granular.run.trajectory import Trajectory
+
 
 BLOCK = 1024
 """Grains whose distances to all others are held at once."""
@@ -88,3 +95,66 @@ def _sum_of_distances(points: np.ndarray) -> float:
         for later in range(start + BLOCK, len(points), BLOCK):
             total += float(cdist(block, points[later : later + BLOCK]).sum())
     return total
+
+
+def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
+    """Least distance of a grain's centre from the piston, the delta of [D, eq. 4.29].
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    piston_height : float
+        [m]
+
+    Returns
+    -------
+    float
+        [m]; NaN without grains.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import least_piston_distance
+    >>> round(least_piston_distance(places, piston_height=0.08), 4)  # [m]
+    0.0099
+    """
+    points = present_positions(positions)
+    return float(piston_height - points[:, 1].max()) if len(points) else np.nan
+
+
+def piston_distance_series(run: Trajectory) -> xarray.DataArray:
+    """`least_piston_distance` of every frame and species [m], on (``frame``, ``species_name``).
+
+    The least over ``species_name`` is that of the bed.
+
+    Raises
+    ------
+    InputError
+        If the scene has no piston.
+    """
+    heights = piston_heights(run)
+    positions = run.dataset["position"].values
+    owner = run.dataset["species"].values
+    names = species_names(run)
+    values = [
+        [least_piston_distance(frame[owner == k], height) for k in range(len(names))]
+        for frame, height in zip(positions, heights, strict=True)
+    ]
+    return frame_array(
+        run,
+        np.reshape(values, (-1, len(names))),
+        "m",
+        "least distance of a grain's centre from the piston",
+        ("frame", "species_name"),
+        {"species_name": names},
+    )

@@ -1,11 +1,20 @@
-"""Elastic moduli in two dimensions, and those of the hexagonal crystal of dipoles at rest."""
+"""Elastic moduli in two dimensions: of the bed, and of the hexagonal crystal of dipoles at rest."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from granular.observables.frames import checked_positions
+from granular.observables.interactions import foreign_effects, moments_of
+from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
 
 BULK_OF_PRESSURE = 5.0 / 2.0
 """Of grains that repel with r^-3 as energy, p ~ rho^2.5, and B = rho dp/drho."""
@@ -143,3 +152,165 @@ def theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
 def _check_above(name: str, value: float) -> None:
     if not 0.0 < value < math.inf:
         raise InputError(f"{name} {value:g} is not above 0; give a positive number")
+
+
+REACH = 6.0
+"""Default of how far partners count, in mean spacings: farther ones are a continuum."""
+
+STRAINS = (np.diag([1.0, 1.0]), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
+"""Swelling, and the two shears at constant area."""
+
+_POINTS = 64
+
+
+class BedModuli(NamedTuple):
+    """Moduli of the inner part of a bed.
+
+    Attributes
+    ----------
+    affine : Moduli
+        Every grain moves with the strain.
+    relaxed : Moduli
+        The inner grains move to rest again; those about them are held in the strained places.
+    density : float
+        [1/m^2]
+    grains : int
+        How many inner grains there are.
+    """
+
+    affine: Moduli
+    relaxed: Moduli
+    density: float
+    grains: int
+
+
+def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> BedModuli:
+    """Pressure, bulk and shear modulus of the inner part of a bed, as if it went on without end.
+
+    Inner grains are those with an interior cell that stand ``reach`` mean spacings or more inside
+    of the box of the outermost centres. The sums over their partners pass smoothly into a
+    continuum of the mean density at that distance. Energies of dipoles fall as r^-3 wherever they
+    stand, so that under affine strains B = 5 p/2 and, as a mean over directions, mu = p/4 for any
+    arrangement. In a crystal nothing else happens; in a bed without its order grains also move
+    against the strain, which the relaxed moduli know: mu is less by
+
+        (1/(4 A)) df . H^-1 df,
+
+    with df the forces that the affine strain leaves on the inner grains, H the matrix of second
+    derivatives of the energy and A the area (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006).
+    The bed should be at rest.
+
+    Parameters
+    ----------
+    scene : Scene
+        Only dipoles count: contact, walls and weight are left out.
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    reach : float
+        In mean spacings.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, an own effect acts between grains, the scene has no dipoles, or
+        no grain stands so far inside.
+    """
+    positions = checked_positions(positions)
+    if len(positions) != scene.grains.count:
+        raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
+    if foreign := foreign_effects(scene):
+        raise InputError(f"effects.{foreign[0]}: its stiffness is not known here; leave it out")
+    if scene.effects.dipole is None:
+        raise InputError("the scene has no dipoles between grains; add [effects] dipole = true")
+    if not reach > 1.0:
+        raise InputError(f"reach {reach:g} is not above 1 mean spacing; give more, such as 6")
+    inner, area, length = _inner(positions, reach)
+    here = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    moments = moments_of(scene)
+    strength = dipole_strength(_first_moment(scene))
+    density = len(inner) / area
+    energies, forces, matrix = _sums(positions, moments, here, inner, length, density)
+    affine = _affine(strength, energies, area)
+    lost = 0.25 / area * strength * np.einsum("ik,ik->k", forces, np.linalg.solve(matrix, forces))
+    relaxed = Moduli(
+        affine.pressure, affine.bulk - lost[0], affine.shear - 0.5 * (lost[1] + lost[2])
+    )
+    return BedModuli(affine, relaxed, density, len(inner))
+
+
+def _first_moment(scene: Scene) -> float:
+    from granular.scene.scales import Scales
+
+    scales = Scales.of(scene.grains)
+    return scales.current * scales.length**2
+
+
+def _inner(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
+    """The inner grains, the area of their cells [m^2] and the reach [m]."""
+    cells = voronoi_cells(positions)
+    inside = positions[cells.interior]
+    if not len(inside):
+        raise InputError("no grain has an interior cell; give a larger bed")
+    length = reach * math.sqrt(float(cells.area[cells.interior].mean()))
+    low, high = np.nanmin(positions, axis=0), np.nanmax(positions, axis=0)
+    depth = np.minimum(positions - low, high - positions).min(axis=1)
+    inner = np.flatnonzero(cells.interior & (depth >= length))
+    if not len(inner):
+        raise InputError(
+            f"no grain stands {1e3 * length:.3g} mm inside of the bed's outermost centres; take a "
+            f"reach below {reach:g} or a larger bed"
+        )
+    return inner, float(cells.area[inner].sum()), length
+
+
+def _weight(r: np.ndarray, reach: float) -> np.ndarray:
+    """From 1 to 0 at the reach, smoothly: shells of a lattice enter and leave without a jump."""
+    along = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
+    with np.errstate(divide="ignore", over="ignore"):
+        rise, fall = (np.where(one > 0.0, np.exp(-1.0 / one), 0.0) for one in (along, 1.0 - along))
+    return np.asarray(fall / (rise + fall))
+
+
+def _beyond(reach: float) -> float:
+    """Integral of (1 - weight) r^-3 over the plane [1/m]."""
+    nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
+    r = reach * (0.75 + 0.25 * nodes)
+    ramp = 0.25 * reach * float(weights @ ((1.0 - _weight(r, reach)) / r**2))
+    return 2.0 * math.pi * (ramp + 1.0 / reach)
+
+
+def _sums(
+    positions: np.ndarray, moments: np.ndarray, here: np.ndarray, inner: np.ndarray, reach: float,
+    density: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Energy of each inner grain, forces after each strain and their matrix, all over C."""
+    count = len(inner)
+    place = np.full(len(positions), -1)
+    place[inner] = np.arange(count)
+    matrix = np.zeros((count, 2, count, 2))
+    forces = np.zeros((count, 2, len(STRAINS)))
+    energies = np.zeros(count)
+    beyond = density * float(moments[here].mean()) * _beyond(reach)
+    for k, i in enumerate(inner):
+        branch = positions[i] - positions[here]
+        r = np.linalg.norm(branch, axis=1)
+        near = (r < reach) & (r > 0.0)
+        branch, r, others = branch[near], r[near], here[near]
+        both = moments[i] * moments[others] * _weight(r, reach)
+        energies[k] = 0.5 * (float((both / r**3).sum()) + moments[i] * beyond)
+        along = branch / r[:, None]
+        blocks = (both / r**5)[:, None, None] * (
+            15.0 * along[:, :, None] * along[:, None, :] - 3.0 * np.eye(2)
+        )
+        matrix[k, :, k, :] += blocks.sum(axis=0)
+        known = place[others] >= 0
+        matrix[k, :, place[others[known]], :] -= blocks[known]
+        for mode, strain in enumerate(STRAINS):
+            forces[k, :, mode] = np.einsum("jab,jb->a", blocks, branch @ strain)
+    size = 2 * count
+    return energies, forces.reshape(size, len(STRAINS)), matrix.reshape(size, size)
+
+
+def _affine(strength: float, energies: np.ndarray, area: float) -> Moduli:
+    pressure = 1.5 * strength * float(energies.sum()) / area
+    return Moduli(pressure, BULK_OF_PRESSURE * pressure, SHEAR_OF_PRESSURE * pressure)

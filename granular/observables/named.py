@@ -7,12 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from granular.observables.bond_order import psi6
-from granular.observables.compression import compressive_forces
-from granular.observables.distance import mean_pair_distance
+from granular.observables.distance import least_piston_distance, mean_pair_distance
+from granular.observables.forces import compressive_forces
 from granular.observables.grain_stress import grain_pressures
 from granular.observables.of_frames import Frame, Observable, observable
 from granular.observables.packing import packing_fraction
-from granular.observables.piston_distance import least_piston_distance
 from granular.observables.temperature import kinetic_temperature
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
     from granular.run.trajectory import Trajectory
@@ -177,3 +178,25 @@ def with_observables(run: Trajectory, *observables: Observable) -> xarray.Datase
             )
         data = data.assign({one.name: one(run)})
     return data
+
+
+def observed_table(run: Trajectory, observables: Sequence[Observable]) -> pandas.DataFrame:
+    """Time [s] and observables of every frame; each column's name holds its unit.
+
+    Raises
+    ------
+    InputError
+        If an observable cannot be computed, or has a value a grain.
+    """
+    import pandas
+
+    columns = {"time [s]": run.dataset["frame_time"].values}
+    for one in observables:
+        found = one(run)
+        if found.dims != ("frame",):
+            raise InputError(
+                f"observable {quoted(one.name)} has a value a grain, which no table of frames "
+                "holds; take granular.observables.with_observables in Python"
+            )
+        columns[f"{one.name} [{one.unit}]"] = found.values
+    return pandas.DataFrame(columns)

@@ -1,4 +1,4 @@
-"""Packing fraction: the share of the cell's area that the grains cover."""
+"""Packing fraction of the bed, and its profile over the height."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frames import piston_heights, present
+from granular.observables.frames import (
+    checked_positions,
+    frame_array,
+    piston_heights,
+    present,
+    values_of_grains,
+)
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -90,3 +96,117 @@ def _check_above_zero(name: str, values: float | np.ndarray) -> None:
     wrong = ~(array > 0.0)
     if wrong.any():
         raise InputError(f"{name} = {array[wrong][0]:g} m; give a length above 0 m")
+
+
+def area_fraction_profile(
+    positions: np.ndarray, diameters: np.ndarray, width: float, edges: np.ndarray
+) -> np.ndarray:
+    """Share of each horizontal strip of the cell that the grains cover, exactly.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    diameters : float (n,)
+        [m]
+    width : float
+        Of the cell [m].
+    edges : float (k + 1,)
+        Heights that part the strips, increasing [m].
+
+    Returns
+    -------
+    float (k,)
+        The strips' local area fraction [D, Fig. 3.2], from the area of each disc between two
+        horizontal lines.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, the edges do not increase, or the width is not above 0 m.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import area_fraction_profile
+    >>> strips = np.array([0.0, 0.03, 0.06])
+    >>> print(area_fraction_profile(places, np.full(100, 0.006), 0.09, strips).round(2))
+    [0.39 0.4 ]
+    """
+    positions = checked_positions(positions)
+    diameters = values_of_grains("diameters", diameters, len(positions))
+    edges = np.asarray(edges, dtype=np.float64)
+    if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
+        raise InputError("edges must be at least two heights that increase; sort them")
+    if not width > 0.0:
+        raise InputError(f"width = {width:g} m; give a length above 0 m")
+    here = present(positions)
+    covered = _area_between(positions[here, 1], diameters[here] / 2.0, edges)
+    return np.asarray(covered / (width * np.diff(edges)))
+
+
+def area_profile_series(run: Trajectory, thickness: float | None = None) -> xarray.DataArray:
+    """`area_fraction_profile` of every frame by depth below the piston, on (``frame``, ``depth``).
+
+    Parameters
+    ----------
+    run : Trajectory
+    thickness : float, optional
+        Of the strips [m]; a diameter of the first species if not given.
+
+    Returns
+    -------
+    xarray.DataArray
+        ``depth`` is the middle of each strip below the piston [m]. A strip that the bottom cuts
+        counts with the part that is in the cell; below the bottom stands NaN.
+
+    Raises
+    ------
+    InputError
+        If the scene has no piston, or the thickness is not above 0 m.
+    """
+    heights = piston_heights(run)
+    step = run.scene.grains.species[0].diameter if thickness is None else thickness
+    if not step > 0.0:
+        raise InputError(f"thickness = {step:g} m; give a length above 0 m")
+    deepest = float(heights.max()) if len(heights) else 0.0
+    depths = step * np.arange(max(1, int(np.ceil(deepest / step - 1e-9))) + 1)
+    profiles = [
+        _profile_by_depth(run, frame, height, depths)
+        for frame, height in zip(run.dataset["position"].values, heights, strict=True)
+    ]
+    middle = ("depth", 0.5 * (depths[:-1] + depths[1:]), {"units": "m", "long_name": "depth"})
+    return frame_array(
+        run,
+        np.reshape(profiles, (-1, len(depths) - 1)),
+        "1",
+        "local area fraction",
+        ("frame", "depth"),
+        {"depth": middle},
+    )
+
+
+def _profile_by_depth(
+    run: Trajectory, positions: np.ndarray, height: float, depths: np.ndarray
+) -> np.ndarray:
+    bounds = np.maximum(height - depths, 0.0)
+    inside = np.diff(bounds) < 0.0
+    profile = np.full(len(depths) - 1, np.nan)
+    # Strips in the cell are the first ones; heights increase from the last of them up.
+    edges = bounds[: np.count_nonzero(inside) + 1][::-1]
+    diameters = run.dataset["diameter"].values
+    found = area_fraction_profile(positions, diameters, run.scene.cell.width, edges)
+    profile[: len(found)] = found[::-1]
+    return profile
+
+
+def _area_between(centres: np.ndarray, radii: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Area of all discs from each horizontal line to the next (k - 1,)."""
+    u = np.clip((lines[:, None] - centres) / radii, -1.0, 1.0)
+    parts = np.arcsin(u) + u * np.sqrt(1.0 - u**2) + 0.5 * np.pi
+    # Differences disc by disc: a strip that no disc reaches has exactly no area.
+    return np.asarray(np.diff(parts, axis=0) @ radii**2)

@@ -6,9 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.correlation_of_run import in_each_frame, on_distance
+from granular.observables.correlation import (
+    binned_pairs,
+    checked_edges,
+    default_edges,
+    in_each_frame,
+    on_distance,
+)
 from granular.observables.frames import present_positions, spanned_box
-from granular.observables.pairs_in_bins import binned_pairs, checked_edges, default_edges
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:

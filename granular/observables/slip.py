@@ -1,6 +1,6 @@
 """The plastic strain that moving dislocations add up to, and that of the bed that they move in.
 
-A dislocation with the Burgers vector b (convention FS/RH, as in `granular.observables.burgers`)
+A dislocation with the Burgers vector b (convention FS/RH, as in `granular.observables.defects`)
 that moves by d changes the mean plastic distortion of the area A around it by
 
     d beta_ij = b_i (z x d)_j / A
@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.burgers import in_space
 from granular.observables.defect_clusters import CORE, Defects
 from granular.observables.defect_motion import defects_of_frames
 from granular.observables.defect_tracks import DefectEvent, DefectTrack, found_events, linked_tracks
+from granular.observables.defects import in_space
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 
 

@@ -13,12 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame
-from granular.observables.compression import compressive_forces
 from granular.observables.fluctuation import relative_fluctuation
-from granular.observables.forces import force_magnitudes
+from granular.observables.forces import compressive_forces, force_magnitudes
 from granular.observables.grain_stress import grain_pressures
-from granular.observables.regularity import hexagon_regularity
-from granular.observables.voronoi import VoronoiCells
+from granular.observables.voronoi import VoronoiCells, hexagon_regularity
 from granular.scene.scene import Scene
 from granular.scene.schema import unknown
 from granular.shared.errors import InputError

@@ -1,15 +1,12 @@
-from .arrangement import Arrangement as Arrangement
-from .loading import load_scene as load_scene
-from .loading import scene_names as scene_names
-from .parts import Cell as Cell
-from .parts import Grains as Grains
-from .parts import Output as Output
-from .parts import Piston as Piston
-from .parts import Species as Species
-from .scales import Scales as Scales
-from .scene import Effects as Effects
-from .scene import Scene as Scene
-from .schema import Section as Section
-from .schema import quantity as quantity
-from .units import si_value as si_value
-from .units import unit_size as unit_size
+from .arrangement import Arrangement
+from .loading import load_scene, scene_names
+from .parts import Cell, Grains, Output, Piston, Species
+from .scales import Scales
+from .scene import Effects, Scene
+from .schema import Section, quantity
+from .units import si_value, unit_size
+
+__all__ = [
+    "Arrangement", "Cell", "Effects", "Grains", "Output", "Piston", "Scales", "Scene",
+    "Section", "Species", "load_scene", "quantity", "scene_names", "si_value", "unit_size",
+]  # fmt: skip

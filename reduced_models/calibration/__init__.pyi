@@ -1,1 +1,5 @@
-from .calibration import calibrate as calibrate
+from .calibration import calibrate
+
+__all__ = [
+    "calibrate",
+]  # fmt: skip

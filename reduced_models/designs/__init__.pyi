@@ -1,4 +1,6 @@
-from .page import plot_design as plot_design
-from .page import plot_maps as plot_maps
-from .proposal import Wish as Wish
-from .proposal import propose as propose
+from .page import plot_design, plot_maps
+from .proposal import Wish, propose
+
+__all__ = [
+    "Wish", "plot_design", "plot_maps", "propose",
+]  # fmt: skip

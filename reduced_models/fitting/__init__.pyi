@@ -1,1 +1,5 @@
-from .fitting import fit as fit
+from .fitting import fit
+
+__all__ = [
+    "fit",
+]  # fmt: skip

@@ -1,5 +1,8 @@
-from .data import Figure as Figure
-from .identification import identify as identify
-from .page import comparison_page as comparison_page
-from .page import identification_page as identification_page
-from .result import Identification as Identification
+from .data import Figure
+from .identification import identify
+from .page import comparison_page, identification_page
+from .result import Identification
+
+__all__ = [
+    "Figure", "Identification", "comparison_page", "identification_page", "identify",
+]  # fmt: skip

@@ -1,3 +1,6 @@
-from .catalogue import LAWS as LAWS
-from .catalogue import law_named as law_named
-from .law import Law as Law
+from .catalogue import LAWS, law_named
+from .law import Law
+
+__all__ = [
+    "LAWS", "Law", "law_named",
+]  # fmt: skip

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from granular.observables.bond_order import psi6
-from granular.observables.configurational import configurational_temperature_of_run
+from granular.observables.displacement import lindemann_parameter
 from granular.observables.interactions import wall_interactions
-from granular.observables.lindemann import lindemann_parameter
 from granular.observables.moduli import dipole_strength
-from granular.observables.temperature import kinetic_temperature
+from granular.observables.temperature import configurational_temperature_of_run, kinetic_temperature
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.run.trajectory import Trajectory
 from granular.scene.scales import Scales

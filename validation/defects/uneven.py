@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.compression import compressive_forces
+from granular.observables.forces import compressive_forces
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.run.trajectory import Trajectory
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.observables.configurational import configurational_temperature
 from granular.observables.forces import grain_masses
+from granular.observables.temperature import configurational_temperature
 from validation.melting.displacements import (
     LONGEST_WAVE,
     lindemann,

@@ -1,7 +1,11 @@
-from .catalogue import entries as entries
-from .entry import Entry as Entry
-from .finding import Finding as Finding
-from .programme import published as published
-from .protocols import duration as duration
-from .results import committed as committed
-from .values import published_value as published_value
+from .catalogue import entries
+from .entry import Entry
+from .finding import Finding
+from .programme import published
+from .protocols import duration
+from .results import committed
+from .values import published_value
+
+__all__ = [
+    "Entry", "Finding", "committed", "duration", "entries", "published", "published_value",
+]  # fmt: skip

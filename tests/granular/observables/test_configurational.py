@@ -12,7 +12,7 @@ from granular.observables import (
     pair_interactions,
     wall_interactions,
 )
-from granular.observables.configurational import laplacian_of
+from granular.observables.temperature import laplacian_of
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun, hexagonal

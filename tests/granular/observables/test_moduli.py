@@ -128,7 +128,7 @@ def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.G
     reach = 3.0
     found = bed_moduli(scene, points, reach)
     assert found.relaxed.shear < 0.99 * found.affine.shear
-    from granular.observables.elasticity import _inner, _weight
+    from granular.observables.moduli import _inner, _weight
 
     inner, area, length = _inner(points, reach)
     scaled, reach = points / length, 1.0

@@ -23,7 +23,7 @@ from granular.observables import (
     temperature_series,
     with_observables,
 )
-from granular.observables.table import observed_table
+from granular.observables.of_frames import observed_table
 from granular.shared.console import launch
 from granular.shared.errors import InputError, SceneError
 
