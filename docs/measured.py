@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import functools
-import textwrap
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, Scene, Trajectory, load_scene, simulate
-from granular.shared.errors import RecordError
-from reduced_models import HeightMap, fit, judged_falls
-from reduced_models.laws.elliptic_averaging import fit_averaged_motion
+from reduced_models import HeightMap, judged_falls
+from reduced_models.laws.elliptic import (
+    OSCILLATORS,
+    averaged_amplitude,
+    averaged_frequency,
+    critical_share,
+)
+from reduced_models.records.envelope import envelope
 from validation import energy_change, head_on
 
 TIME = np.linspace(0.0, 40.0, 1000)
@@ -31,78 +34,42 @@ KEPT = 1e-6
 """Of the energy, by a pair that turns back."""
 
 
-def made_record(law: Callable[[float, float], float], start: float) -> PistonRecord:
-    """Of z'' = law(z, z'), with 1 % of noise."""
-    z = solve_ivp(
-        lambda _, y: [y[1], law(*y)], (0.0, TIME[-1]), [start, 0.0], "DOP853", TIME, rtol=1e-10,
-        atol=1e-12,
-    ).y[0]  # fmt: skip
-    return PistonRecord(TIME, z + np.random.default_rng(0).normal(0.0, 0.01 * z.std(), len(z)))
-
-
-def duffing(lam: float, k: float, beta: float, z: float, v: float) -> float:
-    return -2.0 * lam * v - k * z - beta * z**3
-
-
-def van_der_pol_like(alpha: float, z: float, v: float) -> float:
-    return -1.0 - OMEGA**2 * z - 2.0 * alpha * (z**2 - 2.0 * z) * v
-
-
-def off(found: Mapping[str, float], true: Mapping[str, float]) -> str:
-    """By how much each number is off, in per cent."""
-    errors = (100.0 * abs(found[name] / value - 1.0) for name, value in true.items())
-    return ", ".join(f"{one:.1g} %" for one in errors)
-
-
 def averaging() -> str:
-    """Numbers of made laws by elliptic averaging, beside those of `fit`."""
-    rows = ["| made law | by averaging | by `fit` |", "| --- | --- | --- |"]
+    """Amplitudes and frequencies of made laws by elliptic averaging, beside their own."""
+    head = "| made law | damping | last amplitude | averaged | last frequency | averaged |"
+    rows = [head, "| --- " * 6 + "|"]
     for lam, k, beta in DUFFING:
-        true = {"lam": lam, "k": k, "beta": beta}
-        record = made_record(functools.partial(duffing, lam, k, beta), 1.3)
-        name = f"Duffing, lam {lam:g}, k {k:g}, beta {beta:g}"
-        averaged = off(fit_averaged_motion(record).duffing, true)
-        rows.append(f"| {name} | {averaged} | {off(fit(record, 'duffing').parameters, true)} |")
+        values = {"lam": lam, "k": k, "beta": beta, "rest": 0.0}
+        name = f"Duffing, lam {lam:g}, k {k:g}, beta {beta:g}, from 1.3"
+        rows.append(averaged(name, "duffing", values, 1.3))
     for alpha in ALPHAS:
-        true = {"alpha": alpha, "omega": OMEGA, "g0": -1.0}
-        record = made_record(functools.partial(van_der_pol_like, alpha), START)
+        values = {"alpha": alpha, "omega": OMEGA, "g0": -1.0}
         name = f"Van der Pol-like, alpha {alpha:g}, omega {OMEGA:g}, g0 -1, from z = {START:g}"
-        try:
-            averaged = off(fit_averaged_motion(record).van_der_pol_like(HeightMap()), true)
-        except RecordError:
-            averaged = "refused"
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            solved = off(fit(record, "van-der-pol-like", map=HeightMap()).parameters, true)
-        rows.append(f"| {name} | {averaged} | {solved} |")
+        rows.append(averaged(name, "van-der-pol-like", values, START))
     return "\n".join([*rows, ""])
 
 
-def source_swing() -> str:
-    """The swing of `damper-source` by three laws: Van der Pol-like, elliptic motion, Duffing."""
-    record = simulate(load_scene("damper-source"), progress=False).piston().from_zero()
-    first, rest = float(record.height[0]), float(record.height[-1])
-    scale = (first - rest) / (START + OMEGA**-2)
-    motion = fit_averaged_motion(record)
-    swing = float(np.sqrt(np.mean((record.height - rest) ** 2)))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        known = HeightMap(first - scale * START, scale)
-        law = fit(record, "van-der-pol-like", map=known, holdout=0.0)
-        other = fit(record, "duffing", holdout=0.0)
-    alpha, omega = law.parameters["alpha"], law.parameters["omega"]
-    halves = {name: 0.5 * (high - low) for name, (low, high) in law.intervals.items()}
-    level = 1e3 * (rest - other.parameters["rest"])
-    words = (
-        f"`fit` gives it alpha = {alpha:.2f} ± {halves['alpha']:.2f} 1/s and omega = {omega:.1f} ± "
-        f"{halves['omega']:.1f} 1/s, a ratio of {alpha / omega:.3f}, and leaves "
-        f"{100 * law.quality.relative:.1f} % of the swing, with the map held so. The damped "
-        f"elliptic motion itself leaves {100 * motion.residual / swing:.1f} %, with a damping that "
-        "changes its sign within the swing; so it is no Duffing law either: `fit` of one leaves "
-        f"{100 * other.quality.relative:.1f} %, with k = {other.parameters['k']:.0f} 1/s² and a "
-        f"rest {level:.0f} mm below the record's."
+def averaged(name: str, law: str, values: Mapping[str, float], start: float) -> str:
+    """A row of the table: the last whole cycle within 40 s."""
+    one = OSCILLATORS[law](values, HeightMap())
+    rest = values["rest"] if "rest" in values else values["g0"] / values["omega"] ** 2
+
+    def slopes(_: float, y: np.ndarray) -> list[float]:
+        x, v = y
+        drag = 2.0 * (one.decay + one.tilt * x + one.bend * x**2) * v
+        return [v, -drag - one.k * x - one.beta * x**3]
+
+    found = solve_ivp(
+        slopes, (0.0, TIME[-1]), [start - rest, 0.0], "DOP853", TIME, rtol=1e-10, atol=1e-12
     )
-    return textwrap.fill(words, 110)
+    cycles = envelope(PistonRecord(TIME, found.y[0]))
+    amplitude = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
+    tone = averaged_frequency(amplitude, one)[-1]
+    return (
+        f"| {name} | {critical_share(float(cycles.amplitude[0]), one):.2g} | "
+        f"{cycles.amplitude[-1]:.3g} | {amplitude[-1]:.3g} | "
+        f"{cycles.frequency[-1] / (2.0 * np.pi):.4f} Hz | {tone:.4f} Hz |"
+    )
 
 
 def falls() -> str:

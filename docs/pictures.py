@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from defect_pictures import forces_picture, temperature_picture
-from measured import averaging, falls, head_on_steps, source_swing
+from measured import averaging, falls, head_on_steps
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
@@ -800,7 +800,6 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "head-on": lambda: write_block("head-on", head_on_steps(), DOCS / "guide" / "methods.md"),
     "falls": lambda: write_block("falls", falls(), DOCS / "guide" / "damper-to-equation.md"),
     "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
-    "source-swing": lambda: write_block("source-swing", source_swing(), DISCOVERY),
     "guarantees": draw_guarantees,
     "verification": draw_verification,
     "installation": draw_installation,

@@ -33,7 +33,6 @@ LONG_FILES = (
     "physics/test_friction.py",
     "reduced_models/calibration/test_calibrated_beds.py",
     "granular/protocol/test_stages.py",
-    "reduced_models/laws/test_elliptic.py",
     "granular/pairs/test_far_field.py",
     "reduced_models/identification/test_compare.py",
     "physics/test_energy.py",

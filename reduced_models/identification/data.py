@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -10,11 +11,16 @@ from typing import TYPE_CHECKING, Any
 from granular.run.record import PistonRecord
 from reduced_models.falls.data import Falls
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.elliptic_words import elliptic_of, elliptic_words
+from reduced_models.identification.elliptic_words import (
+    Averaging,
+    averaging_of,
+    elliptic_of,
+    elliptic_words,
+)
 from reduced_models.identification.engineering import Quantity, engineering
 from reduced_models.identification.price import checked_price_text
 from reduced_models.identification.residual_tests import ResidualTests
-from reduced_models.laws.elliptic_motion import EllipticMotion
+from reduced_models.laws.elliptic import EllipticMotion
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
 
@@ -114,6 +120,11 @@ class IdentificationData:
         """The elliptic motion of the fitted Duffing law; None where that is not the best law."""
         return elliptic_of(self.comparison, self.record)
 
+    @functools.cached_property
+    def averaging(self) -> Averaging | None:
+        """Elliptic averaging of the best law, where that is Duffing's or the Van der Pol-like."""
+        return averaging_of(self.best, self.record)
+
     @property
     def engineering(self) -> tuple[Quantity, ...]:
         """Rest, frequency, damping, stiffness of the small swing, with intervals."""
@@ -143,6 +154,7 @@ class IdentificationData:
             "verdict": self.verdict,
             "best": self.best.law.name,
             "elliptic": None if self.elliptic is None else self.elliptic._asdict(),
+            "averaging": None if self.averaging is None else self.averaging._asdict(),
             "comparison": self.comparison.to_plain(),
             "models": [model.to_plain() for model in self.models],
             "figures": {name: dataclasses.asdict(figure) for name, figure in self.figures.items()},
@@ -173,6 +185,8 @@ class IdentificationData:
             for name, figure in self.figures.items()
             if figure.step_error is not None or figure.seed_spread is not None
         ]
+        if self.averaging is not None:
+            lines.append(self.averaging.text)
         if self.run is not None:
             method = self.run.method.name
             lines.append(f"simulated with {method}, time step {step_text(self.run)}")

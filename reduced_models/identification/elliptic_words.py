@@ -1,15 +1,26 @@
-"""The elliptic motion behind a fitted Duffing law, where it describes the record."""
+"""The elliptic motion behind a fitted law, where it describes the record."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from granular.run.record import PistonRecord
+from granular.shared.errors import InputError, RecordError
 from reduced_models.identification.comparison import NOISE_TIE, TIE
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.elliptic_motion import EllipticMotion, elliptic_motion
+from reduced_models.laws.elliptic import (
+    OSCILLATORS,
+    EllipticMotion,
+    averaged_amplitude,
+    averaged_frequency,
+    critical_share,
+    elliptic_motion,
+    turns_about_rest,
+)
 from reduced_models.models.model import ReducedModel
+from reduced_models.records.envelope import envelope
 
 _BENT = 0.01
 """Least m: below it the motion is a cosine."""
@@ -54,3 +65,69 @@ def _model(comparison: Comparison) -> ReducedModel | None:
 def _lost(model: ReducedModel, record: PistonRecord) -> float:
     """Share of the amplitude that the drag takes in the course of the record."""
     return 1.0 - math.exp(-model.parameters["lam"] * float(record.time[-1] - record.time[0]))
+
+
+class Averaging(NamedTuple):
+    """The drift of a law's amplitude by elliptic averaging, beside that of its own solution.
+
+    Attributes
+    ----------
+    law : str
+    unit : str
+        Of the amplitudes.
+    amplitudes, frequencies : (float, float)
+        Of the first and the last whole cycle in the record, by averaging; [Hz].
+    solved_amplitudes, solved_frequencies : (float, float)
+        The same of the law's own motion. Averaging starts from the first amplitude.
+    critical : float
+        Greatest damping within the first swing over the critical one at its rate. Averaging is of
+        the first order in it and says nothing from 1 on.
+    """
+
+    law: str
+    unit: str
+    amplitudes: tuple[float, float]
+    frequencies: tuple[float, float]
+    solved_amplitudes: tuple[float, float]
+    solved_frequencies: tuple[float, float]
+    critical: float
+
+    @property
+    def text(self) -> str:
+        """All of it in a line."""
+        head = f"amplitude of {self.law} by elliptic averaging: "
+        if not self.critical < 1.0:
+            return (
+                f"{head}none, since its damping comes to {self.critical:.2g} of critical within "
+                "the swing and averaging holds below 1"
+            )
+        (first, last), (fast, late) = self.amplitudes, self.frequencies
+        solved, own = self.solved_amplitudes[1], self.solved_frequencies
+        return (
+            f"{head}{first:.4g} {self.unit} in the first cycle, {last:.4g} {self.unit} in the last "
+            f"({solved:.4g} {self.unit} by its own solution), at {fast:.4g} and {late:.4g} Hz "
+            f"({own[0]:.4g} and {own[1]:.4g} Hz)"
+        )
+
+
+def averaging_of(model: ReducedModel, record: PistonRecord) -> Averaging | None:
+    """Elliptic averaging of a fitted law; None where none is known, or too few cycles are seen."""
+    make = OSCILLATORS.get(model.law.name)
+    if make is None or model.law.inputs:
+        return None
+    one = make(model.parameters, model.map)
+    try:
+        cycles = envelope(model.simulate(record.time))
+    except (InputError, RecordError):
+        return None
+    if not turns_about_rest(cycles.amplitude, one):
+        return None
+    found = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
+    tones = averaged_frequency(found, one)
+    solved = cycles.frequency / (2.0 * math.pi)
+    return Averaging(
+        model.law.name, model.unit, *(
+            (float(values[0]), float(values[-1]))
+            for values in (found, tones, cycles.amplitude, solved)
+        ), critical_share(float(cycles.amplitude[0]), one),
+    )  # fmt: skip

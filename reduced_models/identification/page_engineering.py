@@ -12,6 +12,7 @@ from reduced_models.identification.engineering import (
     at_amplitudes,
     units_of,
 )
+from reduced_models.identification.words import sentence
 
 _NONE = 5e-3  # per cent of a change that is none
 _BY_RATIO = ("damping ratio", "logarithmic decrement", "quality factor")
@@ -110,6 +111,8 @@ def add_engineering(page: Page, found: IdentificationData) -> None:
             "Where the step error is not smaller than the scatter, it is the scatter that it "
             "shows: another step lets the bed pack in another way."
         )
+    if found.averaging is not None:
+        page.text(f"{sentence(found.averaging.text)}.")
     _add_amplitudes(page, found)
 
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.special import ellipj
+from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
-from reduced_models import identify
+from reduced_models import HeightMap, identify, law_named, load_model
+from reduced_models.identification.elliptic_words import averaging_of
+from reduced_models.identification.page import identification_page
+
+SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
 
 def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
@@ -27,6 +33,14 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     assert found.best.parameters["k"] == pytest.approx((1.0 - 2.0 * 0.6) * 1.1**2, rel=0.05)
     assert "one motion" in found.verdict
     assert found.to_plain()["elliptic"]["m"] == motion.m
+    drift = found.averaging
+    assert drift is not None
+    assert drift.amplitudes == pytest.approx((1.2, 1.2), rel=0.02)
+    assert drift.amplitudes == pytest.approx(drift.solved_amplitudes, rel=0.002)
+    assert drift.frequencies == pytest.approx((1.1 / (4.0 * ellipk(0.6)),) * 2, rel=0.005)
+    assert drift.text in str(found)
+    assert "of duffing by elliptic averaging" in identification_page(found).render()
+    assert found.to_plain()["averaging"]["critical"] == drift.critical < 0.01
 
 
 def test_a_cosine_is_no_elliptic_motion() -> None:
@@ -36,4 +50,23 @@ def test_a_cosine_is_no_elliptic_motion() -> None:
         warnings.simplefilter("ignore")
         found = identify(PistonRecord(time, z), laws=["linear", "duffing"], progress=False)
     assert found.elliptic is None
+    assert found.averaging is None
     assert "elliptic" not in found.verdict
+
+
+@pytest.mark.parametrize(("alpha", "held"), [(0.02, True), (1.0, False)])
+def test_averaging_says_where_it_does_not_hold(alpha: float, held: bool) -> None:
+    """The Van der Pol-like law about z = 1 has a limit cycle of 2, a smooth one or a jerky one."""
+    model = dataclasses.replace(
+        load_model(SAVED), law=law_named("van-der-pol-like"), map=HeightMap(0.0, 1.0),
+        parameters={"alpha": alpha, "omega": 1.05, "g0": 1.05**2}, initial=(2.6, 0.0),
+    )  # fmt: skip
+    time = np.linspace(0.0, 40.0, 2000)
+    found = averaging_of(model, PistonRecord(time, np.cos(time)))
+    assert found is not None
+    assert (found.critical < 1.0) == held
+    assert ("in the first cycle" in found.text) == held
+    assert ("holds below 1" in found.text) != held
+    if held:
+        assert found.amplitudes == pytest.approx(found.solved_amplitudes, rel=0.01)
+        assert found.amplitudes[1] > found.amplitudes[0] + 0.05
