@@ -13,9 +13,10 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 FORBIDDEN = {
-    "granular": {"reduced_models", "validation"},
-    "reduced_models": {"validation"},
-    "validation": set(),
+    "granular": {"reduced_models", "validation", "research"},
+    "reduced_models": {"validation", "research"},
+    "validation": {"research"},
+    "research": set(),
 }
 HEAVY = ("numba", "jax", "matplotlib", "pandas", "xarray", "zarr", "sympy", "scipy")
 
@@ -99,7 +100,7 @@ def test_arrows(package: str) -> None:
     assert not {path: names for path, names in wrong.items() if names}
 
 
-@pytest.mark.parametrize("package", ["granular", "reduced_models", "validation"])
+@pytest.mark.parametrize("package", FORBIDDEN)
 def test_import_is_light(package: str) -> None:
     code = f"import sys, {package}; print([one for one in {HEAVY!r} if one in sys.modules])"
     done = subprocess.run(

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("granular", "reduced_models", "validation")
+PACKAGES = ("granular", "reduced_models", "validation", "research")
 
 NAMES = {"eval", "exec", "compile", "__import__", "execfile", "input", "breakpoint"}
 """Built-in functions."""

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import granular.__main__
-import reduced_models.__main__
-import validation.__main__
 from granular.shared.console import Parser
 
 ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+CAMPAIGNS = sorted(path.parent.name for path in (ROOT / "research").glob("*/__main__.py"))
 PARSERS: dict[str, Parser] = {
-    "granular": granular.__main__.parser(),
-    "reduced_models": reduced_models.__main__.parser(),
-    "validation": validation.__main__.parser(),
-}
+    name: importlib.import_module(f"{name}.__main__").parser()
+    for name in (
+        "granular", "reduced_models", "validation", *(f"research.{one}" for one in CAMPAIGNS),
+    )
+}  # fmt: skip
 
 
 def commands() -> list[str]:
     """All commands of the toolkit, each once, in the order in which a reader meets them."""
     parts = (part.strip() for line in (*of_pages(), *of_help()) for part in line.split("&&"))
-    ours = re.compile(r"python -m (granular|reduced_models|validation)\b")
+    ours = re.compile(r"python -m (granular|reduced_models|validation|research\.\w+)\b")
     return list(dict.fromkeys(filter(ours.match, parts)))
 
 
@@ -38,9 +38,9 @@ def of_help() -> Iterator[str]:
     """Of the examples that `--help` ends with, the parts that a command has among them."""
     for parser in PARSERS.values():
         yield from examples(parser)
-        (known,) = (one.choices for one in parser._actions if isinstance(one.choices, dict))
-        for command in known.values():
-            yield from examples(command)
+        for known in (one.choices for one in parser._actions if isinstance(one.choices, dict)):
+            for command in known.values():
+                yield from examples(command)
 
 
 def examples(parser: Parser) -> Iterator[str]:

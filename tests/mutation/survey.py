@@ -33,7 +33,17 @@ from faults import AREAS, Fault, drawn
 
 ROOT = Path(__file__).parents[2]
 
-PARTS = (".ci", ".github", "docs", "granular", "notebooks", "reduced_models", "tests", "validation")
+PARTS = (
+    ".ci",
+    ".github",
+    "docs",
+    "granular",
+    "notebooks",
+    "reduced_models",
+    "research",
+    "tests",
+    "validation",
+)
 
 KERNELS = (b"@compiled", b"@entry", b"@intrinsic", b"llvmlite")
 """Marks of files whose change makes every compiled function of the package stale."""

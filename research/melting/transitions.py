@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from validation.melting.displacements import modulus
-from validation.melting.scenes import layer
+from research.melting.displacements import modulus
+from research.melting.scenes import layer
 
 HEXATIC_EXPONENT = 0.25
 """eta6 where disclinations unbind (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979)."""

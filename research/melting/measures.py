@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.observables.forces import grain_masses
 from granular.observables.temperature import configurational_temperature
-from validation.melting.displacements import (
+from research.melting.displacements import (
     LONGEST_WAVE,
     lindemann,
     mode_squares,
@@ -17,8 +17,8 @@ from validation.melting.displacements import (
     plateau,
     waves,
 )
-from validation.melting.neighbours import bond_order, correlation, neighbours
-from validation.melting.scenes import Layer
+from research.melting.neighbours import bond_order, correlation, neighbours
+from research.melting.scenes import Layer
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from validation.melting.neighbours import nearest, neighbours
-from validation.melting.scenes import Layer
+from research.melting.neighbours import nearest, neighbours
+from research.melting.scenes import Layer
 
 LONGEST_WAVE = 1.0
 """Greatest wave number of the modes that moduli are extrapolated from, times the spacing."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from granular.shared.files import make_directory
 from granular.shared.shelf import Shelf, digest
 from granular.studies.workers import workshop
-from validation.melting.scenes import STEP, layer
+from research.melting.scenes import STEP, layer
 
 
 class Plan(NamedTuple):
@@ -79,7 +79,7 @@ def run_plan(
 def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
     """Figures of a layer: from its run, which is made or finished first where it is missing."""
     from granular.run.simulation import simulate
-    from validation.melting.measures import figures
+    from research.melting.measures import figures
 
     one = layer(gamma, plan.columns)
     asked = {"scene": one.scene.to_plain(), "plan": plan._asdict() | {"gammas": None}}

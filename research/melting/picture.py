@@ -1,44 +1,16 @@
-"""What the guide says of melting: table and picture, made from the results file.
-
-``python -m validation melting --guide`` writes them anew; a test compares the table.
-"""
+"""The picture of the guide: order, exponents and moduli of the layers."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from granular.observables.moduli import crystal_moduli, lattice_spacing
-from validation.melting.results import Results
-from validation.melting.text import markdown
-from validation.melting.transitions import HEXATIC_EXPONENT, Interval
+from research.melting.results import Results
+from research.melting.transitions import HEXATIC_EXPONENT, Interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-ROOT = Path(__file__).parents[2]
-PAGE = "docs/guide/defects.md"
-PICTURE = "docs/images/melting.png"
-BEGIN = "<!-- made from validation/melting/results.json -->"
-END = "<!-- end of melting -->"
-
-
-def with_block(page: str, block: str) -> str:
-    """A page with the text between the marks replaced."""
-    before, _, rest = page.partition(BEGIN)
-    return f"{before}{BEGIN}\n{block}\n{END}{rest.partition(END)[2]}"
-
-
-def write_guide(results: Results, root: Path = ROOT) -> list[Path]:
-    """Write table and picture below ``root``; their files."""
-    from granular.render import save
-
-    page, picture = root / PAGE, root / PICTURE
-    text = page.read_text(encoding="utf-8")
-    page.write_text(with_block(text, markdown(results)), encoding="utf-8")
-    save(draw(results), picture, overwrite=True)
-    return [page, picture]
 
 
 def draw(results: Results) -> Figure:
@@ -47,7 +19,7 @@ def draw(results: Results) -> Figure:
     from matplotlib import colormaps
 
     from granular.shared.plotting import COLOURS, READABLE, figure
-    from validation.melting.published import PUBLISHED
+    from research.melting.published import PUBLISHED
 
     layers, orders = results.layers, results.orders
     gammas = [one.gamma for one in orders]

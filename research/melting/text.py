@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from validation.melting.published import PUBLISHED
-from validation.melting.results import Results
-from validation.melting.transitions import Interval
+from research.campaign import markdown_table
+from research.melting.published import PUBLISHED
+from research.melting.results import Results
+from research.melting.transitions import Interval
 
 _HEAD = (
     "Gamma", "translation", "psi6", "eta6", "power/exp.", "K/16pi", "plateau", "Lindemann",
@@ -82,7 +83,7 @@ def text(results: Results) -> str:
     from validation.table import table
 
     if not results.layers:
-        return "no results come with the package; run it with --quick or --full"
+        return "no results are committed; run it with --quick or --full"
     grains = results.layers[0]["grains"]
     return f"{table(_HEAD, rows_of(results)).text()}\n{grains} grains\n{sentences(results)}"
 
@@ -93,8 +94,7 @@ def markdown(results: Results) -> str:
         "Γ", "translation", "∣Ψ6∣", "η6", "power over exponential", "K/16π", "plateau", "Lindemann",
         "growth", "defects",
     )  # fmt: skip
-    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-    lines += [f"| {' | '.join(row)} |" for row in rows_of(results)]
+    lines = [markdown_table(head, rows_of(results))]
     found = results.transitions
     lines += [
         "", "| | liquid below | crystal above | how |", "|---|---|---|---|",
@@ -106,7 +106,7 @@ def markdown(results: Results) -> str:
         for one in PUBLISHED
     ]
     lines += ["", *(f"- {one}" for one in sentences(results).splitlines())]
-    return "\n".join([*lines, ""])
+    return "\n".join(lines)
 
 
 def _cell(one: Interval | None) -> str:

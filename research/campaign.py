@@ -1,0 +1,295 @@
+"""What every campaign has: a command, committed results, and blocks of pages made from them."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import datetime
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+
+from granular.shared.console import Parser, add_output, add_version, emit
+from granular.shared.errors import InputError
+from granular.shared.files import finite, write_text
+from granular.shared.shelf import Shelf
+from validation.table import TextTable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ROOT = Path(__file__).parents[1]
+RESULTS = "results.json"
+
+Plain = dict[str, Any]
+Results = TypeVar("Results")
+Case = TypeVar("Case")
+
+
+class Block(NamedTuple):
+    """A text that stands in a page between two marks."""
+
+    page: str
+    text: str
+
+
+def _nothing(_: Any) -> Any:
+    return None
+
+
+def _none(_: Any) -> Mapping[str, Any]:
+    return {}
+
+
+@dataclasses.dataclass(frozen=True)
+class Campaign(Generic[Results]):
+    """A campaign and its command ``python -m research.NAME``.
+
+    Attributes
+    ----------
+    name, purpose : str
+    quick, full : str
+        Extents of the runs of these options, in words.
+    run : callable
+        Results of the runs that the command's options ask for; keeps them below ``options.out``,
+        finds those again that are there, and writes ``results.json``.
+    from_plain : callable
+        Results from what a file holds.
+    empty : Results
+        Where there is no file.
+    text, summary : callable
+        Results for the console, and as plain data.
+    blocks : callable
+        Blocks of pages by name.
+    pictures : callable
+        Figures by file.
+    add_options : callable
+        Adds options of the campaign's own to its parser.
+    instead : callable
+        Plain data and text where such an option asks for something else; else None.
+    show : callable
+        Results where nothing is run; None for the committed ones.
+    stale : callable
+        Names of results that today's code does not give.
+    examples : str
+        End of the command's help.
+    """
+
+    name: str
+    purpose: str
+    quick: str
+    full: str
+    run: Callable[[Any], Results]
+    from_plain: Callable[[Any], Results]
+    empty: Results
+    text: Callable[[Results], str]
+    summary: Callable[[Results], Plain]
+    blocks: Callable[[Results], Mapping[str, Block]] = _none
+    pictures: Callable[[Results], Mapping[str, Figure]] = _none
+    add_options: Callable[[Parser], None] = _nothing
+    instead: Callable[[Any], tuple[Plain, str] | None] = _nothing
+    show: Callable[[Any], Results] | None = None
+    stale: Callable[[Any], Sequence[str]] = lambda _: ()
+    examples: str = ""
+
+    @property
+    def file(self) -> Path:
+        """The committed results."""
+        return ROOT / "research" / self.name / RESULTS
+
+    def committed(self) -> Results:
+        """The results that are committed."""
+        return read_results(self.file, self.from_plain, self.empty)
+
+    def parser(self) -> Parser:
+        """The command line's grammar."""
+        one = Parser(
+            prog=f"python -m research.{self.name}",
+            description=self.purpose,
+            epilog=self.examples,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        add_version(one)
+        out = f"out/{self.name}"
+        one.add_argument(
+            "-o", "--out", metavar="DIR", default=out,
+            help=f"directory of runs and results; what was run is found again ({out} if not given)",
+        )  # fmt: skip
+        length = one.add_mutually_exclusive_group()
+        length.add_argument("--quick", action="store_true", help=self.quick)
+        length.add_argument(
+            "--full", action="store_true",
+            help=f"{self.full}; without any of these nothing is run",
+        )  # fmt: skip
+        length.add_argument(
+            "--check", action="store_true",
+            help="name committed results that are stale, and blocks of pages that say something "
+            "else than these",
+        )  # fmt: skip
+        length.add_argument(
+            "--guide", action="store_true",
+            help="write blocks and pictures of the committed results into the pages",
+        )  # fmt: skip
+        self.add_options(one)
+        add_output(one)
+        return one
+
+    def main(self, arguments: Sequence[str]) -> None:
+        """Run the command."""
+        options = self.parser().parse_args(arguments)
+        if (other := self.instead(options)) is not None:
+            emit(*other, options.json)
+        elif options.guide:
+            pages = [str(path) for path in self.write_pages(self.committed())]
+            emit({"pages": pages}, f"written: {', '.join(pages)}", options.json)
+        elif options.check:
+            stale, off = list(self.stale(options)), self.different(self.committed())
+            words = [f"{len(stale)} stale", *stale, f"{len(off)} blocks of pages differ", *off]
+            emit({"stale": stale, "pages": off}, "\n".join(words), options.json)
+        elif options.quick or options.full:
+            found = self.run(options)
+            where = f"\nresults: {Path(options.out) / RESULTS}"
+            emit(self.summary(found), self.text(found) + where, options.json)
+        else:
+            found = self.committed() if self.show is None else self.show(options)
+            emit(self.summary(found), self.text(found), options.json)
+
+    def with_blocks(self, page: str, blocks: Mapping[str, str]) -> str:
+        """A page with the texts between the marks of its blocks replaced, by name."""
+        for name, text in blocks.items():
+            begin, end = self.marks(name)
+            if begin in page and end in page:
+                before, _, rest = page.partition(begin)
+                page = f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
+        return page
+
+    def marks(self, name: str) -> tuple[str, str]:
+        """Begin and end of a block."""
+        return (
+            f"<!-- made from research/{self.name}/{RESULTS}: {name} -->",
+            f"<!-- end of {self.name}: {name} -->",
+        )
+
+    def different(self, results: Results, root: Path = ROOT) -> list[str]:
+        """Blocks that do not stand in their pages as these results make them."""
+        return [
+            f"{block.page}: {name}"
+            for name, block in self.blocks(results).items()
+            if "\n".join((self.marks(name)[0], block.text, self.marks(name)[1]))
+            not in (root / block.page).read_text(encoding="utf-8")
+        ]
+
+    def write_pages(self, results: Results, root: Path = ROOT) -> list[Path]:
+        """Write blocks and pictures below ``root``; their files."""
+        blocks = self.blocks(results)
+        pages: dict[Path, dict[str, str]] = {}
+        for name, block in blocks.items():
+            pages.setdefault(root / block.page, {})[name] = block.text
+        for path, texts in pages.items():
+            page = path.read_text(encoding="utf-8")
+            path.write_text(self.with_blocks(page, texts), encoding="utf-8")
+        drawn = {root / name: figure for name, figure in self.pictures(results).items()}
+        for path, figure in drawn.items():
+            from granular.render import save
+
+            save(figure, path, overwrite=True)
+        return [*pages, *drawn]
+
+
+def add_workers(one: argparse.ArgumentParser, default: int | None, words: str) -> None:
+    """How many processes run; see `checked_workers`."""
+    one.add_argument(
+        "--workers", type=int, default=default, metavar="N", help=f"processes ({words})"
+    )
+
+
+def checked_workers(options: Any) -> None:
+    """Refuse fewer processes than one.
+
+    Raises
+    ------
+    InputError
+        If there are.
+    """
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers {options.workers}; give 1 or more")
+
+
+def kept_rows(
+    cases: Sequence[Case],
+    key: Callable[[Case], str],
+    make: Callable[[Case], Plain],
+    shelf: Shelf | None,
+    *,
+    what: str,
+    progress: bool,
+) -> list[Plain]:
+    """A row for each case, kept on the shelf as soon as it is made, and found there again."""
+    from granular.shared.progress import progress_bar
+
+    rows = []
+    with progress_bar(total=len(cases), desc=what, wanted=progress) as bar:
+        for case in cases:
+            name = key(case)
+            row = None if shelf is None else shelf.read(name)
+            if row is None:
+                row = make(case)
+                if shelf is not None:
+                    shelf.keep(name, row)
+            rows.append(row)
+            bar.update()
+    return rows
+
+
+def read_results(path: Path, from_plain: Callable[[Any], Results], empty: Results) -> Results:
+    """Results from a file; empty where there is none.
+
+    Raises
+    ------
+    InputError
+        If the file holds something else.
+    """
+    try:
+        return from_plain(json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return empty
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} holds no results ({error}); make it anew") from None
+
+
+def write_results(plain: Mapping[str, Any], path: Path) -> None:
+    """Write results, one row a line, so that changes of the file can be read."""
+    text = json.dumps(finite(plain), separators=(",", ":"))
+    for mark in ('},"', '},{"'):
+        text = text.replace(mark, "},\n" + mark[2:])
+    write_text(path, text + "\n")
+
+
+def made_now(command: str) -> Plain:
+    """Command, date, machine and versions."""
+    from validation.parts import machine
+
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
+    return {"command": command, "date": now, **machine()}
+
+
+def rounded(value: Any, digits: int) -> Any:
+    """Plain data with every float to so many digits."""
+    if isinstance(value, Mapping):
+        return {name: rounded(one, digits) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(one, digits) for one in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+
+def markdown_table(header: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table for a page."""
+    head = tuple(header)
+    lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
+    return "\n".join([lines[0], f"|{'---|' * len(head)}", *lines[1:]])
+
+
+def markdown_of(table: TextTable) -> str:
+    """The same of a table for the console."""
+    return markdown_table(table.header, table.rows)

@@ -1,0 +1,70 @@
+"""Command line: ``python -m research.melting``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granular.shared.console import Parser, launch
+from research.campaign import RESULTS, Block, Campaign, add_workers, checked_workers, write_results
+from research.melting.results import Results, from_plain, results_of, to_plain
+from research.melting.text import markdown, summary, text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def run(options: Any) -> Results:
+    """Results of the layers that are asked for."""
+    from research.melting.running import FULL, QUICK, run_plan
+
+    checked_workers(options)
+    plan, where = QUICK if options.quick else FULL, Path(options.out)
+    layers = run_plan(plan, where, workers=options.workers, progress=not options.quiet)
+    length = "--quick" if options.quick else "--full"
+    found = results_of(layers, f"python -m research.melting {length}")
+    write_results(to_plain(found), where / RESULTS)
+    return found
+
+
+def blocks(results: Results) -> Mapping[str, Block]:
+    """Table and transitions for the guide."""
+    return {"table": Block("docs/guide/defects.md", markdown(results))}
+
+
+def pictures(results: Results) -> Mapping[str, Figure]:
+    """The picture beside them."""
+    from research.melting.picture import draw
+
+    return {"docs/images/melting.png": draw(results)}
+
+
+def add_options(one: Parser) -> None:
+    """How many processes run."""
+    add_workers(one, 2, "2")
+
+
+CAMPAIGN = Campaign(
+    name="melting",
+    purpose="Where a layer of dipoles melts, beside published values.",
+    quick="three layers of 256 grains, seconds",
+    full="layers of 4096 grains at fifteen temperatures, in an hour",
+    run=run,
+    from_plain=from_plain,
+    empty=Results({}, ()),
+    text=text,
+    summary=summary,
+    blocks=blocks,
+    pictures=pictures,
+    add_options=add_options,
+    examples="""\
+examples:
+  %(prog)s                          # shows the committed results
+  %(prog)s --quick -o out/melting""",
+)
+parser = CAMPAIGN.parser
+
+if __name__ == "__main__":
+    sys.exit(launch(CAMPAIGN.main))

@@ -1,0 +1,51 @@
+"""Figures of the layers, and what they say of order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from research.campaign import Plain, made_now, rounded
+from research.melting.transitions import LayerOrder, Transitions, layer_order, transitions
+
+DIGITS = 5
+
+
+class Results(NamedTuple):
+    """Figures of each layer, in rising order of Gamma.
+
+    Attributes
+    ----------
+    made : mapping
+        Command, and versions.
+    layers : tuple of dict
+        See `research.melting.measures.figures`.
+    """
+
+    made: Mapping[str, str]
+    layers: tuple[dict[str, Any], ...]
+
+    @property
+    def orders(self) -> list[LayerOrder]:
+        """What the figures say of each layer."""
+        return [layer_order(one) for one in self.layers]
+
+    @property
+    def transitions(self) -> Transitions:
+        """Both transitions."""
+        return transitions(self.orders)
+
+
+def results_of(layers: Sequence[dict[str, Any]], command: str) -> Results:
+    """Results of measured layers."""
+    return Results(made_now(command), tuple(sorted(layers, key=lambda one: one["gamma"])))
+
+
+def from_plain(plain: Any) -> Results:
+    """Results from plain data."""
+    return Results(dict(plain["made"]), tuple(plain["layers"]))
+
+
+def to_plain(results: Results) -> Plain:
+    """Plain data; numbers to five digits."""
+    return {"made": dict(results.made), "layers": rounded(results.layers, DIGITS)}
