@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.identification.comparison import NOISE_TIE, TIE
@@ -123,11 +125,16 @@ def averaging_of(model: ReducedModel, record: PistonRecord) -> Averaging | None:
     if not turns_about_rest(cycles.amplitude, one):
         return None
     found = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
-    tones = averaged_frequency(found, one)
-    solved = cycles.frequency / (2.0 * math.pi)
     return Averaging(
-        model.law.name, model.unit, *(
-            (float(values[0]), float(values[-1]))
-            for values in (found, tones, cycles.amplitude, solved)
-        ), critical_share(float(cycles.amplitude[0]), one),
-    )  # fmt: skip
+        law=model.law.name,
+        unit=model.unit,
+        amplitudes=_ends(found),
+        frequencies=_ends(averaged_frequency(found, one)),
+        solved_amplitudes=_ends(cycles.amplitude),
+        solved_frequencies=_ends(cycles.frequency / (2.0 * math.pi)),
+        critical=critical_share(float(cycles.amplitude[0]), one),
+    )
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[-1])
