@@ -23,10 +23,13 @@ from .models.response import forced_law
 from .models.roll_out import roll_out
 from .records.first_guesses import FirstGuesses
 from .records.record import PistonRecord
+from .records.release import from_release
+from .records.sources import read_record
 
 __all__ = [
     "Calibration", "Candidate", "Comparison", "DamperMaps", "Design", "FirstGuesses",
     "HeightMap", "Law", "LawEstimator", "PistonRecord", "ReducedModel", "calibrate", "compare",
-    "damper_maps", "design", "discover", "fit", "forced_law", "identify", "judged_falls",
-    "law_named", "load_model", "posterior", "predict", "roll_out", "run_study", "whole_fall",
+    "damper_maps", "design", "discover", "fit", "forced_law", "from_release", "identify",
+    "judged_falls", "law_named", "load_model", "posterior", "predict", "read_record", "roll_out",
+    "run_study", "whole_fall",
 ]  # fmt: skip

@@ -17,6 +17,7 @@ from granular.shared.console import (
 )
 from reduced_models.look_command import EXAMPLES as LOOK_EXAMPLES
 from reduced_models.look_command import add_look, run_look
+from reduced_models.reading_options import add_reading
 from reduced_models.response_command import EXAMPLES as RESPONSE_EXAMPLES
 from reduced_models.response_command import WHAT as RESPONSE_WHAT
 from reduced_models.response_command import add_response_law, run_response_law
@@ -132,6 +133,7 @@ def _add_identify(one: Parser) -> None:
         "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
     )
     add_run(one)
+    add_reading(one)
     add_output(one)
 
 
@@ -159,6 +161,7 @@ def _add_fit(one: Parser) -> None:
         "parameters are bounded or trade places)",
     )  # fmt: skip
     one.add_argument("-o", "--out", metavar="FILE", help="model of the first record, as JSON")
+    add_reading(one)
     add_output(one)
 
 
@@ -205,6 +208,7 @@ def _add_discover(one: Parser) -> None:
     )  # fmt: skip
     one.add_argument("--seed", type=int, default=0, help="of random searches")
     one.add_argument("-o", "--out", metavar="FILE", help="the chosen model, as JSON")
+    add_reading(one)
     add_output(one)
 
 
@@ -223,11 +227,14 @@ def _add_compare(one: Parser) -> None:
         "--starts", type=int, default=16, help="how many starting points each fit tries (16)"
     )
     one.add_argument("-o", "--out", metavar="DIR", help="directory for report and models")
+    add_reading(one)
     add_output(one)
 
 
 def _add_calibrate(one: Parser) -> None:
-    one.add_argument("record", metavar="RECORD", help="CSV or Parquet file, or a run directory")
+    one.add_argument(
+        "record", metavar="RECORD", help="a record as an instrument wrote it, or a run directory"
+    )
     add_scene(one, "scene", "name of a packaged scene, or TOML file: all that is not fitted")
     one.add_argument(
         "--parameter", dest="parameters", action="append", metavar="KEY",
@@ -248,6 +255,7 @@ def _add_calibrate(one: Parser) -> None:
     one.add_argument("--method", default="stormer-verlet",
         help="integration method, by name (stormer-verlet); 'granular methods' lists them",
     )  # fmt: skip
+    add_reading(one)
     add_output(one)
 
 

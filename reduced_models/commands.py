@@ -17,7 +17,8 @@ from granular.shared.console import changes_from, emit, time_step
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.messages import quoted
-from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, shown
+from reduced_models.reading_options import reading_from
+from reduced_models.records.sources import METHOD, RunOptions, opened, prepared, record_of, shown
 
 if TYPE_CHECKING:
     from reduced_models.discovery.result import Discovery
@@ -88,7 +89,7 @@ def identify_source(options: Any) -> None:
 
     import_own(options.own_files)
     found = identify(
-        options.source,
+        opened(options.source, reading_from(options)),
         options.out,
         laws=None if options.laws is None else laws_from(options.laws),
         discovery=options.discover,
@@ -219,9 +220,8 @@ def calibrate_scene(options: Any) -> None:
     from granular.scene.loading import load_scene
     from granular.scene.scene import Scene
     from reduced_models.calibration.calibration import calibrate
-    from reduced_models.records.sources import opened
 
-    source = opened(options.record)
+    source = opened(options.record, reading_from(options))
     if isinstance(source, Scene):
         raise InputError(
             f"{quoted(options.record)} is a scene; give a record, a CSV or Parquet file"
@@ -374,4 +374,5 @@ def export_model(options: Any) -> None:
 
 def _records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
-    return [record_of(source, None, run)[0] for source in sources]
+    said = reading_from(options)
+    return [record_of(opened(source, said), None, run)[0] for source in sources]

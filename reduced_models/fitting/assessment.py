@@ -30,6 +30,7 @@ from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, with
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
 from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.release import release
 
 FEW = 0.25
 """Share of the starts that must lead to the best fit before it is taken without a note."""
@@ -163,7 +164,7 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
         undetermined=analysis.undetermined,
         domain=_domain([one.record for one in found.joint.grids]),
         notes=(
-            *_notes(quality, _usual(found, k)),
+            *_notes(quality, _usual(found, k), record),
             *_bound_notes(parameters, training.bounds),
             *(() if record.angle else _unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
@@ -303,6 +304,18 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
+def _not_right(quality: Quality, record: PistonRecord) -> str:
+    """What residuals far above the noise may come from, and what to do."""
+    if start := release(record):
+        return (
+            f"the law is not right for all of the record: it stands still for the first "
+            f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
+            "(reduced_models.from_release)"
+        )
+    drift = ", or drift=True if the record's zero may drift" if _drifting(quality) else ""
+    return f"the law or the fit is not right; try another law or more starts{drift}"
+
+
 def _usual(found: JudgedFit, k: int) -> float:
     """The residual [m] that notes go by: where the loss spares outliers, they do not count."""
     grid = found.joint.grids[k]
@@ -312,7 +325,7 @@ def _usual(found: JudgedFit, k: int) -> float:
     return float(np.median(np.abs(residuals))) / NORMAL_MEDIAN * grid.unknowns.amplitude
 
 
-def _notes(quality: Quality, usual: float) -> tuple[str, ...]:
+def _notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, ...]:
     notes = []
     if quality.converged < FEW * quality.starts:
         notes.append(
@@ -324,9 +337,7 @@ def _notes(quality: Quality, usual: float) -> tuple[str, ...]:
         ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
             f"the residual is {100 * usual / swing:.2g} % of the swing and {ratio:.2g} times "
-            "the record's noise, so the law or "
-            "the fit is not right; try another law or more starts"
-            + (", or drift=True if the record's zero may drift" if _drifting(quality) else "")
+            f"the record's noise, so {_not_right(quality, record)}"
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
         notes.append(_structure(quality))

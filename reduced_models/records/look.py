@@ -15,6 +15,8 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 from granular.shared.messages import visible
 from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.release import part_from, release, words
+from reduced_models.records.sources import has_times
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,11 +122,15 @@ def look(path: str | Path, said: Reading | None = None) -> Look:
     RecordError
         If it holds no record; the message says what to do.
     """
-    meaning = read_meaning(Path(path), said or Reading())
+    path, said = Path(path), said or Reading()
+    meaning = read_meaning(path, said)
     try:
         record = PistonRecord.of_meaning(meaning)
     except RecordError as error:
         raise RecordError(f"{visible(path)}: {error}") from None
+    if not has_times(path, said) and (start := release(record)):
+        meaning = dataclasses.replace(meaning, notes=(*meaning.notes, words(record, start)))
+        record = part_from(record, start)
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.readers.description import is_description
+from granular.readers.description import is_description, read_description
+from granular.readers.reading import Reading
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quoted, visible
+from reduced_models.records.release import from_release
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -88,26 +90,70 @@ def shown(path: Path, most: int = 80) -> str:
     return visible(path, most)
 
 
-def opened(source: str | Path) -> Scene | Trajectory | PistonRecord:
-    """What a path or a scene's name stands for.
+def read_record(
+    path: str | Path, units: Mapping[str, str] | None = None, **said: Any
+) -> PistonRecord:
+    """The motion in a file: what `PistonRecord.from_file` reads, from its release on.
+
+    What stands still before the release is left out (`from_release`), unless times are given, here
+    or in the ``record.toml`` that is read.
+
+    Parameters
+    ----------
+    path, units, **said
+        As of `PistonRecord.from_file`.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read as such.
+
+    Warns
+    -----
+    RecordWarning
+        Of what was guessed or done, the cut among it.
+    """
+    record = PistonRecord.from_file(path, units, **said)
+    return record if has_times(Path(path), Reading(**said)) else from_release(record)
+
+
+def has_times(path: Path, said: Reading) -> bool:
+    """Whether the user says which part of a file is the record."""
+    if is_description(path):
+        said = read_description(path)[1].and_then(said)
+    return said.between is not None
+
+
+def opened(source: str | Path, said: Reading | None = None) -> Scene | Trajectory | PistonRecord:
+    """What a path or a scene's name stands for; of a record's file the motion in it.
+
+    Parameters
+    ----------
+    source : str or Path
+    said : Reading, optional
+        How the file is read, where it is not to be guessed.
 
     Raises
     ------
     InputError
-        If it cannot be read.
+        If it cannot be read, or is no file of a record though it is said how to read it.
     """
-    path = Path(source)
+    path, plain = Path(source), {} if said is None else said.to_plain()
     try:
-        if path.is_file() and (path.suffix != ".toml" or is_description(path)):
-            return PistonRecord.from_file(path)
+        is_record = path.is_file() and (path.suffix != ".toml" or is_description(path))
+        if is_record or not (path.is_dir() or path.suffix in ("", ".toml")):
+            return read_record(path, **plain)
+        if plain:
+            raise InputError(
+                f"{', '.join(plain)}: how the file of a record is read, and {shown(path)} is none; "
+                "leave it out"
+            )
         from granular.run.directory import is_run
         from granular.run.trajectory import load_trajectory
         from granular.scene.loading import load_scene
 
         if is_run(path):
             return load_trajectory(path)
-        if path.suffix not in ("", ".toml"):
-            return PistonRecord.from_file(path)
         return load_scene(source)
     except OSError as error:
         raise InputError(

@@ -19,7 +19,7 @@ from reduced_models.commands import bounds_from
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.laws import LAWS
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.look_command import reading_from
+from reduced_models.reading_options import reading_from
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,197 @@
+"""The release in a record: what stands still before it moves is no part of the motion.
+
+A recorder that a trigger or a hand starts writes down the hold first. The hold obeys another law
+than the motion: a swing that is fitted through it comes out too slow and too much damped.
+
+A hold is told from a motion that starts slowly by its end. From a hold the way grows at once, with
+the square of the time since the release or faster: carried back from two of its levels, this square
+starts at the release, and from two higher ones not later. A motion that grows by and by, as that
+from an unstable rest or at a resonance, has no such moment; one that starts at a turning point has
+it at the record's own start; and one that starts shortly before a turning point is curved where a
+hold is straight.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import RecordWarning
+from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level
+
+_LOWEST, _RATIO, _HIGHEST = 0.05, 4.0, 0.6
+"""Shares of the greatest way at which its growth is judged: least, times that, and greatest."""
+_NOISIEST = 0.14
+"""Share that noise may raise the lowest level to; in more noise nothing is told."""
+_SHORTEST = 0.3
+"""Hold over the time in which the motion then reaches the highest level: a shorter one is none."""
+_LATER = 0.25
+"""Of the time between the first two levels: a release that higher levels put later is none."""
+_STRAIGHT, _SEEN = 0.1, 0.6
+"""Curvature of a hold over that of the motion: at most, and what noise may make of it."""
+_SIGMAS = 4.0
+_CHANGED, _ACTS = 0.1, 0.25
+"""Shares of a further column's range: a change at the release, and one that drives a motion."""
+_DRIVES = ("force", "base", "drive", "input")
+"""In names of columns that may drive a motion; others, as a temperature, may drift in a hold."""
+
+
+def from_release(record: PistonRecord) -> PistonRecord:
+    """The record from its release on, where it stands still before it moves; else as it is.
+
+    Warns
+    -----
+    RecordWarning
+        If the record is cut: until when it stands still.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from reduced_models import PistonRecord, from_release
+    >>> time = np.linspace(0.0, 2.0, 2000)
+    >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
+    >>> from_release(record) is record  # it swings from its start on
+    True
+    """
+    start = release(record)
+    if start == 0:
+        return record
+    warnings.warn(words(record, start), RecordWarning, stacklevel=2)
+    return part_from(record, start)
+
+
+def part_from(record: PistonRecord, start: int) -> PistonRecord:
+    """The record from a sample on."""
+    return record.between(float(record.time[start]), math.inf)
+
+
+def words(record: PistonRecord, start: int) -> str:
+    """A line on a record that is cut at a sample."""
+    return (
+        f"the record stands still until {record.time[start]:.4g} s and is cut there, at the "
+        "release; to keep all of it: --between :"
+    )
+
+
+def release(record: PistonRecord) -> int:
+    """The sample at which a record that stands still starts to move; 0 where it moves at once."""
+    if len(record) < LEAST_SAMPLES:
+        return 0
+    time = record.time - record.time[0]
+    found = _release(time, record.height)
+    if found is None:
+        return 0
+    start = int(np.searchsorted(time, found.moment))
+    early = int(np.searchsorted(time, found.moment - found.rise))
+    forces = {} if record.force is None else {"force": record.force}
+    further = forces | dict(record.extra)
+    if any(_drives(time, name, values, early) for name, values in further.items()):
+        return 0
+    return min([start, *(_change(values, early, start) for values in further.values())])
+
+
+class _Release(NamedTuple):
+    moment: float
+    rise: float
+
+
+def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
+    """The moment at which a height leaves the level of its start, and how long it then rises."""
+    level = float(np.median(height[:5]))
+    for _ in range(2):  # the longer the hold is known to be, the better its level
+        way = np.abs(height - level)
+        first, last = (int(np.argmax(way >= x * way.max())) for x in (_RATIO * _LOWEST, _HIGHEST))
+        level = float(np.median(height[: max(5, first // 2)]))
+    together = 2 * (max(last - first, 0) // 8) + 1
+    padded = np.pad(height, together // 2, mode="edge")
+    way = np.abs(np.convolve(padded, np.ones(together) / together, mode="valid") - level)
+    span = float(way.max())
+    if not span > 0.0:
+        return None
+    steps = np.abs(np.diff(height))
+    rounding = float(steps[steps > 1e-9 * span].min(initial=span))
+    noise = math.hypot(noise_level(height, time), rounding / math.sqrt(12.0))
+    left_noise = noise / math.sqrt(together)
+    low = max(_LOWEST, _SIGMAS * left_noise / span, 1.6 * rounding / span)
+    if low > _NOISIEST:
+        return None
+    levels = span * np.array([low, _RATIO * low, max(_HIGHEST, 1.5 * _RATIO * low)])
+    times = _crossings(time, way, levels)
+    if times is None:
+        return None
+    since = _square(times[:2], levels[:2])
+    rise = times[2] - since
+    slack = _LATER + 2.0 * _SIGMAS * left_noise / (levels[1] - levels[0])
+    if _square(times[1:], levels[1:]) > since + slack * (times[1] - times[0]):
+        return None
+    if since < _SHORTEST * rise or not _is_still(
+        time[time < since], height[time < since], levels[2] / rise**2, noise
+    ):
+        return None
+    return _Release(_hinge(time, height, (since, times[0]), times[2]), rise)
+
+
+def _crossings(time: np.ndarray, way: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
+    """Times at which a way that does not turn back passes three levels."""
+    first, last = (int(np.argmax(way >= x)) for x in levels[1:])
+    still = np.flatnonzero(way[:first] < levels[0])
+    if len(still) < 4:
+        return None
+    left = int(still[-1]) + 1
+    if way[:left].max() > 1.5 * levels[0] or way[left:last].min(initial=math.inf) < levels[0] / 2:
+        return None
+    here = [slice(k - 1, k + 1) for k in (left, first, last)]
+    return np.array([np.interp(x, way[k], time[k]) for x, k in zip(levels, here, strict=True)])
+
+
+def _square(times: np.ndarray, levels: np.ndarray) -> float:
+    """Time at which a square that passes two levels starts."""
+    ratio = math.sqrt(levels[1] / levels[0])
+    return float((ratio * times[0] - times[1]) / (ratio - 1.0))
+
+
+def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
+    """Whether a height is straight, as far as noise lets see, where the motion is so curved."""
+    if len(time) < 4:
+        return False
+    x = (time - time.mean()) / (span := float(np.ptp(time)))
+    fitted = np.polyfit(x, height, 2)
+    sigma = max(noise, float((height - np.polyval(fitted, x)).std()))
+    error = 3.0 * sigma * math.sqrt(180.0 / len(time)) / span**2
+    found = abs(fitted[0]) / span**2
+    return bool(error <= _SEEN * curvature and found <= max(error, _STRAIGHT * curvature))
+
+
+def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
+    """The moment between two from which on a level best goes over into a cubic motion."""
+    low, high = between
+    here = (time >= 2.0 * low - end) & (time <= end)
+    moments = np.linspace(low, high, 41)
+    left = []
+    for moment in moments:
+        since = np.maximum(time[here] - moment, 0.0) / (end - low)
+        terms = since[:, None] ** np.arange(4)
+        rest = height[here] - terms @ np.linalg.lstsq(terms, height[here], rcond=None)[0]
+        left.append(rest @ rest)
+    return float(moments[np.argmin(left)])
+
+
+def _drives(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
+    """Whether a column is a drive, by its name, and acts well before the release."""
+    span = float(np.ptp(values))
+    if early == 0 or span == 0.0 or not any(word in name.lower() for word in _DRIVES):
+        return False
+    return float(np.ptp(values[:early])) > _ACTS * span > 5.0 * noise_level(values, time)
+
+
+def _change(values: np.ndarray, early: int, start: int) -> int:
+    """The sample shortly before a release at which a column changes: what set the motion off."""
+    if early < 4:
+        return start
+    away = np.abs(values[:start] - np.median(values[:early]))
+    changed = away[early:] > max(1.5 * float(away[:early].max()), _CHANGED * float(np.ptp(values)))
+    return early + int(np.argmax(changed)) if changed.any() else start

@@ -1,0 +1,192 @@
+"""What a record is, is said in the same words to all commands that take one."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.readers.reading import Reading
+from granular.shared.errors import InputError
+from reduced_models.__main__ import parser
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = {
+    "look": ("look",),
+    "identify": ("identify",),
+    "fit": ("fit", "--law", "linear"),
+    "compare": ("compare", "--law", "linear"),
+    "discover": ("discover",),
+    "calibrate": ("calibrate",),
+}
+JOBS = {
+    "identify": "identification.identification.identify",
+    "fit": "fitting.fitting.fit",
+    "compare": "identification.comparison.compare",
+    "discover": "discovery.discovering.discover",
+    "calibrate": "calibration.calibration.calibrate",
+}
+TIME = np.arange(0.0, 2.4, 0.002)
+SINCE = np.maximum(TIME - 0.4, 0.0)
+HEIGHT = 0.06 + 0.003 * np.exp(-1.3 * SINCE) * np.cos(25.7 * SINCE)
+SAID = ("--columns", "time=clock,height=depth", "--units", "clock=ms,depth=mm", "--flip")
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Names that say nothing, units that stand nowhere, a coordinate that grows downwards."""
+    rows = (
+        f"{1e3 * t:.3f},{-1e3 * z:.6f},5.{k}"
+        for k, (t, z) in enumerate(zip(TIME, HEIGHT, strict=True))
+    )
+    (tmp_path / "lab.csv").write_text("\n".join(["clock,depth,width", *rows, ""]))
+    return tmp_path / "lab.csv"
+
+
+@pytest.fixture
+def read(
+    monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
+) -> Callable[..., tuple[PistonRecord | None, Any]]:
+    """The record that a command hands to its job, and what it says."""
+
+    def run(name: str, *words: str) -> tuple[PistonRecord | None, Any]:
+        caught: list[Any] = []
+
+        def job(record: Any, *_: Any, **__: Any) -> None:
+            caught.append(record)
+            raise InputError("caught")
+
+        if name == "look":
+            from reduced_models.records import look
+
+            drawn = look._drawn
+            monkeypatch.setattr(
+                look, "_drawn", lambda record: (caught.append(record), drawn(record))[1]
+            )
+        else:
+            monkeypatch.setattr(f"reduced_models.{JOBS[name]}", job)
+        scene = ("damper",) if name == "calibrate" else ()
+        done = command("reduced_models", *COMMANDS[name], words[0], *scene, *words[1:], "--quiet")
+        found = caught[0] if caught else None
+        return (found[0] if isinstance(found, list) else found), done
+
+    return run
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_all_of_them_together(name: str, file: Path, read: Callable[..., Any]) -> None:
+    found, done = read(name, str(file), *SAID, "--between", "300 ms:2")
+    assert found.time == pytest.approx(TIME[150:1001], abs=1e-9)
+    assert found.height == pytest.approx(HEIGHT[150:1001], abs=1e-8)
+    assert "stands still" not in done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_of_them_is_refused_where_it_is_wrong(
+    name: str, file: Path, read: Callable[..., Any]
+) -> None:
+    for words, message in (
+        (("--columns", "height=dept"), "did you mean 'depth'"),
+        (("--units", "clock=ms,depth=furlong"), "furlong"),
+        ((*SAID, "--flip=yes"), "ignored explicit argument"),
+        (("--between", "3"), "give two times"),
+    ):
+        given = words if words[0] != "--units" else (*SAID[:2], *words)
+        found, done = read(name, str(file), *given)
+        assert (found, done.returncode, done.stderr.count("\n")) == (None, 2, 1), (
+            words,
+            done.stderr,
+        )
+        assert message in done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_hold_is_left_out_unless_times_are_given(
+    name: str, file: Path, read: Callable[..., Any]
+) -> None:
+    found, done = read(name, str(file), *SAID)
+    assert found.time[0] == pytest.approx(0.4, abs=0.005)
+    assert (done.stdout + done.stderr).count("stands still until 0.4") == 1
+    found, done = read(name, str(file), *SAID, "--between", ":")
+    assert len(found) == len(TIME)
+    assert "stands still" not in done.stdout + done.stderr
+
+
+def test_a_held_out_record_is_read_likewise(
+    file: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
+) -> None:
+    caught: list[Any] = []
+
+    def job(*given: Any, **_: Any) -> None:
+        caught.extend(given)
+        raise InputError("caught")
+
+    monkeypatch.setattr("reduced_models.identification.comparison.compare", job)
+    command("reduced_models", "compare", str(file), "--held-out", str(file), *SAID)
+    records, _, _, held_out = caught
+    assert np.array_equal(records[0].height, held_out[0].height)
+    assert records[0].time[0] == pytest.approx(0.4, abs=0.005)
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in ("look", "calibrate")])
+def test_a_scene_is_no_file_of_a_record(name: str, read: Callable[..., Any]) -> None:
+    found, done = read(name, "damper", "--units", "height=mm")
+    assert (found, done.returncode) == (None, 2)
+    assert "units: how the file of a record is read, and damper is none" in done.stderr
+
+
+# What errors and pages name ------------------------------------------------------------------
+
+
+def options(name: str) -> set[str]:
+    """Those of a command."""
+    (known,) = (one.choices for one in parser()._actions if isinstance(one.choices, dict))
+    return {word for one in known[name]._actions for word in one.option_strings}
+
+
+def texts(path: Path) -> list[str]:
+    """Constant parts of the texts in a file of Python."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return [
+        one.value
+        for one in ast.walk(tree)
+        if isinstance(one, ast.Constant) and isinstance(one.value, str)
+    ]
+
+
+def named_by_readers() -> set[str]:
+    """Options that their errors and notes advise, as "(columns: height=...)", "and flip if"."""
+    form = re.compile(r"[(,] ?([a-z]+): (?=[a-z]*=|$)|\band ([a-z]+) if it\b")
+    files = (ROOT / "granular" / "readers").glob("*.py")
+    return {
+        word for file in files for text in texts(file) for pair in form.findall(text)
+        for word in pair if word
+    }  # fmt: skip
+
+
+def test_options_that_errors_advise_are_there() -> None:
+    named = named_by_readers()
+    assert {"columns", "units", "flip"} <= named
+    fields = {field.name for field in dataclasses.fields(Reading)}
+    assert named <= fields
+    for name in COMMANDS:
+        assert {f"--{field}" for field in fields} <= options(name), name
+
+
+def test_options_that_the_guide_names_are_there() -> None:
+    """Beside a form they work everywhere, else on a command that the page is about."""
+    pages = ROOT / "docs" / "guide"
+    word = re.compile(r"`(--[a-z-]+)")
+    forms = set(word.findall((pages / "laboratory-forms.md").read_text(encoding="utf-8")))
+    assert {"--columns", "--units", "--flip", "--skip"} <= forms
+    for name in COMMANDS:
+        assert forms <= options(name), name
+    page = set(word.findall((pages / "laboratory-record.md").read_text(encoding="utf-8")))
+    assert {"--between", "--mass"} <= page <= set().union(*map(options, COMMANDS))
