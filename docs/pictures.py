@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from defect_pictures import forces_picture, temperature_picture
 from measured import averaging, falls, head_on_steps
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
@@ -37,8 +36,6 @@ from reduced_models.designs.page import plot_maps
 from reduced_models.machines import BedOnHost, SmallSwing, design_for, predicted_response
 from reduced_models.machines.predicted import response_of
 from validation import convergence, exact_problem
-from validation.defects.results import committed as kept_rows
-from validation.defects.text import TEXTS
 from validation.published import committed
 from validation.published.judging import judged
 
@@ -405,23 +402,6 @@ def draw_defects() -> None:
     with figure(width=7.8, height=3.6) as (drawing, axes):
         plot_defect_paths(found, run.dataset["position"].values[-1], axes)
         keep(drawing, "defects")
-
-
-def draw_temperature() -> None:
-    """Orders of heated, shaken, compressed and settled beds over what may be their temperature."""
-    keep(temperature_picture(), "temperature")
-    write_defects("temperature", ("temperature",))
-
-
-def draw_forces() -> None:
-    """Forces at defects, and the plastic strain that dislocations carry."""
-    keep(forces_picture(), "forces-and-slip")
-    write_defects("forces-and-slip", ("forces", "slip"))
-
-
-def write_defects(name: str, questions: tuple[str, ...]) -> None:
-    words = "\n\n".join(TEXTS[one](kept_rows(one)["rows"]).strip() for one in questions)
-    write_block(name, f"{words}\n", DOCS / "guide" / "defects.md")
 
 
 def draw_machine() -> None:
@@ -791,8 +771,6 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "maps": draw_maps,
     "whole-fall": write_whole_falls,
     "defects": draw_defects,
-    "temperature": draw_temperature,
-    "forces-and-slip": draw_forces,
     "machine": draw_machine,
     "machine-law": write_machine_law,
     "machine-design": write_machine_design,

@@ -251,7 +251,7 @@ print(f"{len(slip.tracks)} tracks; Burgers vectors add up in {100 * conserved:.0
 # %% [markdown]
 # They carry a good part, and in a bed this small much of the rest goes by within two grains of a
 # wall, where no circuit closes. The guide has the same with several starts, larger beds and
-# intervals (`python -m validation disorder slip`).
+# intervals (`python -m research.disorder slip`).
 #
 # ## Exercises
 #

@@ -22,7 +22,6 @@ from granular.shared.console import (
 )
 from granular.shared.errors import InputError
 from validation.benchmark import PARTS
-from validation.defects.command import add_defects, run_defects
 from validation.discovery.command import add_discovery, run_discovery
 from validation.published.command import add_published, run_published
 
@@ -70,10 +69,6 @@ examples:
   %(prog)s                                # shows the results that come with the package
   %(prog)s --full --noise 0.01 --systems "pendulum,two wells"
   %(prog)s --quick -o out/discovery""",
-    "disorder": """\
-examples:
-  %(prog)s temperature             # shows the results that come with the package
-  %(prog)s slip --full             # ten minutes; goes on where it was stopped""",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:
@@ -104,7 +99,6 @@ def parser(prog: str = PROG) -> Parser:
     add_published(add("published", "de Paula's published values beside ours, with verdicts"))
     _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
     add_discovery(add("discovery", "how often are laws discovered? beside PySINDy and pyoperon"))
-    add_defects(add("disorder", "temperature of beds, forces at defects, slip by dislocations"))
     _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))
     _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
@@ -194,8 +188,6 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         _recovery(options)
     elif options.command == "discovery":
         run_discovery(options)
-    elif options.command == "disorder":
-        run_defects(options)
     elif options.command == "silverbox":
         _silverbox(options)
     else:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.shared.shelf import Shelf, digest
-from validation.defects.uneven import (
+from granular.shared.shelf import digest
+from research.disorder.uneven import (
     QUIET,
     SHELLS,
     ForceField,
@@ -76,45 +75,19 @@ def force_scene(kind: str, seed: int) -> Scene:
     return load_scene("bed").replace(**changes, protocol=stages)
 
 
-def force_rows(out: str | Path | None = None, *, progress: bool = True) -> list[Row]:
-    """Each bed simulated and measured; a few minutes.
-
-    Parameters
-    ----------
-    out : str or Path, optional
-        Keeps each row as soon as it is there, and finds it again.
-    progress : bool
-
-    Raises
-    ------
-    StoreError
-        If the directory cannot be written.
-    """
-    from granular.shared.progress import progress_bar
-
-    shelf = None if out is None else Shelf(Path(out) / "forces")
-    cases = [(kind, seed + 1) for kind in KINDS for seed in range(STARTS)]
-    rows = []
-    with progress_bar(total=len(cases), desc="beds", wanted=progress) as bar:
-        for kind, seed in cases:
-            key = f"{kind}-{seed}-{digest(force_scene(kind, seed).to_plain(), 8)}"
-            row = None if shelf is None else shelf.read(key)
-            if row is None:
-                row = _row(kind, seed)
-                if shelf is not None:
-                    shelf.keep(key, row)
-            rows.append(row)
-            bar.update()
-    return rows
+def force_key(case: tuple[str, int]) -> str:
+    """Name under which the row of a bed of a kind and a seed is kept."""
+    return f"{case[0]}-{case[1]}-{digest(force_scene(*case).to_plain(), 8)}"
 
 
-def _row(kind: str, seed: int) -> Row:
+def force_row(case: tuple[str, int]) -> Row:
+    """A bed of a kind and a seed simulated and measured."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # as of `temperature_rows`
-        run = simulate(force_scene(kind, seed), progress=False)
-    return {"kind": kind, "seed": seed, **of_field(force_field(run, SETTLE), seed)}
+        warnings.simplefilter("ignore", UserWarning)  # as of `bed_row`
+        run = simulate(force_scene(*case), progress=False)
+    return {"kind": case[0], "seed": case[1], **of_field(force_field(run, SETTLE), case[1])}
 
 
 def of_field(field: ForceField, seed: int = 1) -> Row:

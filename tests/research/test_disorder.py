@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,23 +13,23 @@ from scipy.stats import spearmanr
 from granular import simulate
 from granular.observables import voronoi_cells
 from granular.shared.console import launch
-from validation.__main__ import main
-from validation.defects import text
-from validation.defects.beds import GROUPS, all_beds, scene_of, set_temperature
-from validation.defects.candidates import (
+from research.disorder import text
+from research.disorder.__main__ import CAMPAIGN
+from research.disorder.beds import GROUPS, all_beds, scene_of, set_temperature
+from research.disorder.candidates import (
     CANDIDATES,
     ORDERS,
     local_kinetic_temperature,
     measured,
     without_drive,
 )
-from validation.defects.carried import carried
-from validation.defects.collapse import collapse, rank_correlation, rising_curve, unseen_skill
-from validation.defects.crossing import seen_share
-from validation.defects.cycles import plastic_by_law
-from validation.defects.forces import interval, of_field
-from validation.defects.results import STUDIES, committed
-from validation.defects.uneven import QUIET, SHELLS, ForceField, shells, shuffled
+from research.disorder.carried import carried
+from research.disorder.collapse import collapse, rank_correlation, rising_curve, unseen_skill
+from research.disorder.crossing import seen_share
+from research.disorder.cycles import plastic_by_law
+from research.disorder.forces import interval, of_field
+from research.disorder.results import STUDIES, run_studies
+from research.disorder.uneven import QUIET, SHELLS, ForceField, shells, shuffled
 
 DRAWS = 40
 OWNERS = [one for one in GROUPS for _ in range(12)]
@@ -217,16 +218,39 @@ def test_thermometers_read_the_bath() -> None:
 
 
 @pytest.mark.parametrize("question", STUDIES)
-def test_results_come_with_the_package(
+def test_results_are_committed(
     question: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("validation.defects.temperature.DRAWS", 5)
-    monkeypatch.setattr("validation.defects.text.seen_share", lambda size: (0.8, 0.9))
-    rows = committed(question)["rows"]
-    assert rows
-    assert launch(main, ["disorder", question, "--json", "--quiet"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["rows"]) == len(rows)
+    monkeypatch.setattr("research.disorder.temperature.DRAWS", 5)
+    monkeypatch.setattr("research.disorder.text.seen_share", lambda size: (0.8, 0.9))
+    rows = CAMPAIGN.committed()[question]["rows"]
+    assert len(rows) == len(STUDIES[question].cases)
+    assert launch(CAMPAIGN.main, [question, "--json", "--quiet"]) == 0
+    assert len(json.loads(capsys.readouterr().out)[question]["rows"]) == len(rows)
     if question == "temperature":
         assert {one.seed for one in all_beds()} == {row["seed"] for row in rows}
         assert set(CANDIDATES) | set(ORDERS) <= set(rows[0])
     assert "|---|" in text.TEXTS[question](rows)
+
+
+@pytest.mark.long  # quick: each text, with few draws
+def test_guide_says_what_the_results_say() -> None:
+    assert CAMPAIGN.different(CAMPAIGN.committed()) == []
+
+
+def test_rows_are_kept_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[object] = []
+
+    def row(case: object) -> dict[str, float]:
+        made.append(case)
+        return {"value": 1.0 / 3.0}
+
+    for name in ("forces", "slip"):
+        monkeypatch.setitem(STUDIES, name, STUDIES[name]._replace(row=row))
+    first = run_studies(["forces"], tmp_path, quick=True, progress=False)["forces"]
+    assert first["rows"] == [{"value": 0.33333}] * 2
+    run_studies(["forces", "slip"], tmp_path, quick=True, progress=False)
+    assert len(made) == 3
+    written = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert {name: len(one["rows"]) for name, one in written.items()} == {"forces": 2, "slip": 1}
+    assert "forces: 2 of 24 beds are run" in text.text(written)

@@ -5,15 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from granular.shared.shelf import Shelf, digest
-from validation.defects.beds import Bed, all_beds, scene_of
-from validation.defects.candidates import CANDIDATES, ORDERS, measured
-from validation.defects.collapse import DRAWS, Collapse, collapse
+from granular.shared.shelf import digest
+from research.disorder.beds import Bed, scene_of
+from research.disorder.candidates import CANDIDATES, ORDERS, measured
+from research.disorder.collapse import DRAWS, Collapse, collapse
 
 Row = dict[str, Any]
 
@@ -24,38 +23,13 @@ AGITATED = ("bath", "shaken")
 """Ways of driving that move the grains about their places all the time."""
 
 
-def temperature_rows(out: str | Path | None = None, *, progress: bool = True) -> list[Row]:
-    """Every bed of `all_beds` simulated and measured; minutes.
-
-    Parameters
-    ----------
-    out : str or Path, optional
-        Keeps each row as soon as it is there, and finds it again.
-    progress : bool
-
-    Raises
-    ------
-    StoreError
-        If the directory cannot be written.
-    """
-    from granular.shared.progress import progress_bar
-
-    shelf = None if out is None else Shelf(Path(out) / "temperature")
-    rows = []
-    with progress_bar(total=len(all_beds()), desc="beds", wanted=progress) as bar:
-        for bed in all_beds():
-            key = f"{bed.key}-{digest(scene_of(bed).to_plain(), 8)}"
-            row = None if shelf is None else shelf.read(key)
-            if row is None:
-                row = _row(bed)
-                if shelf is not None:
-                    shelf.keep(key, row)
-            rows.append(row)
-            bar.update()
-    return rows
+def bed_key(bed: Bed) -> str:
+    """Name under which the row of a bed is kept."""
+    return f"{bed.key}-{digest(scene_of(bed).to_plain(), 8)}"
 
 
-def _row(bed: Bed) -> Row:
+def bed_row(bed: Bed) -> Row:
+    """A bed simulated and measured."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""Pictures of temperature, forces and slip, from the results that come with the package."""
+"""Pictures of temperature, forces and slip, from the rows of the campaign."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 
 from granular.shared.plotting import COLOURS, GREY, figure
-from validation.defects.beds import GROUPS
-from validation.defects.candidates import CANDIDATES, ORDERS
-from validation.defects.carried import PARTS, WINDOW, carried, distinct, increments
-from validation.defects.cycles import FRAMES as FRAMES_OF_CYCLE
-from validation.defects.cycles import SHOWN as KEPT
-from validation.defects.forces import FRAMES, KINDS, interval
-from validation.defects.results import committed
-from validation.defects.temperature import AGITATED, judged_candidates
-from validation.defects.uneven import QUIET, SHELLS
+from research.disorder.beds import GROUPS
+from research.disorder.candidates import CANDIDATES, ORDERS
+from research.disorder.carried import PARTS, WINDOW, carried, distinct, increments
+from research.disorder.cycles import FRAMES as FRAMES_OF_CYCLE
+from research.disorder.cycles import SHOWN as KEPT
+from research.disorder.forces import FRAMES, KINDS, interval
+from research.disorder.temperature import AGITATED, judged_candidates
+from research.disorder.uneven import QUIET, SHELLS
 
 Row = Mapping[str, Any]
 
@@ -27,9 +26,8 @@ _MARKS = dict(zip(GROUPS, "os^D", strict=True))
 _LEAST = 3e-6
 
 
-def temperature_picture() -> Any:
+def temperature_picture(rows: Sequence[Row]) -> Any:
     """Orders over three temperatures, and the skill of each candidate."""
-    rows = committed("temperature")["rows"]
     judged = [judged_candidates(rows, one) for one in (GROUPS, AGITATED)]
     with figure(3, 4, width=11.5, height=8.6, sharey="row") as (drawing, table):
         for line, (order, words) in zip(table, ORDERS.items(), strict=True):
@@ -77,9 +75,8 @@ def _skills(axes: Any, judged: Sequence[Any], order: str, *, last: bool) -> None
         axes.legend(fontsize=7, loc="lower left")
 
 
-def forces_picture() -> Any:
+def forces_picture(forces: Sequence[Row], cycles: Sequence[Row]) -> Any:
     """Unevenness about defects in space and time, and a cycle with what its dislocations carry."""
-    forces, cycles = (committed(one)["rows"] for one in ("forces", "slip"))
     with figure(2, 2, width=10.5, height=7.0) as (drawing, ((first, second), (third, fourth))):
         for k, kind in enumerate(KINDS):
             some = [row for row in forces if row["kind"] == kind]

@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from validation.defects import beds
-from validation.defects.beds import GROUPS, Bed, set_temperature
-from validation.defects.candidates import CANDIDATES, ORDERS
-from validation.defects.carried import PARTS, WINDOW, Carried, carried, distinct
-from validation.defects.collapse import LEAST_SKILL, Figure
-from validation.defects.crossing import seen_share
-from validation.defects.cycles import FRAMES as FRAMES_OF_CYCLE
-from validation.defects.cycles import SHOWN
-from validation.defects.forces import FRAMES, KINDS, Interval, before_and_after, interval
-from validation.defects.temperature import AGITATED, judged_candidates, orders_all
-from validation.defects.uneven import QUIET
+from research.disorder import beds
+from research.disorder.beds import GROUPS, Bed, set_temperature
+from research.disorder.candidates import CANDIDATES, ORDERS
+from research.disorder.carried import PARTS, WINDOW, Carried, carried, distinct
+from research.disorder.collapse import LEAST_SKILL, Figure
+from research.disorder.crossing import seen_share
+from research.disorder.cycles import FRAMES as FRAMES_OF_CYCLE
+from research.disorder.cycles import SHOWN
+from research.disorder.forces import FRAMES, KINDS, Interval, before_and_after, interval
+from research.disorder.results import STUDIES, Results, is_whole
+from research.disorder.temperature import AGITATED, judged_candidates, orders_all
+from research.disorder.uneven import QUIET
 
 Row = Mapping[str, Any]
 
@@ -216,11 +217,21 @@ TEXTS: Mapping[str, Callable[[Sequence[Row]], str]] = {
 }  # fmt: skip
 
 
-def summary(question: str, rows: Sequence[Row]) -> dict[str, Any]:
-    """For JSON: the rows, and for the temperature which candidates order them."""
-    found: dict[str, Any] = {"question": question, "rows": list(rows)}
-    if question == "temperature":
-        found["orders"] = {
+def text(results: Results) -> str:
+    """Tables and words of each question; of one that is not run whole, how many beds are."""
+    return "\n\n".join(
+        TEXTS[question](one["rows"]) if is_whole(question, one["rows"])
+        else f"{question}: {len(one['rows'])} of {len(STUDIES[question].cases)} beds are run"
+        for question, one in results.items()
+    )  # fmt: skip
+
+
+def summary(results: Results) -> dict[str, Any]:
+    """Plain data: rows, and for the temperature the candidates that order them."""
+    found: dict[str, Any] = {name: {"rows": one["rows"]} for name, one in results.items()}
+    rows = results.get("temperature", {}).get("rows", [])
+    if is_whole("temperature", rows):
+        found["temperature"]["orders"] = {
             "all": orders_all(judged_candidates(rows, GROUPS)),
             "agitated": orders_all(judged_candidates(rows, AGITATED)),
         }

@@ -3,7 +3,7 @@
 Every candidate is a pure number. Energies are written over the energy of a pair at the mean spacing
 a, U_a = U(a) with a = sqrt(2/sqrt(3) mean cell area): the inverse of an interaction parameter. A
 crystal of 4096 dipoles melts near 0.100 in this unit (Gamma = 69, with Gamma = (pi rho)^(3/2) a^3
-U_a/T = 6.909 U_a/T; see `validation.melting`).
+U_a/T = 6.909 U_a/T; see `research.melting`).
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def carried(
     Parameters
     ----------
     rows : sequence of mapping
-        Of `validation.defects.cycles.cycle_row`; two at least.
+        Of `research.disorder.cycles.cycle_row`; two at least.
     parts : sequence of str
         Of `PARTS`.
     of : str

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from granular.observables.slip import Slip, area_change, elastic_strain, slip_of
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.shared.shelf import Shelf, digest
+from granular.shared.shelf import digest
 from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
 
 Row = dict[str, Any]
@@ -115,41 +114,14 @@ def plastic_by_law(height: np.ndarray, stress: np.ndarray) -> np.ndarray:
     return np.asarray(np.log(height / height[0]) + (stress - stress[0]) / stiff)
 
 
-def cycle_rows(out: str | Path | None = None, *, progress: bool = True) -> list[Row]:
-    """Each start annealed, driven through its cycle and measured; minutes.
-
-    Parameters
-    ----------
-    out : str or Path, optional
-        Keeps each row as soon as it is there, and finds it again.
-    progress : bool
-
-    Raises
-    ------
-    StoreError
-        If the directory cannot be written.
-    """
-    from granular.shared.progress import progress_bar
-
-    shelf = None if out is None else Shelf(Path(out) / "cycles")
-    cases = [(count, seed + 1) for count, starts in SIZES.items() for seed in range(starts)]
-    rows = []
-    with progress_bar(total=len(cases), desc="cycles", wanted=progress) as bar:
-        for count, seed in cases:
-            setting = annealing_scene(count, seed).to_plain(), STROKE, CYCLE, COOL, FRAMES, DRAG
-            key = f"{count}-{seed}-{digest(setting, 8)}"
-            row = None if shelf is None else shelf.read(key)
-            if row is None:
-                row = cycle_row(count, seed)
-                if shelf is not None:
-                    shelf.keep(key, row)
-            rows.append(row)
-            bar.update()
-    return rows
+def cycle_key(case: tuple[int, int]) -> str:
+    """Name under which the row of a number of grains and a seed is kept."""
+    setting = annealing_scene(*case).to_plain(), STROKE, CYCLE, COOL, FRAMES, DRAG
+    return f"{case[0]}-{case[1]}-{digest(setting, 8)}"
 
 
-def cycle_row(count: int, seed: int) -> Row:
-    """Strains over one cycle, at every `SHOWN`-th frame since its begin.
+def cycle_row(case: tuple[int, int]) -> Row:
+    """Strains over one cycle of a number of grains and a seed, at every `SHOWN`-th frame of it.
 
     Returns
     -------
@@ -160,8 +132,9 @@ def cycle_row(count: int, seed: int) -> Row:
     """
     from granular.run.simulation import simulate
 
+    count, seed = case
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # as of `temperature_rows`
+        warnings.simplefilter("ignore", UserWarning)  # as of `temperature.bed_row`
         annealed = simulate(annealing_scene(count, seed), progress=False)
         run = simulate(cycle_scene(count, seed, annealed), progress=False)
     time, height, stress = stress_over_pressure(run)

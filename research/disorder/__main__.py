@@ -1,0 +1,86 @@
+"""Command line: ``python -m research.disorder``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granular.shared.console import Parser, launch
+from research.campaign import Block, Campaign
+from research.disorder.results import STUDIES, Results, from_plain, run_studies
+from research.disorder.text import TEXTS, summary, text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE = "docs/guide/defects.md"
+
+
+def run(options: Any) -> Results:
+    """Results of the questions that are asked."""
+    return run_studies(
+        tuple(STUDIES) if options.question is None else (options.question,),
+        Path(options.out), quick=options.quick, progress=not options.quiet,
+    )  # fmt: skip
+
+
+def show(options: Any) -> Results:
+    """The committed results of the questions that are asked."""
+    found = CAMPAIGN.committed()
+    return found if options.question is None else {options.question: found[options.question]}
+
+
+def blocks(results: Results) -> Mapping[str, Block]:
+    """Tables of the guide."""
+    made = {name: TEXTS[name](results[name]["rows"]).strip() for name in TEXTS}
+    return {
+        "temperature": Block(PAGE, made["temperature"]),
+        "forces and slip": Block(PAGE, f"{made['forces']}\n\n{made['slip']}"),
+    }
+
+
+def pictures(results: Results) -> Mapping[str, Figure]:
+    """Pictures of the guide."""
+    from research.disorder.pictures import forces_picture, temperature_picture
+
+    rows = {name: one["rows"] for name, one in results.items()}
+    return {
+        "docs/images/temperature.png": temperature_picture(rows["temperature"]),
+        "docs/images/forces-and-slip.png": forces_picture(rows["forces"], rows["slip"]),
+    }
+
+
+def add_options(one: Parser) -> None:
+    """The question, all of them if none is given."""
+    one.add_argument(
+        "question", nargs="?", choices=tuple(STUDIES),
+        help="what temperature is; forces at defects; the plastic strain that dislocations carry "
+        "(all if not given)",
+    )  # fmt: skip
+
+
+CAMPAIGN: Campaign[Results] = Campaign(
+    name="disorder",
+    purpose="Temperature of beds, forces at defects, slip by dislocations.",
+    quick="a few beds of each question, within minutes",
+    full="all beds, ten minutes a question",
+    run=run,
+    from_plain=from_plain,
+    empty={},
+    text=text,
+    summary=summary,
+    blocks=blocks,
+    pictures=pictures,
+    add_options=add_options,
+    show=show,
+    examples="""\
+examples:
+  %(prog)s temperature             # shows the committed results
+  %(prog)s slip --full             # ten minutes; goes on where it was stopped""",
+)
+parser = CAMPAIGN.parser
+
+if __name__ == "__main__":
+    sys.exit(launch(CAMPAIGN.main))
