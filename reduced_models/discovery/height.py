@@ -11,7 +11,6 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.algebra import function_of
 from granular.shared.errors import InputError
-from reduced_models.discovery.elliptic_calls import freed
 from reduced_models.discovery.julia import ELLIPTIC
 from reduced_models.discovery.polishing import parametrised
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
@@ -100,3 +99,40 @@ def _fitted(
     error = float(np.sqrt((residual(start) ** 2).mean()))
     numbers = dict(zip(symbols, map(sympy.Float, start), strict=True))
     return template.xreplace(numbers), error
+
+
+def freed(expression: sympy.Expr) -> list[sympy.Expr]:
+    """The expression as it stands, with a rate in each elliptic call, and with a phase beside it.
+
+    A search finds jacobi_cn(t, 0.392) where jacobi_cn(1.1*t, 0.6) is true, since it costs fewer
+    nodes; least squares finds the rest, once there are numbers to change. Those that are new change
+    nothing yet: a rate of 1, a phase of 0. An expression without an elliptic function of t is given
+    back alone.
+    """
+    import sympy
+
+    t = sympy.Symbol("t", real=True)
+    found = [expression]
+    for phased in (False, True):
+        changed: dict[sympy.Expr, sympy.Expr] = {}
+        for place, call in enumerate(sorted(_calls(expression), key=str)):
+            argument, modulus = call.args
+            inner = sympy.Poly(argument, t) if argument.is_polynomial(t) else None
+            if inner is None or inner.degree() != 1 or not modulus.is_number:
+                continue
+            rate, shift = (float(number) for number in inner.all_coeffs())
+            # Numbers that are equal would be one number: each is moved by a little of its own.
+            apart = 1e-9 * (place + 1)
+            new = sympy.Float(rate * (1.0 + apart)) * t
+            if phased or shift:
+                new += sympy.Float(shift + apart)
+            changed[call] = call.func(new, sympy.Float(float(modulus) * (1.0 - apart)))
+        if changed:
+            found.append(expression.xreplace(changed))
+    return found
+
+
+def _calls(expression: sympy.Expr) -> list[sympy.Expr]:
+    import sympy
+
+    return [one for one in expression.atoms(sympy.Function) if type(one).__name__ in ELLIPTIC]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -9,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.fitting.outliers import without_outliers
 from reduced_models.least_squares.residuals import Loss, LossName
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
 from reduced_models.records.inputs import Interpolation
@@ -20,6 +20,8 @@ _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
 """Of the losses, in standard deviations of the noise: nine tenths as sharp as least squares, and
 more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
 _LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
+_WINDOW = 5  # samples whose median is compared: three of them must be sound
+_FAR = 5.0  # standard deviations of the noise
 
 
 class Data(NamedTuple):
@@ -126,3 +128,23 @@ def split(
         level = noise_level(whole.height, whole.time)
     look = training if loss == "linear" else without_outliers(training)
     return Data(whole, training, stop, look, first_guesses(look), given, level)
+
+
+def without_outliers(record: PistonRecord) -> PistonRecord:
+    """The same record, samples far from the median about them moved to it.
+
+    What a fit starts from must not be led by outliers: they are greater than the swing's own
+    amplitude at times, and each makes two passages through rest.
+
+    Far is above five standard deviations of the noise, which third differences tell; where samples
+    are so few that the motion itself goes as far between them, none is moved.
+    """
+    height = record.height
+    if len(height) < _WINDOW:
+        return record
+    around = np.pad(height, _WINDOW // 2, mode="edge")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _WINDOW), axis=1)
+    step = float(np.median(np.abs(np.diff(medians))))
+    limit = _FAR * max(noise_level(height, record.time), step)
+    far = np.abs(height - medians) > limit
+    return dataclasses.replace(record, height=np.where(far, medians, height))

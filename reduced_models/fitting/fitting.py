@@ -15,15 +15,16 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, overload
 
+import numpy as np
+
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.fitting.assessment import Training, models_of
 from reduced_models.fitting.bootstrap import REPLICATES
+from reduced_models.fitting.candidate import Candidate, fine_grids
 from reduced_models.fitting.case import Case, split
-from reduced_models.fitting.drift import drifting
 from reduced_models.fitting.history import checked_histories, with_histories
-from reduced_models.fitting.interpolation import interpolated
 from reduced_models.fitting.options import (
     HOLDOUT,
     STARTS,
@@ -40,15 +41,20 @@ from reduced_models.fitting.options import (
     starts_of,
     weights_of,
 )
-from reduced_models.fitting.refinement import judged_fit
+from reduced_models.fitting.refinement import JointRecords, judged_fit
 from reduced_models.fitting.search import best_candidate
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.words import law_from_text
-from reduced_models.least_squares.residuals import LossName
+from reduced_models.least_squares.residuals import BLOWN_UP, LossName, without_walk
 from reduced_models.models.model import ReducedModel
-from reduced_models.records.inputs import Interpolation, column_names, driving
+from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, driving
+
+_MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
+_CLEARLY = 0.98  # of the spline's error, for another to be taken
+_DRIFT_ROUNDS = 3
+_LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 
 
 @overload
@@ -289,3 +295,69 @@ def law_of(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -
     if "=" in law or "'" in law:
         return law_from_text(law, column_names(record), declared)
     return law_named(law)
+
+
+def interpolated(found: Candidate, case: Case) -> Candidate:
+    """A fit with the interpolation of the inputs that has the least held-out error.
+
+    Each is fitted to the training stretches, from the fit with splines, and judged behind them.
+    """
+    counts = [min(samples, _MOST_SAMPLES) for samples in case.samples]
+    # One step a sample at least: what a held input does within a step has no order.
+    aligned = fine_grids(found.joint.unknowns.law, case._replace(interpolation="linear"))
+    errors = {}
+    for how in INTERPOLATIONS:
+        grids = tuple(
+            grid.on(steps, how) for grid, steps in zip(found.joint.grids, aligned, strict=True)
+        )
+        joint = dataclasses.replace(found.joint, grids=grids)
+        theta = joint.sharpened(found.theta, counts, tolerance=1e-6)
+        errors[how] = (_behind(joint, theta, counts), joint)
+    best = min(INTERPOLATIONS, key=lambda how: errors[how][0])
+    if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
+        return found
+    joint = errors[best][1]
+    return found._replace(joint=joint, theta=joint.sharpened(found.theta, case.samples))
+
+
+def _behind(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
+    """Mean squared residual behind so many samples of each record, over as many at most."""
+    total, size = 0.0, 0
+    for grid, place, count in zip(joint.grids, joint.vector.places, counts, strict=True):
+        left = grid.residuals(theta[place])[count : 2 * count]
+        if (np.abs(left) >= BLOWN_UP).any():
+            return float("inf")
+        total, size = total + float(left @ left), size + len(left)
+    return total / max(size, 1)
+
+
+def drifting(
+    joint: JointRecords, theta: np.ndarray, counts: Sequence[int]
+) -> tuple[JointRecords, np.ndarray]:
+    """The same records with the gains that leave least of their residuals, and the fit to them.
+
+    The zero drifts as a random walk beside the noise. What the walk has done so far is followed by
+    exponential smoothing of the residuals, the filter of Muth (1960, doi:10.2307/2281542), and
+    taken out of the next one; what is left is white where the walk and the noise are as strong as
+    the filter's gain says, and is what the fit makes small. The walk starts at zero.
+    """
+    for _ in range(_DRIFT_ROUNDS):
+        gains = [_gain(each) for each in joint.residuals(theta)]
+        grids = [
+            dataclasses.replace(grid, gain=gain)
+            for grid, gain in zip(joint.grids, gains, strict=True)
+        ]
+        joint = dataclasses.replace(joint, grids=tuple(grids))
+        theta = joint.sharpened(theta, counts, tolerance=1e-6)
+    return joint, theta
+
+
+def _gain(residuals: np.ndarray) -> float:
+    """The gain with the least squares of what is left."""
+    from scipy.optimize import minimize_scalar
+
+    def left(log_gain: float) -> float:
+        return float((without_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
+
+    found = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
+    return float(np.exp(found.x))

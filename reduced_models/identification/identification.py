@@ -15,11 +15,11 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted, visible
 from reduced_models.fitting.options import STARTS, check_options
-from reduced_models.identification.advice import advice
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
 from reduced_models.identification.checked import figures_of, with_checks
 from reduced_models.identification.comparison import compare, law_name
 from reduced_models.identification.comparison_table import Comparison
+from reduced_models.identification.data import IdentificationData
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named
@@ -35,6 +35,10 @@ from reduced_models.records.sources import (
 
 GLANCED = "sindy"
 """Method of a discovery that nobody asked for: it needs nothing beyond what a fit needs."""
+POOR = 0.05
+"""Held-out error, in rms swings, from which a law is poor where the noise is less than that."""
+_NOISE_TIMES = 3.0
+_USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -231,3 +235,37 @@ class _Stopwatch:
         now = time.perf_counter()
         self.seconds[name] = now - self._last
         self._last = now
+
+
+def advice(found: IdentificationData, discovery: str | None) -> tuple[str, ...]:
+    """Words on what to try, the most promising first; nothing where the best law is good.
+
+    ``discovery`` is the method that was tried already, if any.
+    """
+    best = found.comparison.rows[0]
+    noise = found.comparison.noise
+    if best.error < max(POOR, _NOISE_TIMES * noise):
+        return ()
+    record, model = found.record, found.best
+    words = [
+        f"even the best law, {best.name}, misses what it has not seen by "
+        f"{100 * best.error:.3g} % of the swing"
+    ]
+    columns = unused_columns(record, tuple(one.law for one in found.models))
+    if found.run is None and columns:
+        words.append(f"drive the laws by a column that was not used: --input {columns[0]}")
+    if model.at_rest is not None:
+        turns = float(record.time[-1] - record.time[0]) / model.at_rest.period
+        if turns < _USEFUL_TURNS:
+            words.append(f"record longer: {turns:.2g} periods say little of a law")
+    words.append(
+        "look at the record (python -m reduced_models look FILE) and leave out its first moments, "
+        "or what lies in the noise: --between in a record.toml"
+    )
+    if discovery is None:
+        words.append("let a law be discovered: --discover sindy")
+    words += [
+        "try a law with memory, as hysteresis has: --law bouc-wen",
+        "write down a law of your own: --law \"z'' + c*z' + k*(z - r)**3 = 0\"",
+    ]
+    return tuple(words)

@@ -10,7 +10,7 @@ from scipy.special import ellipj
 from granular import PistonRecord
 from reduced_models import HeightMap
 from reduced_models.discovery import height, julia
-from reduced_models.discovery.elliptic_calls import freed
+from reduced_models.discovery.height import freed
 from reduced_models.discovery.result import Discovery
 
 TIME = np.linspace(0.0, 20.0, 400)

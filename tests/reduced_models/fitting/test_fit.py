@@ -118,7 +118,7 @@ def test_map_and_law_are_found_together_in_noise(
 
 
 def test_the_weak_form_finds_a_quadratic_damping() -> None:
-    from reduced_models.records.quadratic_damping import quadratic_damping
+    from reduced_models.laws.van_der_pol_like import quadratic_damping
 
     found = quadratic_damping(TIME, CLEAN, 6.0)
     assert found.damping == pytest.approx([0.0, -4.0 * 0.17, 2.0 * 0.17], abs=2e-3)
