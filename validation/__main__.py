@@ -22,7 +22,6 @@ from granular.shared.console import (
 )
 from granular.shared.errors import InputError
 from validation.benchmark import PARTS
-from validation.discovery.command import add_discovery, run_discovery
 from validation.published.command import add_published, run_published
 
 if TYPE_CHECKING:
@@ -64,11 +63,6 @@ examples:
     "recovery": """\
 example:
   %(prog)s --full -o out/recovery     # an hour; goes on where it was stopped""",
-    "discovery": """\
-examples:
-  %(prog)s                                # shows the results that come with the package
-  %(prog)s --full --noise 0.01 --systems "pendulum,two wells"
-  %(prog)s --quick -o out/discovery""",
     "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:
@@ -98,7 +92,6 @@ def parser(prog: str = PROG) -> Parser:
     _add_benchmark(add("benchmark", "speed, side by side"))
     add_published(add("published", "de Paula's published values beside ours, with verdicts"))
     _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
-    add_discovery(add("discovery", "how often are laws discovered? beside PySINDy and pyoperon"))
     _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))
     _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
@@ -186,8 +179,6 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         _prices(options)
     elif options.command == "recovery":
         _recovery(options)
-    elif options.command == "discovery":
-        run_discovery(options)
     elif options.command == "silverbox":
         _silverbox(options)
     else:

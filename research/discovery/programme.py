@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.shelf import Shelf
-from validation.discovery.cases import NOISES, SEEDS, Case, all_cases, measured
-from validation.discovery.results import Results, made_now, read, write
-from validation.discovery.systems import system_named
+from research.campaign import RESULTS, kept_rows, made_now, read_results, write_results
+from research.discovery.cases import NOISES, SEEDS, Case, all_cases, measured
+from research.discovery.results import EMPTY, Results
+from research.discovery.systems import system_named
 
-COMMAND = "python -m validation discovery"
-RESULTS = "results.json"
+COMMAND = "python -m research.discovery"
 _QUICK = ("linear", "pendulum", "quadratic drag")
 
 
@@ -68,34 +68,26 @@ def discovery(
         for case in cases:
             shelf.path(case.key).unlink(missing_ok=True)
     try:
-        run = _run(cases, shelf, progress)
+        rows = kept_rows(
+            cases, lambda case: case.key, _measured, shelf, what="searches", progress=progress
+        )
     finally:
         if out is not None and shelf is not None:
-            found = _kept(shelf, read(Path(out) / RESULTS))
-            write(found, Path(out) / RESULTS)
-    return Results(run, made_now(COMMAND)) if out is None else found
+            found = _kept(shelf, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))
+            write_results(found.to_plain(), Path(out) / RESULTS)
+    if out is None:
+        return Results(dict(zip(cases, rows, strict=True)), made_now(COMMAND))
+    return found
 
 
-def _run(cases: Sequence[Case], shelf: Shelf | None, progress: bool) -> dict[Case, dict[str, Any]]:
-    from granular.shared.progress import progress_bar
-
-    rows: dict[Case, dict[str, Any]] = {}
-    with progress_bar(total=len(cases), desc="searches", wanted=progress) as bar:
-        for case in cases:
-            bar.set_postfix_str(f"{case.method}, {case.system}, {100 * case.noise:g} %")
-            row = None if shelf is None else shelf.read(case.key)
-            if row is None:
-                row = measured(case)
-                _forget_compiled()
-                if shelf is not None:
-                    shelf.keep(case.key, row)
-            rows[case] = row
-            bar.update()
-    return rows
+def _measured(case: Case) -> dict[str, Any]:
+    row = measured(case)
+    _forget_compiled()
+    return row
 
 
 def _forget_compiled() -> None:
-    """What JAX compiled for a case: that of hundreds would take gigabytes."""
+    """Drop what JAX compiled for a case: that of hundreds would take gigabytes."""
     jax = sys.modules.get("jax")
     if jax is not None:
         jax.clear_caches()

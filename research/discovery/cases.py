@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.shared.errors import GranularError
 from reduced_models.laws.height_map import HeightMap
-from validation.discovery.judging import worth
-from validation.discovery.peers import pyoperon_law, pysindy_law
-from validation.discovery.systems import INPUT, SYSTEMS, System, made_record, system_named
+from research.discovery.judging import worth
+from research.discovery.peers import pyoperon_law, pysindy_law
+from research.discovery.systems import INPUT, SYSTEMS, System, made_record, system_named
 
 if TYPE_CHECKING:
     import sympy

@@ -15,13 +15,14 @@ from granular.shared.errors import InputError
 from reduced_models import HeightMap
 from reduced_models.discovery.libraries import terms_named
 from reduced_models.discovery.symbols import symbols
-from validation.discovery import programme
-from validation.discovery.cases import NOISES, OURS, SEEDS, SINDY, Case, all_cases, measured
-from validation.discovery.guide import PAGE, ROOT, with_block
-from validation.discovery.judging import worth
-from validation.discovery.programme import discovery
-from validation.discovery.results import Results, committed, read
-from validation.discovery.systems import (
+from research.campaign import read_results
+from research.discovery import programme
+from research.discovery.__main__ import CAMPAIGN
+from research.discovery.cases import NOISES, OURS, SEEDS, SINDY, Case, all_cases, measured
+from research.discovery.judging import worth
+from research.discovery.programme import discovery
+from research.discovery.results import EMPTY, Results
+from research.discovery.systems import (
     INPUT,
     SYSTEMS,
     law_of,
@@ -29,7 +30,7 @@ from validation.discovery.systems import (
     right_structures,
     system_named,
 )
-from validation.discovery.text import NOT_RUN, markdown, text
+from research.discovery.text import NOT_RUN, text
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda one: one.name)
@@ -87,7 +88,7 @@ def test_what_breaks_down_is_a_crash_that_is_counted(monkeypatch: pytest.MonkeyP
     def breaks(*_: object) -> None:
         raise ZeroDivisionError("once")
 
-    monkeypatch.setattr("validation.discovery.cases._law", breaks)
+    monkeypatch.setattr("research.discovery.cases._law", breaks)
     row = measured(Case(OURS, "linear", "named", 0.01, 0))
     assert row["crash"] == "ZeroDivisionError: once"
     found = Results({Case(OURS, "linear", "named", 0.01, 0): row}, {})
@@ -115,7 +116,8 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(programme, "measured", one)
     with pytest.raises(KeyboardInterrupt):
         discovery(tmp_path, quick=True, progress=False)
-    assert len(read(tmp_path / "results.json").rows) == len(before) == 3
+    kept = read_results(tmp_path / "results.json", Results.from_plain, EMPTY)
+    assert len(kept.rows) == len(before) == 3
     one, after = fake()
     monkeypatch.setattr(programme, "measured", one)
     found = discovery(tmp_path, quick=True, progress=False)
@@ -131,5 +133,6 @@ def test_an_unknown_system_is_refused() -> None:
 
 
 def test_the_guide_shows_the_committed_results() -> None:
-    page = (ROOT / PAGE).read_text(encoding="utf-8")
-    assert with_block(page, markdown(committed())) == page
+    found = CAMPAIGN.committed()
+    assert CAMPAIGN.different(found) == []
+    assert CAMPAIGN.different(EMPTY) == ["docs/guide/discovery.md: rates"]

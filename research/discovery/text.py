@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from validation.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, PEERS, SEEDS, TUNED
-from validation.discovery.judging import USABLE
-from validation.discovery.peers import PYOPERON, PYOPERON_TUNED, PYSINDY, TUNED_PERIODS
-from validation.discovery.results import Rate, Results
-from validation.discovery.systems import SYSTEMS
+from research.campaign import markdown_of
+from research.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, PEERS, SEEDS, TUNED
+from research.discovery.judging import USABLE
+from research.discovery.peers import PYOPERON, PYOPERON_TUNED, PYSINDY, TUNED_PERIODS
+from research.discovery.results import Rate, Results
+from research.discovery.systems import SYSTEMS
 from validation.table import TextTable, table
 
 SHOWN_NOISE = 0.01
@@ -32,7 +33,7 @@ def text(found: Results) -> str:
 def markdown(found: Results) -> str:
     """The same for a page."""
     made = found.made
-    parts = [words(found), _markdown(rates_table(found)), systems_words(), _markdown(
+    parts = [words(found), markdown_of(rates_table(found)), systems_words(), markdown_of(
         systems_table(found)), settings()]  # fmt: skip
     if made:
         parts.append(f"Made by `{made.get('command', '')}` on {made.get('date', '')}, "
@@ -139,8 +140,3 @@ def _setting(found: Mapping[str, object]) -> str:
 def _plain(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, Sequence) and not isinstance(
         value, str) else str(value)  # fmt: skip
-
-
-def _markdown(shown: TextTable) -> str:
-    lines = [shown.header, ("---",) * len(shown.header), *shown.rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
-import json
 import statistics
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.shared.files import finite, write_text
-from validation.discovery.cases import LIBRARIES, METHODS, NOISES, SEEDS, Case
-from validation.discovery.peers import FUNCTIONS, PYOPERON, PYOPERON_TUNED, PYSINDY
-from validation.discovery.systems import DURATION, SAMPLES, SYSTEMS
-from validation.results_file import read_results
+from research.campaign import Plain, rounded
+from research.discovery.cases import LIBRARIES, METHODS, NOISES, SEEDS, Case
+from research.discovery.peers import FUNCTIONS, PYOPERON, PYOPERON_TUNED, PYSINDY
+from research.discovery.systems import DURATION, SAMPLES, SYSTEMS
 
-COMMITTED = Path(__file__).parent / "results.json"
-"""The results that come with the package."""
-
-Plain = dict[str, Any]
 _DIGITS = 3
 
 
@@ -98,7 +90,7 @@ class Results:
                 for library in LIBRARIES
                 for method in METHODS
             ],
-            "rows": [_rounded(row) for row in self.rows.values()],
+            "rows": [rounded(row, _DIGITS) for row in self.rows.values()],
         }
 
     @classmethod
@@ -109,41 +101,4 @@ class Results:
         return cls(rows, plain["made"])
 
 
-def _rounded(row: Plain) -> Plain:
-    return {
-        name: float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
-        for name, value in row.items()
-    }
-
-
 EMPTY = Results({}, {})
-
-
-def read(path: Path) -> Results:
-    """Results from a file; empty where there is none.
-
-    Raises
-    ------
-    InputError
-        If the file holds something else.
-    """
-    return read_results(path, Results.from_plain, EMPTY)
-
-
-def committed() -> Results:
-    """The results that come with the package."""
-    return read(COMMITTED)
-
-
-def write(results: Results, path: Path) -> None:
-    """Write results, one row a line, so that changes of the file can be read."""
-    text = json.dumps(finite(results.to_plain()), separators=(",", ":"))
-    write_text(path, text.replace('},{"', '},\n{"') + "\n")
-
-
-def made_now(command: str) -> dict[str, Any]:
-    """Command, date and machine."""
-    from validation.parts import machine
-
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
-    return {"command": command, "date": now, **machine()}

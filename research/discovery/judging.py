@@ -8,7 +8,7 @@ import numpy as np
 
 from reduced_models.discovery.terms import terms_of
 from reduced_models.laws.height_map import HeightMap
-from validation.discovery.systems import (
+from research.discovery.systems import (
     System,
     right_structures,
     solved,

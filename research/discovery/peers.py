@@ -24,7 +24,7 @@ from reduced_models.discovery.libraries import terms_named
 from reduced_models.discovery.symbols import symbols
 from reduced_models.discovery.terms import AnyTerm, sum_of
 from reduced_models.records.first_guesses import first_guesses
-from validation.discovery.systems import INPUT, System
+from research.discovery.systems import INPUT, System
 
 if TYPE_CHECKING:
     import sympy
