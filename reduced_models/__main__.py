@@ -160,6 +160,7 @@ def _add_fit(one: Parser) -> None:
         help="linear (default), bootstrap (resampled records) or profile (right also where "
         "parameters are bounded or trade places)",
     )  # fmt: skip
+    one.add_argument("--drift", action="store_true", help="let the records' zero drift slowly")
     one.add_argument("-o", "--out", metavar="FILE", help="model of the first record, as JSON")
     add_reading(one)
     add_output(one)

@@ -121,6 +121,7 @@ def fit_sources(options: Any) -> None:
         holdout=options.holdout,
         starts=options.starts,
         intervals=options.intervals,
+        drift=options.drift,
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:

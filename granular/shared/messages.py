@@ -1,4 +1,4 @@
-"""How a user's words stand in a message: cut, on one line, and unable to steer a terminal."""
+"""Words of a message: a user's, cut, on one line and unable to steer a terminal; factors."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ LONGEST = 200
 """Signs of a user's value in a message: what is longer shows no more."""
 MOST = 2000
 """Signs of a whole message."""
+
+_MOST_TIMES = 1e6
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST
@@ -45,6 +47,14 @@ def one_line(message: object) -> str:
 def printable(text: object) -> str:
     """A text of many lines, all other control signs as escapes."""
     return "".join(sign if sign in "\n\t" else _escaped(sign) for sign in str(text))
+
+
+def times(value: float, digits: int = 2) -> str:
+    """A factor without a power of ten; no figure where it is absurd."""
+    if not value < _MOST_TIMES:
+        return "more than a million"
+    figure = f"{value:.{digits}g}"
+    return f"{float(figure):,.0f}" if value >= 10.0**digits else figure
 
 
 def _escaped(sign: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from granular.shared.messages import times
 from reduced_models.discovery.polishing import parametrised
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.selection import Judge, weighed
@@ -131,7 +132,7 @@ def notes_on(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
         )
     if left > _POOR:
         notes.append(
-            f"the chosen equation leaves {left:.2g} times what the record's noise would: the "
+            f"the chosen equation leaves {times(left)} times what the record's noise would: the "
             "law is not among those searched, so read it as a summary of this record"
         )
     if best.model is None and best.note:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.errors import GranularError, InputError
+from granular.shared.messages import quoted, times
 from reduced_models.fitting.covariance import Information, joint_covariance, marginal
 from reduced_models.fitting.diagnostics import autocorrelation_time, diagnostics
 from reduced_models.fitting.refinement import JudgedFit
@@ -25,10 +25,13 @@ from reduced_models.fitting.uncertainty import (
     profile_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.law import Law
 from reduced_models.laws.small_swing import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_walk
+from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
+from reduced_models.records.envelope import envelope
 from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.release import release
 
@@ -46,6 +49,9 @@ NOISY = 0.3
 """Noise above this share of the swing is noted."""
 VIOLENT = 500.0
 """Accelerations above this [m/s^2], fifty times gravity, are noted."""
+LAG = 0.1
+"""Of the interval between samples: a shorter lag is not told."""
+_LET_DRIFT = "fit with drift=True (fit --drift on the command line)"
 NOISE_TIMES, NOTABLE = 3.0, 0.05
 """A residual above so many noise levels, and above this share of the swing, is noted."""
 
@@ -127,7 +133,11 @@ def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
         )
     models = []
     for k, here in enumerate(joint.vector.places):
-        analysis = interval_analysis(joint.unknowns, theta[here], known[k], training.confidence)
+        height = joint.grids[k].record.height
+        analysis = interval_analysis(
+            joint.unknowns, theta[here], known[k], training.confidence,
+            (float(height.min()), float(height.max())),
+        )  # fmt: skip
         if again is not None:
             intervals = bootstrap_intervals(
                 joint.unknowns, again[:, here], theta[here], training.confidence, known[k]
@@ -158,7 +168,9 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
         confidence=training.confidence,
         map=height_map,
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
-        at_rest=None if isinstance(analysis.at_rest, NoSwing) else analysis.at_rest,
+        at_rest=None
+        if isinstance(analysis.at_rest, NoSwing)
+        else _beside_peaks(analysis.at_rest, record, unknowns.law),
         no_swing=analysis.at_rest.reason if isinstance(analysis.at_rest, NoSwing) else "",
         quality=quality,
         undetermined=analysis.undetermined,
@@ -177,6 +189,17 @@ def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> 
         input_interpolation=grid.interpolation,
         angle=record.angle,
     )
+
+
+def _beside_peaks(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
+    """With the damping that the peaks of a free swing show, where they contradict the law's."""
+    if law.inputs:
+        return rest
+    try:
+        seen = envelope(record).seen_damping
+    except GranularError:  # too few of them
+        return rest
+    return dataclasses.replace(rest, peaks=seen) if seen.contradicts(rest.damping_ratio) else rest
 
 
 def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
@@ -280,19 +303,19 @@ def _holdout_errors(grid: GriddedRecord, trained: np.ndarray, training: int) -> 
     return _rms(residuals) * grid.unknowns.amplitude / swing, resting
 
 
-def _structure(quality: Quality) -> str:
-    """What residuals that are not white say, however small they are."""
+def structure_words(quality: Quality, interval: float) -> str:
+    """Words for residuals that are not white, however small, of samples so far apart [s]."""
     words = (
         f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
         f"follow each other over {round(quality.correlation)} samples"
     )
-    if abs(quality.lag) > 0.0 and quality.swinging > SHARE:
+    if abs(quality.lag) > LAG * interval and quality.swinging > SHARE:
         words += f"; the solution lags by {quality.lag:.2g} s"
     if _drifting(quality):
-        return f"{words}) but drift slowly, so the level of rest is known less; give drift=True"
+        return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
     if quality.swinging > SHARE:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
-    drift = ", or drift=True if the record's zero may drift" if quality.drift > DRIFT else ""
+    drift = f", or {_LET_DRIFT} if the record's zero may drift" if quality.drift > DRIFT else ""
     return f"{words}), so the law is not right, or the noise is not white; try another law{drift}"
 
 
@@ -312,7 +335,7 @@ def _not_right(quality: Quality, record: PistonRecord) -> str:
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
             "(reduced_models.from_release)"
         )
-    drift = ", or drift=True if the record's zero may drift" if _drifting(quality) else ""
+    drift = f", or {_LET_DRIFT} if the record's zero may drift" if _drifting(quality) else ""
     return f"the law or the fit is not right; try another law or more starts{drift}"
 
 
@@ -336,11 +359,12 @@ def _notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, .
     if usual > NOISE_TIMES * quality.noise and usual > NOTABLE * swing:
         ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
-            f"the residual is {100 * usual / swing:.2g} % of the swing and {ratio:.2g} times "
+            f"the residual is {100 * usual / swing:.2g} % of the swing and {times(ratio)} times "
             f"the record's noise, so {_not_right(quality, record)}"
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
-        notes.append(_structure(quality))
+        interval = float(np.median(np.diff(record.time)))
+        notes.append(structure_words(quality, interval))
     if quality.noise > NOISY * swing:
         notes.append(
             f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "

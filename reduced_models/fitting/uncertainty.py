@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reduced_models.fitting.covariance import Information, marginal, sandwich
-from reduced_models.laws.small_swing import NoSwing, small_swing
-from reduced_models.models.fitted_law import AtRest
+from reduced_models.laws.harmonic_balance import cycles, rates_of
+from reduced_models.laws.small_swing import JUMPS, NoSwing, small_swing
+from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.quality import Direction
 
 if TYPE_CHECKING:
@@ -24,6 +25,11 @@ if TYPE_CHECKING:
 
 OPEN = 0.25
 """A direction is undetermined if the data leave the logarithm along it this uncertain."""
+SHARES = (0.5, 0.1)
+"""Amplitudes, over the greatest swing of the record, that equivalent damping is of."""
+FAR = 0.5
+"""Share of a damping ratio by which that of small swings may miss the one at a tenth."""
+_NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
 _NEAR_ZERO = 0.25  # in units of the entry
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
@@ -40,9 +46,13 @@ class Analysis:
 
 
 def interval_analysis(
-    unknowns: Unknowns, theta: np.ndarray, known: Information, confidence: float
+    unknowns: Unknowns,
+    theta: np.ndarray,
+    known: Information,
+    confidence: float,
+    seen: tuple[float, float],
 ) -> Analysis:
-    """Intervals of a fit, linearised at its minimum."""
+    """Intervals of a fit to a record that saw such heights [m], linearised at its minimum."""
     quantile = known.quantile(confidence)
     names, values, logs = _named(unknowns, theta)
     intervals = {}
@@ -53,7 +63,7 @@ def interval_analysis(
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
     return Analysis(
         intervals=intervals,
-        at_rest=_at_rest(unknowns, theta, known.covariance, quantile),
+        at_rest=_at_rest(unknowns, theta, known.covariance, quantile, seen),
         undetermined=open_directions(open_names, information),
     )
 
@@ -219,7 +229,11 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
 
 
 def _at_rest(
-    unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray, quantile: float
+    unknowns: Unknowns,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    quantile: float,
+    edges: tuple[float, float],
 ) -> AtRest | NoSwing:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
     figures = _small_motion(unknowns, theta)
@@ -227,27 +241,63 @@ def _at_rest(
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
         return NoSwing(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
-    slope = np.zeros((3, len(theta)))
-    for k in range(len(theta)):
-        step = np.zeros(len(theta))
-        step[k] = 1e-6 * max(1.0, abs(theta[k]))
-        above, below = (_small_motion(unknowns, theta + sign * step) for sign in (1.0, -1.0))
-        if isinstance(above, NoSwing):
-            return above
-        if isinstance(below, NoSwing):
-            return below
-        slope[:, k] = (above - below) / (2.0 * step[k])
+    sizes = np.array(SHARES) * max(abs(edge - figures[0]) for edge in edges)
+    seen = _seen_damping(unknowns, theta[:, None], figures[:, None], sizes)
+    equivalent = np.isfinite(seen).all() and _unseen(figures[2], seen[1, 0])
+    if not (equivalent or math.isfinite(figures[2])):
+        return JUMPS
+    step = 1e-6 * np.maximum(1.0, np.abs(theta))
+    thetas = theta[:, None] + np.hstack([np.diag(step), -np.diag(step)])
+    moved = []
+    for one in thetas.T:
+        motion = _small_motion(unknowns, one)
+        if isinstance(motion, NoSwing):
+            return motion
+        moved.append(motion)
+    around = np.transpose(moved)
+    if equivalent:
+        figures = np.append(figures[:2], seen[:, 0])
+        around = np.vstack([around[:2], _seen_damping(unknowns, thetas, around, sizes)])
+    slope = (around[:, : len(theta)] - around[:, len(theta) :]) / (2.0 * step)
     spread = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
+    intervals = [
+        (float(figure - width), float(figure + width))
+        for figure, width in zip(figures, spread, strict=True)
+    ]
+    others = None
+    if equivalent:
+        others = EquivalentDamping(
+            amplitude=float(sizes[0]),
+            tenth_ratio=float(figures[3]),
+            friction=float(figures[4]),
+            intervals=dict(zip(("tenth_ratio", "friction"), intervals[3:], strict=True)),
+        )
+    height, period, ratio = map(float, figures[:3])
     names = ("height", "period", "damping_ratio")
-    return AtRest(
-        height=float(figures[0]),
-        period=float(figures[1]),
-        damping_ratio=float(figures[2]),
-        intervals={
-            name: (float(figure - width), float(figure + width))
-            for name, figure, width in zip(names, figures, spread, strict=True)
-        },
-    )
+    return AtRest(height, period, ratio, dict(zip(names, intervals[:3], strict=True)), others)
+
+
+def _unseen(small: float, at_tenth: float) -> bool:
+    """Whether the damping ratio of small swings is far from that of swings that are seen."""
+    if not math.isfinite(small):
+        return True
+    return abs(at_tenth - small) > max(FAR * max(abs(small), abs(at_tenth)), _NO_DAMPING)
+
+
+def _seen_damping(
+    unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
+) -> np.ndarray:
+    """Damping ratios at two amplitudes, and friction [m/s^2], (3, m) of search vectors (p, m)."""
+    law = unknowns.law
+    values, shift, scale, *_ = unknowns.physical(thetas)
+    amplitude = sizes[:, None]
+    found = cycles(
+        rates_of(law, values), len(law.hidden), amplitude / np.abs(scale),
+        (figures[0] - shift) / scale, 2.0 * math.pi / figures[1],
+    )  # fmt: skip
+    wide, narrow = found.resistance(amplitude)
+    friction = (SHARES[0] * narrow - SHARES[1] * wide) / (SHARES[0] - SHARES[1])
+    return np.vstack([found.damping_ratio, friction])
 
 
 def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:

@@ -10,9 +10,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quoted, times
 from reduced_models.identification.screening import HOPELESS, Screening, screened
-from reduced_models.identification.words import times
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
+from granular.shared.messages import times
 from reduced_models.fitting.fitting import fit, law_of
 from reduced_models.fitting.options import HOLDOUT, STARTS, check_options, records_of
 from reduced_models.fitting.start_values import starts_near
@@ -254,5 +255,5 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
         if math.isinf(row.error):
             words += f"; {row.name} diverges"
         else:
-            words += f"; {row.name} is {row.error / max(best.error, 1e-300):.3g} times worse"
+            words += f"; {row.name} is {times(row.error / max(best.error, 1e-300), 3)} times worse"
     return words + "."

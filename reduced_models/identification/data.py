@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.run.record import PistonRecord
+from granular.shared.messages import times
 from reduced_models.falls.data import Falls
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.elliptic_words import (
@@ -17,7 +18,7 @@ from reduced_models.identification.elliptic_words import (
     elliptic_of,
     elliptic_words,
 )
-from reduced_models.identification.engineering import Quantity, engineering
+from reduced_models.identification.engineering import Quantity, engineering, swing_words
 from reduced_models.identification.price import checked_price_text
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.elliptic import EllipticMotion
@@ -127,7 +128,7 @@ class IdentificationData:
 
     @property
     def engineering(self) -> tuple[Quantity, ...]:
-        """Rest, frequency, damping, stiffness of the small swing, with intervals."""
+        """Rest, frequency, damping, stiffness of the swing about rest, with intervals."""
         return engineering(self.shown, self.record.angle, self.mass)
 
     @property
@@ -178,7 +179,7 @@ class IdentificationData:
                 lines += ["", str(self.falls.best.model)]
         lines += ["", self.verdict]
         if self.figures:
-            lines.append(f"small swing about rest, by {self.figures_law}:")
+            lines.append(f"{swing_words(self.shown)} about rest, by {self.figures_law}:")
         lines += [f"  {one.name}: {one.text}  [{one.interval}]" for one in self.engineering]
         lines += [
             f"  {_checks_text(name, figure, self.shown)}"
@@ -223,7 +224,7 @@ def lift_verdict(table: Comparison) -> str:
     )
     if others:
         worse = [
-            f"{other} is {error / max(best, 1e-300):.2g} times worse"
+            f"{other} is {times(error / max(best, 1e-300))} times worse"
             if math.isfinite(error) else f"{other} diverges"
             for error, other in others
         ]  # fmt: skip

@@ -1,8 +1,8 @@
 """A fitted law in an engineer's words: frequency, damping, stiffness, and how they change.
 
-All is of the small swing about rest but for `at_amplitudes`. Stiffness and damping are those of a
-mass on a spring with a dashpot that swings alike, m z'' + c z' + k z = 0; where no mass is known
-they are per kilogram, and of an angle per unit of the moment of inertia.
+All is of the small swing about rest but for what names an amplitude. Stiffness and damping are
+those of a mass on a spring with a dashpot that swings alike, m z'' + c z' + k z = 0; where no mass
+is known they are per kilogram, and of an angle per unit of the moment of inertia.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from typing import NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
+from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.response import HarmonicCycle
 
 SHARES = (1.0, 0.5, 0.25, 0.1)
 """Amplitudes that are looked at, over the greatest one of the record."""
+DAMPING_RATIO = "damping ratio"
 _MOST_DIGITS = 8
 _UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
 
@@ -61,7 +63,7 @@ class Quantity(NamedTuple):
 def decimals(value: float, low: float, high: float) -> int:
     """Decimals of a number that has an interval; negative ones are zeros before the point."""
     half = 0.5 * (high - low)
-    size = max(abs(value), 1e-300)
+    size = abs(value) or 1.0
     finest = _MOST_DIGITS - 1 - math.floor(math.log10(size))
     if not math.isfinite(half):
         return 3 - math.floor(math.log10(size))
@@ -72,6 +74,7 @@ def decimals(value: float, low: float, high: float) -> int:
 
 def fixed(value: float, digits: int) -> str:
     """A number with so many decimals, in powers of ten where it is very large or small."""
+    digits = digits if value else min(digits, _MOST_DIGITS)
     size = abs(value)
     if value and not 1e-4 <= size < 1e7:
         return f"{value:.{max(0, digits + math.floor(math.log10(size)))}e}"
@@ -98,7 +101,7 @@ class Units:
     length : str
     scale : float
         Of a coordinate in SI, into that.
-    stiffness, damping : str
+    stiffness, damping, friction : str
     inertia : float
         Times the law's stiffness and damping.
     """
@@ -107,52 +110,91 @@ class Units:
     scale: float
     stiffness: str
     damping: str
+    friction: str
     inertia: float
 
 
 def units_of(angle: bool, mass: float | None) -> Units:
     """Those of a height or an angle, for a mass [kg] (or moment of inertia) that may be known."""
     if angle:
-        return Units("°", 180.0 / math.pi, "N m/rad per kg m²", "N m s/rad per kg m²", 1.0)
+        return Units(
+            "°", 180.0 / math.pi, "N m/rad per kg m²", "N m s/rad per kg m²", "rad/s²", 1.0
+        )
     if mass is None:
-        return Units("mm", 1e3, "N/m per kg", "N s/m per kg", 1.0)
-    return Units("mm", 1e3, "N/m", "N s/m", mass)
+        return Units("mm", 1e3, "N/m per kg", "N s/m per kg", "m/s²", 1.0)
+    return Units("mm", 1e3, "N/m", "N s/m", "N", mass)
 
 
 def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Quantity, ...]:
-    """Figures of the small swing about rest; none where the law has no level of rest."""
+    """Figures of the swing about rest; none where the law has no level of rest.
+
+    A damping ratio that the record's own peaks contradict gives way to theirs, and what follows
+    from it is left out.
+    """
     rest = model.at_rest
     if rest is None:
         return ()
     units = units_of(angle, mass)
-    low_height, high_height = rest.intervals["height"]
     shortest, longest = rest.intervals["period"]
-    ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
-    omega = 2.0 * math.pi / rest.period
     share = 0.5 * (longest - shortest) / rest.period  # of the frequency, half its interval
+    stiffness = units.inertia * (2.0 * math.pi / rest.period) ** 2
+    if (seen := rest.peaks) is not None:
+        damping = [_ratio(" by the record's peaks", seen.mean, (seen.low, seen.high))]
+    elif rest.equivalent is not None:
+        damping = _at_two_amplitudes(rest, rest.equivalent, units)
+    else:
+        damping = _of_small_swings(rest, share)
     found = [
         Quantity(
             "level of rest", "z", units.length,
-            *(units.scale * each for each in (rest.height, low_height, high_height)),
+            *(units.scale * each for each in (rest.height, *rest.intervals["height"])),
         ),
         Quantity("natural frequency", "f", "Hz", *_inverse(rest.period, shortest, longest)),
-        Quantity("damping ratio", "ζ", "%", 100.0 * ratio, 100.0 * least, 100.0 * most),
+        *damping,
+        _of(stiffness, 2.0 * share, "stiffness", "k", units.stiffness),
     ]  # fmt: skip
+    if damping[0].name == DAMPING_RATIO:
+        ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
+        wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
+        value = units.inertia * 4.0 * math.pi * ratio / rest.period
+        found.append(_of(value, math.hypot(share, wide), "damping", "c", units.damping))
+    return tuple(found)
+
+
+def _of_small_swings(rest: AtRest, share: float) -> list[Quantity]:
+    ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
+    found = [_ratio("", ratio, (least, most))]
     if 0.0 < ratio < _UNDERDAMPED:
         found += [
             _of(damped_frequency(rest.period, ratio), share, "damped frequency", "f_d", "Hz"),
             _through(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
             _through(lambda one: 0.5 / one, ratio, most, least, "quality factor", "Q", ""),
         ]
-    wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
-    found += [
-        _of(units.inertia * omega**2, 2.0 * share, "stiffness", "k", units.stiffness),
-        _of(
-            units.inertia * 2.0 * ratio * omega, math.hypot(share, wide), "damping", "c",
-            units.damping,
-        ),
-    ]  # fmt: skip
-    return tuple(found)
+    return found
+
+
+def _at_two_amplitudes(rest: AtRest, one: EquivalentDamping, units: Units) -> list[Quantity]:
+    wide, narrow = (
+        f" at {units.scale * size:.3g} {units.length}" for size in (one.amplitude, one.tenth)
+    )
+    found = [
+        _ratio(wide, rest.damping_ratio, rest.intervals["damping_ratio"]),
+        _ratio(narrow, one.tenth_ratio, one.intervals["tenth_ratio"]),
+    ]
+    if one.friction > 0.0:
+        friction = (units.inertia * each for each in (one.friction, *one.intervals["friction"]))
+        found.append(Quantity("friction", "F", units.friction, *friction))
+    return found
+
+
+def _ratio(where: str, value: float, ends: tuple[float, float]) -> Quantity:
+    return Quantity(f"{DAMPING_RATIO}{where}", "ζ", "%", *(100.0 * each for each in (value, *ends)))
+
+
+def swing_words(model: ReducedModel) -> str:
+    """The swing that a model's figures are of."""
+    rest = model.at_rest
+    return "small swing" if rest is None or rest.equivalent is None else "swing"
 
 
 def damped_frequency(period: float, ratio: float) -> float:

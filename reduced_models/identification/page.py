@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 
 from granular.shared.html import Page, number
+from granular.shared.messages import times
 from granular.shared.plotting import READABLE, figure
 from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
@@ -17,7 +18,7 @@ from reduced_models.identification.page_equation import add_equations
 from reduced_models.identification.page_falls import add_falls
 from reduced_models.identification.page_record import add_fits, add_lift, add_portrait, add_record
 from reduced_models.identification.page_run import add_run
-from reduced_models.identification.words import direction_words, sentence, times
+from reduced_models.identification.words import direction_words, sentence
 from reduced_models.laws.printing import symbol
 from reduced_models.models.model import ReducedModel
 

@@ -8,14 +8,16 @@ from collections.abc import Mapping
 from granular.shared.html import Page, number
 from reduced_models.identification.data import Figure, IdentificationData
 from reduced_models.identification.engineering import (
+    DAMPING_RATIO,
     Quantity,
     at_amplitudes,
+    swing_words,
     units_of,
 )
 from reduced_models.identification.words import sentence
 
 _NONE = 5e-3  # per cent of a change that is none
-_BY_RATIO = ("damping ratio", "logarithmic decrement", "quality factor")
+_BY_RATIO = ("ζ", "δ", "Q", "F")  # signs of what is as uncertain as the damping ratio
 
 
 def engineering_words(found: IdentificationData) -> str:
@@ -24,17 +26,11 @@ def engineering_words(found: IdentificationData) -> str:
     if not known:
         return found.verdict
     what = "The angle" if found.record.angle else "The piston"
-    rest, frequency, ratio = (
-        known[name].text for name in ("level of rest", "natural frequency", "damping ratio")
-    )
-    words = f"{what} comes to rest at {rest}, and small swings about that have {frequency} "
-    words += f"and a damping ratio of {ratio}"
-    if "logarithmic decrement" in known:
-        kept = math.exp(-known["logarithmic decrement"].value)
-        words += f": each swing is {100 * kept:.3g} % as wide as the one before"
-    words += "."
-    stiffness, damping = known["stiffness"].text, known["damping"].text
-    if found.mass is not None:
+    rest, frequency = (known[name].text for name in ("level of rest", "natural frequency"))
+    words = f"{what} comes to rest at {rest}, and small swings about that have {frequency}"
+    words += f"{_damping_words(known)}."
+    if found.mass is not None and "damping" in known:
+        stiffness, damping = known["stiffness"].text, known["damping"].text
         words += (
             f" A mass of {found.mass:.4g} kg on a spring of {stiffness} with a dashpot of "
             f"{damping} does the same."
@@ -42,6 +38,23 @@ def engineering_words(found: IdentificationData) -> str:
     best = found.comparison.rows[0]
     words = f"{words} {_best_words(best.name, best.error)}{_amplitude_words(found)}"
     return words if found.falls is None else f"{found.falls.verdict} {words}"
+
+
+def _damping_words(known: Mapping[str, Quantity]) -> str:
+    """The damping, behind the frequency of small swings."""
+    if DAMPING_RATIO in known:
+        words = f" and a damping ratio of {known[DAMPING_RATIO].text}"
+        if "logarithmic decrement" in known:
+            kept = math.exp(-known["logarithmic decrement"].value)
+            words += f": each swing is {100 * kept:.3g} % as wide as the one before"
+        return words
+    ratios = [
+        f"{one.text}{name.removeprefix(DAMPING_RATIO)}"
+        for name, one in known.items()
+        if name.startswith(DAMPING_RATIO)
+    ]
+    words = f". The damping ratio is {' and '.join(ratios)}"
+    return words + (f"; friction is {known['friction'].text}" if "friction" in known else "")
 
 
 def _as_sure(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
@@ -117,7 +130,14 @@ def add_engineering(page: Page, found: IdentificationData) -> None:
 
 
 def _explained(found: IdentificationData) -> str:
-    words = f"Of the small swing about rest, from the fit of {found.figures_law}. "
+    swing = swing_words(found.shown)
+    words = f"Of the {swing} about rest, from the fit of {found.figures_law}. "
+    if any(one.name.startswith(f"{DAMPING_RATIO} at ") for one in found.engineering):
+        words += (
+            "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "
+            "4π times that of its swing; friction is the constant force that, beside a dashpot, "
+            "loses as much at both. "
+        )
     if found.record.angle:
         return words + "Stiffness and damping are per unit of the moment of inertia."
     if found.mass is None:
@@ -138,7 +158,7 @@ def _error(one: Quantity, figures: Mapping[str, Figure], which: str) -> str:
         return number(abs(one.value * known["height"] / rest.value), 2) if rest.value else ""
     period = known["period"] / figures["period"].value
     ratio = known["damping_ratio"] / abs(figures["damping_ratio"].value or math.inf)
-    if one.name in _BY_RATIO:
+    if one.symbol in _BY_RATIO:
         share = ratio
     elif one.name == "stiffness":
         share = 2.0 * period

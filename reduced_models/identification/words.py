@@ -13,11 +13,6 @@ def sentence(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def times(value: float) -> str:
-    """A factor, with two digits and no power of ten."""
-    return f"{float(f'{value:.2g}'):,.0f}" if value >= 10.0 else f"{value:.2g}"
-
-
 def direction_words(direction: Direction) -> str:
     """An open direction, with the signs of its parameters as formulas have them."""
     powers = {symbol(name): power for name, power in direction.powers.items()}

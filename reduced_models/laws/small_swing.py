@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import sympy
 
 _MOST_STEPS = 50
+_CREEP = 1e-9  # a speed on either side of a jump: more than rounding, less than any swing
 _FLAT = 1e-9  # of a matrix's greatest entry: less is none
 Field = Callable[[np.ndarray], np.ndarray]
 """From a state, z, its velocity and hidden states, to the rates of all but the first."""
@@ -30,7 +31,7 @@ class SmallSwing(NamedTuple):
     period : float
         Of the undamped swing [s].
     damping_ratio : float
-        Fraction of critical damping.
+        Fraction of critical damping; infinite where the law jumps with the sign of the velocity.
     """
 
     z: float
@@ -50,7 +51,7 @@ class NoSwing(NamedTuple):
 
 
 _NO_LEVEL = NoSwing("no one level of rest is found near the record")
-_JUMPS = NoSwing("the law jumps at rest, as dry friction does")
+JUMPS = NoSwing("the law jumps at rest, as dry friction does")
 _PUSHES = NoSwing("what pushes the piston there does not pull it back")
 _UNSTABLE = NoSwing("the level of rest is not stable")
 _CREEPS = NoSwing("the piston creeps back there without a swing")
@@ -62,21 +63,32 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
     Hidden states move with z as their equations say. They are at zero at rest where the law leaves
     that open, as hysteresis does. The reason where there is no stable level of rest, or no swing.
     """
-    hidden, inputs = len(law.hidden), (0.0,) * len(law.inputs)
+    inputs = (0.0,) * len(law.inputs)
     rates = compiled_field(law.equation, law.inputs, "numpy")
     slopes = compiled_jacobian(law.equation, law.inputs)
-    return _found(
+    return _found_or_jump(
         lambda state: np.array(rates(*state, *inputs, *values), dtype=float),
         lambda state: slopes(*state, *inputs, *values),
-        np.array([z, 0.0, *(0.0,) * hidden]),
+        np.array([z, 0.0, *(0.0,) * len(law.hidden)]),
     )
 
 
 def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     """That of an equation in z(t) with numbers for all parameters; see `small_swing`."""
-    import sympy
-
     from granular.shared.algebra import function_of
+
+    rate, state = acceleration_of(equation)
+    force, slopes = function_of(state, rate), jacobian_of([rate], state, state)
+    return _found_or_jump(
+        lambda state: np.array([force(*state)], dtype=float),
+        lambda state: slopes(*state),
+        np.array([z, 0.0]),
+    )
+
+
+def acceleration_of(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
+    """Acceleration by an equation in z(t), and the symbols of z and z'; all others are zero."""
+    import sympy
 
     t = sympy.Symbol("t")
     motion = sympy.Function("z")(t)
@@ -86,14 +98,21 @@ def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     )
     still = dict.fromkeys(plain.free_symbols - {height, speed, acceleration}, 0.0)
     plain = plain.subs(still)
-    rate = -plain.subs(acceleration, 0) / plain.diff(acceleration)
-    force = function_of([height, speed], rate)
-    slopes = jacobian_of([rate], [height, speed], [height, speed])
-    return _found(
-        lambda state: np.array([force(*state)], dtype=float),
-        lambda state: slopes(*state),
-        np.array([z, 0.0]),
-    )
+    return -plain.subs(acceleration, 0) / plain.diff(acceleration), [height, speed]
+
+
+def _found_or_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
+    """The swing; where the law jumps with the sign of the velocity, that of the mean of both."""
+    found = _found(rates, slopes, state)
+    if found is not JUMPS or len(state) > 2:
+        return found
+    creep = np.array([0.0, _CREEP])
+
+    def mean(function: Field) -> Field:
+        return lambda at: 0.5 * (function(at + creep) + function(at - creep))
+
+    found = _found(mean(rates), mean(slopes), state)
+    return found._replace(damping_ratio=math.inf) if isinstance(found, SmallSwing) else found
 
 
 def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
@@ -106,7 +125,7 @@ def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwi
             if not np.isfinite(left).all():
                 return _NO_LEVEL
             if not np.isfinite(free).all():
-                return _JUMPS
+                return JUMPS
             # Hidden states that may be anything at rest stay where they are.
             moving = [0] + [
                 k for k in range(1, len(left)) if abs(free[k, k]) > _FLAT * np.abs(matrix).max()
@@ -125,7 +144,7 @@ def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwi
             return _NO_LEVEL
         matrix = slopes(state)
     if not np.isfinite(matrix).all():
-        return _JUMPS
+        return JUMPS
     if len(matrix) == 1:
         stiffness, damping = -matrix[0]
         if not stiffness > 0.0:

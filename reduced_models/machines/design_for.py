@@ -117,7 +117,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     helps = found.peak < HELPS * alone and diameters >= RANGE[0]
     return DamperDesign(
         best, found.peak, alone, ideal, stroke, mass, helps,
-        _verdict(best, found.peak, alone, ideal, diameters, helps),
+        _verdict(best, found.peak, alone, ideal, diameters),
     )  # fmt: skip
 
 
@@ -146,9 +146,7 @@ def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Sc
                 yield scene
 
 
-def _verdict(
-    scene: Scene, peak: float, alone: float, ideal: float, stroke: float, helps: bool
-) -> str:
+def _verdict(scene: Scene, peak: float, alone: float, ideal: float, stroke: float) -> str:
     drag = scene.effects.drag
     assert scene.piston is not None
     what = (
@@ -159,9 +157,11 @@ def _verdict(
         f"{1e3 * peak:.3g} mm at the peak, {1e3 * alone:.3g} mm without, {1e3 * ideal:.3g} mm with "
         f"an ideal tuned mass of the same weight; the piston swings {stroke:.2g} D"
     )
-    if helps:
-        beyond = "" if stroke <= RANGE[1] else ", more than the law was held against: simulate it"
-        return f"{what}: {figures}{beyond}"
-    if stroke < RANGE[0]:
-        return f"no: a bed of {what} hardly moves, and damps little: {figures}"
-    return f"no: the best bed, {what}, leaves most of the vibration: {figures}"
+    if not peak < HELPS * alone:
+        still = stroke < RANGE[0]
+        how = "hardly moves, and damps little" if still else "leaves most of the vibration"
+        return f"no: the best bed, {what}, {how}: {figures}"
+    if RANGE[0] <= stroke <= RANGE[1]:
+        return f"{what}: {figures}"
+    beyond = "less" if stroke < RANGE[0] else "more"
+    return f"{what}: {figures}, {beyond} than the law was held against: simulate it"

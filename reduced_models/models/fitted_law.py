@@ -15,10 +15,12 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from reduced_models.laws.harmonic_balance import cycles, rates_of, rates_of_equation
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.printing import latex, rounded, rounded_equation, rounded_expression
 from reduced_models.laws.small_swing import NoSwing, small_swing, swing_of_equation
+from reduced_models.records.envelope import SeenDamping
 from reduced_models.records.inputs import TIME, Interpolation, column
 
 if TYPE_CHECKING:
@@ -34,35 +36,89 @@ _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
 
 
 @dataclasses.dataclass(frozen=True)
+class EquivalentDamping:
+    """Damping that small swings do not show, by the energy that harmonic cycles dissipate.
+
+    Attributes
+    ----------
+    amplitude : float
+        Half of the record's greatest swing [m], which the level of rest's damping ratio is of.
+    tenth_ratio : float
+        Fraction of critical damping at a tenth of the greatest swing, ``tenth``.
+    friction : float
+        Constant force per kilogram [m/s^2] that, beside a dashpot, dissipates as much at both
+        amplitudes; below zero where damping grows faster than a dashpot's.
+    intervals : mapping of str to (float, float)
+        Of the last two.
+    """
+
+    amplitude: float
+    tenth_ratio: float
+    friction: float
+    intervals: Mapping[str, tuple[float, float]]
+
+    @property
+    def tenth(self) -> float:
+        """A tenth of the greatest swing [m]."""
+        return 0.2 * self.amplitude
+
+
+@dataclasses.dataclass(frozen=True)
 class AtRest:
     """What a law says of small motions about its level of rest, with intervals.
 
     Attributes
     ----------
     height, period, damping_ratio : float
-        [m], period of the undamped small swing [s], fraction of critical damping.
+        [m], period of the undamped small swing [s], fraction of critical damping. Where that of
+        small swings is far from what the record's swings can show, as with dry friction, it is the
+        energy lost in a harmonic cycle of the amplitude ``equivalent.amplitude``, over 4 pi times
+        that of its swing.
     intervals : mapping of str to (float, float)
+    equivalent : EquivalentDamping or None
+        None where the damping ratio is that of small swings.
+    peaks : SeenDamping or None
+        Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
+        what is printed then.
     """
 
     height: float
     period: float
     damping_ratio: float
     intervals: Mapping[str, tuple[float, float]]
+    equivalent: EquivalentDamping | None = None
+    peaks: SeenDamping | None = None
 
     def __str__(self) -> str:
-        units = {"height": " m", "period": " s", "damping_ratio": ""}
-        lines = []
-        for name, unit in units.items():
-            value, interval = getattr(self, name), self.intervals.get(name)
-            text = (
-                f"{value:.4g}{unit}" if interval is None else _with_interval(value, unit, interval)
+        one, known = self.equivalent, dict(self.intervals)
+        rows = [("height", self.height, "m"), ("period", self.period, "s")]
+        if self.peaks is not None:
+            by_peaks = "damping ratio by the record's peaks"
+            rows.append((by_peaks, self.peaks.mean, ""))
+            known |= {by_peaks: (self.peaks.low, self.peaks.high)}
+        elif one is None:
+            rows.append(("damping_ratio", self.damping_ratio, ""))
+        else:
+            at_half, at_tenth = (
+                f"damping ratio at {size:.3g} m" for size in (one.amplitude, one.tenth)
             )
-            lines.append(f"{name.replace('_', ' ')}: {text}")
-        return "\n".join(lines)
+            rows += [
+                (at_half, self.damping_ratio, ""), (at_tenth, one.tenth_ratio, ""),
+                ("friction", one.friction, "m/s^2"),
+            ]  # fmt: skip
+            known |= {at_half: known["damping_ratio"], at_tenth: one.intervals["tenth_ratio"]}
+            known |= {"friction": one.intervals["friction"]}
+        return "\n".join(
+            f"{name.replace('_', ' ')}: {_with_interval(value, unit, known.get(name))}"
+            for name, value, unit in rows
+        )
 
 
-def _with_interval(value: float, unit: str, interval: tuple[float, float]) -> str:
+def _with_interval(value: float, unit: str, interval: tuple[float, float] | None) -> str:
     """To the decimal that the interval's width tells; its ends are rounded outwards."""
+    unit = f" {unit}".rstrip()
+    if interval is None:
+        return f"{value:.4g}{unit}"
     low, high = interval
     if not 0.0 < high - low < math.inf:
         return f"{value:.4g}{unit}  [{low:.4g}, {high:.4g}]"
@@ -169,19 +225,26 @@ class FittedLaw:
     def _tells(self, digits: int) -> bool:
         """Whether so many digits say where the piston rests and how it swings there."""
         assert self.at_rest is not None
-        z = self.map.to_law(self.at_rest.height)
-        values = [rounded(self.parameters[name], digits) for name in self.law.parameters]
+        rest, law = self.at_rest, self.law
+        z = self.map.to_law(rest.height)
+        values = [rounded(self.parameters[name], digits) for name in law.parameters]
         shift, scale = (rounded(each, max(digits, 5)) for each in (self.map.shift, self.map.scale))
-        swings = [small_swing(self.law, values, z)]
-        if not self.law.hidden:  # whose equations stand beside this one
-            swings.append(swing_of_equation(rounded_equation(self.fitted_equation, digits), z))
-        for swing in swings:
+        swings = [(small_swing(law, values, z), rates_of(law, values))]
+        if not law.hidden:  # whose equations stand beside this one
+            equation = rounded_equation(self.fitted_equation, digits)
+            swings.append((swing_of_equation(equation, z), rates_of_equation(equation)))
+        for swing, rates in swings:
             if isinstance(swing, NoSwing):
                 return False
-            printed = (shift + scale * swing.z, swing.period, swing.damping_ratio)
+            ratio = swing.damping_ratio
+            if rest.equivalent is not None:
+                size, omega = rest.equivalent.amplitude / abs(scale), 2.0 * math.pi / swing.period
+                found = cycles(rates, len(law.hidden), size, swing.z, omega)
+                ratio = float(found.damping_ratio[0])
+            printed = (shift + scale * swing.z, swing.period, ratio)
             for (name, floor), figure in zip(_FLOORS.items(), printed, strict=True):
-                low, high = self.at_rest.intervals[name]
-                slack = floor * abs(getattr(self.at_rest, name))
+                low, high = rest.intervals[name]
+                slack = floor * abs(getattr(rest, name))
                 if not low - slack <= figure <= high + slack:
                     return False
         return True

@@ -18,10 +18,11 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
 from reduced_models.models.exporting import write_code
-from reduced_models.models.fitted_law import AtRest, FittedLaw
+from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLaw
 from reduced_models.models.quality import Direction, Quality
 from reduced_models.models.schema import FORMAT, checked, read_model
 from reduced_models.models.stored import law_from_plain, quality_from_plain
+from reduced_models.records.envelope import SeenDamping
 from reduced_models.records.inputs import Interpolation
 
 if TYPE_CHECKING:
@@ -270,10 +271,23 @@ class ReducedModel(FittedLaw):
             )
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
-            lines.append(
-                f"  at rest: {self.coordinate} {self.at_rest.height:.5g} {self.unit}, period "
-                f"{self.at_rest.period:.5g} s, damping ratio {self.at_rest.damping_ratio:.4g}"
+            rest = self.at_rest
+            words = (
+                f"  at rest: {self.coordinate} {rest.height:.5g} {self.unit}, period "
+                f"{rest.period:.5g} s, damping ratio "
             )
+            if rest.peaks is not None:
+                words += f"{rest.peaks.mean:.4g} by the record's peaks"
+            else:
+                words += f"{rest.damping_ratio:.4g}"
+            if rest.peaks is None and (one := rest.equivalent) is not None:
+                words += (
+                    f" at {one.amplitude:.3g} {self.unit} and {one.tenth_ratio:.4g} at "
+                    f"{one.tenth:.3g} {self.unit}"
+                )
+                if one.friction > 0.0:
+                    words += f", friction {one.friction:.4g} {self.unit}/s^2"
+            lines.append(words)
         elif self.no_swing:
             lines.append(f"  small swing at rest: none, {self.no_swing}")
         quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
@@ -346,7 +360,7 @@ class ReducedModel(FittedLaw):
             confidence=data["confidence"],
             map=HeightMap(**data["map"]),
             initial=(data["initial"][0], data["initial"][1]),
-            at_rest=None if at_rest is None else AtRest(**at_rest),
+            at_rest=None if at_rest is None else _at_rest(at_rest),
             quality=quality_from_plain(data["quality"]),
             undetermined=tuple(Direction(**direction) for direction in data["undetermined"]),
             domain=data["domain"],
@@ -359,6 +373,14 @@ class ReducedModel(FittedLaw):
             no_swing=data["no_swing"],
             angle=data["angle"],
         )
+
+
+def _at_rest(plain: Mapping[str, Any]) -> AtRest:
+    kinds = {"equivalent": EquivalentDamping, "peaks": SeenDamping}
+    parts = {
+        name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()
+    }
+    return AtRest(**{**plain, **parts})
 
 
 def load_model(path: str | Path) -> ReducedModel:

@@ -1,8 +1,7 @@
 """What a model says of decays, cycles and drives.
 
 Forces are per kilogram of what moves: multiply by the piston's mass for newtons and joules. Cycles
-are harmonic ones, height = centre + A cos(omega t); their stiffness and damping are the first
-harmonics of the force (describing functions; Krylov & Bogoliubov 1943, Gelb & Vander Velde 1968).
+are harmonic ones; see `reduced_models.laws.harmonic_balance`.
 """
 
 from __future__ import annotations
@@ -15,12 +14,10 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.harmonic_balance import Rates, centred, cycles, harmonics, rates_of
 from reduced_models.laws.law import Law
 from reduced_models.models.fitted_law import FittedLaw
 
-_NODES = 256  # of a cycle
-_TURNS = 3  # after which a hidden state is taken to repeat itself
 _AMPLITUDES = 240
 _PER_PERIOD = 64
 
@@ -103,32 +100,29 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quoted(amplitude)} m; give one above 0")
     height, period = _rest(model)
-    omega = 2.0 * math.pi / period if frequency is None else frequency
-    size = np.array([amplitude])
-    centre = np.array([height])
-    for _ in range(60):
-        centre = _centred(model, centre, size, np.array([omega]))
-        _, stiffness, damping = _harmonics(model, centre, size, np.array([omega]))
-        if not np.isfinite(stiffness[0]):
-            raise InputError(
-                f"a cycle of amplitude {amplitude:g} m leaves where the law "
-                f"{quoted(model.law.name)} is defined; give a smaller one"
-            )
-        if frequency is not None:
-            break
-        if stiffness[0] <= 0.0:
-            raise InputError(
-                f"the law {quoted(model.law.name)} has no stiffness at an amplitude of "
-                f"{amplitude:g} m; "
-                "give the frequency, or a smaller amplitude"
-            )
-        before, omega = omega, math.sqrt(float(stiffness[0]))
-        if abs(omega - before) <= 1e-12 * omega:
-            break
-    energy = math.pi * amplitude**2 * omega * float(damping[0])
-    return HarmonicCycle(
-        amplitude, omega, float(centre[0]), float(stiffness[0]), float(damping[0]), energy
+    found = cycles(
+        _rates(model),
+        len(model.law.hidden),
+        amplitude / abs(model.map.scale),
+        model.map.to_law(height),
+        2.0 * math.pi / period if frequency is None else frequency,
+        free=frequency is None,
     )
+    omega, stiffness, damping = (float(each[0]) for each in found[1:])
+    if not math.isfinite(stiffness):
+        raise InputError(
+            f"a cycle of amplitude {amplitude:g} m leaves where the law "
+            f"{quoted(model.law.name)} is defined; give a smaller one"
+        )
+    if frequency is None and stiffness <= 0.0:
+        raise InputError(
+            f"the law {quoted(model.law.name)} has no stiffness at an amplitude of "
+            f"{amplitude:g} m; "
+            "give the frequency, or a smaller amplitude"
+        )
+    centre = float(model.map.to_height(found.centre[0]))
+    energy = math.pi * amplitude**2 * omega * damping
+    return HarmonicCycle(amplitude, omega, centre, stiffness, damping, energy)
 
 
 def frequency_response(
@@ -157,10 +151,11 @@ def frequency_response(
     edges = model.domain.get("height", (height, height))
     far = largest or 10.0 * max(abs(edge - height) for edge in edges)
     amplitude = far * np.logspace(-5.0, 0.0, _AMPLITUDES)
-    centre = np.full_like(amplitude, height)
+    rates, hidden, size = _rates(model), len(model.law.hidden), amplitude / abs(model.map.scale)
+    centre = np.full_like(amplitude, model.map.to_law(height))
     for _ in range(4):
-        centre = _centred(model, centre, amplitude, np.full_like(amplitude, 2 * math.pi / period))
-    _, stiffness, damping = _harmonics(model, centre[:, None], amplitude[:, None], omega[None, :])
+        centre, *_ = centred(rates, hidden, size, centre, np.full_like(size, 2 * math.pi / period))
+    _, stiffness, damping = harmonics(rates, hidden, size[:, None], centre[:, None], omega[None, :])
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
     for k in range(len(omega)):
@@ -211,6 +206,10 @@ def _rest(model: FittedLaw) -> tuple[float, float]:
     return model.at_rest.height, model.at_rest.period
 
 
+def _rates(model: FittedLaw) -> Rates:
+    return rates_of(model.law, [model.parameters[name] for name in model.law.parameters])
+
+
 def _crossings(place: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Where a function passes zero."""
     good = np.isfinite(value)
@@ -218,56 +217,3 @@ def _crossings(place: np.ndarray, value: np.ndarray) -> np.ndarray:
     at = np.flatnonzero(np.sign(value[1:]) != np.sign(value[:-1]))
     share = value[at] / (value[at] - value[at + 1])
     return np.asarray(place[at] + share * (place[at + 1] - place[at]))
-
-
-def _centred(
-    model: FittedLaw, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
-) -> np.ndarray:
-    """Centres of cycles, moved by a Newton step towards no mean force."""
-    step = 1e-4 * amplitude
-    mean = _harmonics(model, centre, amplitude, omega)[0]
-    above = _harmonics(model, centre + step, amplitude, omega)[0]
-    with np.errstate(all="ignore"):
-        change = mean * step / (above - mean)
-    change = np.clip(np.nan_to_num(change), -0.3 * amplitude, 0.3 * amplitude)
-    return np.asarray(centre - change)
-
-
-def _harmonics(
-    model: FittedLaw, centre: np.ndarray, amplitude: np.ndarray, omega: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean force [m/s^2], stiffness [1/s^2] and damping [1/s] of cycles."""
-    law = model.law
-    field = compiled_field(law.equation, law.inputs, "numpy")
-    values = [model.parameters[name] for name in law.parameters]
-    still = [0.0] * len(law.inputs)
-    angles = 2.0 * math.pi * np.arange(_NODES) / _NODES
-    shift, scale = model.map.shift, model.map.scale
-
-    def motion(angle: float) -> tuple[np.ndarray, np.ndarray]:
-        z = (centre + amplitude * math.cos(angle) - shift) / scale
-        return z, -amplitude * omega * math.sin(angle) / scale
-
-    hidden = [np.zeros(np.broadcast_shapes(amplitude.shape, omega.shape)) for _ in law.hidden]
-    half = math.pi / _NODES
-    sums = [0.0 * (amplitude * omega) for _ in range(3)]
-    with np.errstate(all="ignore"):
-        for turn in range(_TURNS if hidden else 1):
-            last = turn == (_TURNS if hidden else 1) - 1
-            for angle in angles:
-                force, *rates = field(*motion(angle), *hidden, *still, *values)
-                if last:
-                    force = -scale * force
-                    parts = (0.5, math.cos(angle), -math.sin(angle))
-                    sums = [each + part * force for each, part in zip(sums, parts, strict=True)]
-                if hidden:
-                    # The explicit midpoint rule: the cycle of z is given.
-                    middle = [
-                        w + half * rate / omega for w, rate in zip(hidden, rates, strict=True)
-                    ]
-                    _, *rates = field(*motion(angle + half), *middle, *still, *values)
-                    hidden = [
-                        w + 2.0 * half * rate / omega for w, rate in zip(hidden, rates, strict=True)
-                    ]
-    mean, stiffness, damping = (2.0 / _NODES * each for each in sums)
-    return mean, stiffness / amplitude, damping / (amplitude * omega)

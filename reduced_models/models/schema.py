@@ -173,6 +173,21 @@ _MODEL = _shape(
                     "intervals": _shape(
                         dict.fromkeys(("height", "period", "damping_ratio"), _pair)
                     ),
+                    "equivalent": _maybe(
+                        _shape(
+                            {
+                                "amplitude": _SIZE,
+                                "tenth_ratio": _number(),
+                                "friction": _number(),
+                                "intervals": _shape(
+                                    dict.fromkeys(("tenth_ratio", "friction"), _pair)
+                                ),
+                            }
+                        )
+                    ),
+                    "peaks": _maybe(
+                        _shape(dict.fromkeys(("mean", "low", "high", "noise"), _number()))
+                    ),
                 }
             )
         ),

@@ -24,6 +24,30 @@ _LEAST_SHARE = 1e-4  # and this share of the greatest one
 LEAST_EXTREMES = 5
 
 
+@dataclasses.dataclass(frozen=True)
+class SeenDamping:
+    """Damping ratios that a record's own peaks show.
+
+    Attributes
+    ----------
+    mean, low, high : float
+        Of the whole record; the least and the greatest of the whole and of its halves.
+    noise : float
+        What the record's noise leaves of the mean, at most.
+    """
+
+    mean: float
+    low: float
+    high: float
+    noise: float
+
+    def contradicts(self, ratio: float) -> bool:
+        """Whether a ratio is below half of the least or above twice the greatest one."""
+        low = min(0.5 * self.low, 2.0 * self.low) - self.noise
+        high = max(0.5 * self.high, 2.0 * self.high) + self.noise
+        return not low <= ratio <= high
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Envelope:
     """The envelope of a record, one row a cycle.
@@ -48,6 +72,17 @@ class Envelope:
     damping: np.ndarray
     amplitude_noise: np.ndarray
     frequency_noise: np.ndarray
+
+    @property
+    def seen_damping(self) -> SeenDamping:
+        """Damping ratios by how the peaks fall, of the whole record and of its two halves."""
+        half = len(self.amplitude) // 2
+        # From one row to the next passes half a period.
+        phase, size = math.pi * np.arange(len(self.amplitude)), np.log(self.amplitude)
+        parts = (slice(None), slice(half + 1), slice(half, None))
+        whole, *halves = (-float(np.polyfit(phase[one], size[one], 1)[0]) for one in parts)
+        noise = float(np.max(self.amplitude_noise / self.amplitude) / phase[-1])
+        return SeenDamping(whole, min(whole, *halves), max(whole, *halves), noise)
 
     @property
     def damping_ratio(self) -> np.ndarray:

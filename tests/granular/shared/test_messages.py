@@ -14,7 +14,7 @@ from granular import PistonRecord, load_scene
 from granular.shared.console import BAD_INPUT, emit, launch
 from granular.shared.errors import GranularError, InputError, RunError
 from granular.shared.html import Page
-from granular.shared.messages import LONGEST, MOST, one_line, printable, quoted, visible
+from granular.shared.messages import LONGEST, MOST, one_line, printable, quoted, times, visible
 from granular.shared.plotting import line_look, plain_label
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
@@ -33,6 +33,16 @@ def test_values_are_quoted_on_a_short_line(value: object) -> None:
 
 def test_a_figure_keeps_its_mark_on_the_line() -> None:
     assert printable("3.326\xa0(!)") == "3.326\xa0(!)"
+
+
+def test_a_factor_is_one_that_people_use() -> None:
+    """No power of ten, no row of zeros."""
+    said = {3.14159: "3.1", 29.7: "30", 12345.0: "12,000", 9.9e5: "990,000", 0.0: "0"}
+    for value, words in said.items():
+        assert times(value) == words
+    assert (times(16.72, 3), times(123.4, 3), times(12345.0, 3)) == ("16.7", "123", "12,300")
+    for value in (4.2e12, 1e6, 1e306, float("inf"), float("nan")):
+        assert times(value) == times(value, 3) == "more than a million"
 
 
 def test_short_values_are_quoted_as_python_writes_them() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -103,10 +104,17 @@ def swing(values: np.ndarray) -> np.ndarray:
     return np.asarray(rest + np.exp(-lam * TIME) * ((height - rest) * np.cos(quick * TIME) + sine))
 
 
-def test_drift_is_noted_and_modelled(made: Callable[..., PistonRecord]) -> None:
+def test_drift_is_noted_and_modelled(
+    made: Callable[..., PistonRecord], command: Callable, tmp_path: Path
+) -> None:
+    """The note names the argument and the command's option; both do what it says."""
     record = noisy("drift", made("linear", level=0.0).height, 0)
-    with pytest.warns(UserWarning, match="drift slowly"):
+    with pytest.warns(UserWarning, match=r"drift slowly.* drift=True \(fit --drift on the command"):
         fit(record, "linear", starts=2)
+    record.to_csv(tmp_path / "record.csv")
+    words = ("fit", str(tmp_path / "record.csv"), "--law", "linear", "--starts", "2")
+    assert "drift slowly" in command("reduced_models", *words).stdout
+    assert "drift" not in command("reduced_models", *words, "--drift").stdout
     modelled = fit(record, "linear", starts=2, drift=True)
     assert not any("drift" in note for note in modelled.notes)
     low, high = modelled.intervals["g0"]

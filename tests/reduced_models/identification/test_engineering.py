@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models import load_model
+from reduced_models import identify, load_model
 from reduced_models.fitting.diagnostics import diagnostics
 from reduced_models.identification.engineering import (
     Quantity,
@@ -20,8 +20,10 @@ from reduced_models.identification.engineering import (
     engineering,
     fixed,
 )
+from reduced_models.identification.page_engineering import engineering_words
 from reduced_models.identification.residual_tests import residual_tests
-from reduced_models.models.fitted_law import AtRest
+from reduced_models.models.fitted_law import AtRest, EquivalentDamping
+from reduced_models.records.envelope import envelope
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
@@ -55,12 +57,77 @@ def test_a_textbook_oscillator() -> None:
     assert engineering(dataclasses.replace(model, at_rest=None), angle=False, mass=None) == ()
 
 
+def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
+    intervals = {
+        "height": (0.0589, 0.0593),
+        "period": (0.313, 0.3153),
+        "damping_ratio": (0.025, 0.027),
+    }
+    others = {"tenth_ratio": (0.12, 0.14), "friction": (0.12, 0.13)}
+    equivalent = EquivalentDamping(0.005, 0.13, 0.125, others)
+    rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
+    model = dataclasses.replace(load_model(SAVED), at_rest=rest)
+    known = {one.name: one for one in engineering(model, angle=False, mass=8.0)}
+    assert list(known) == [
+        "level of rest", "natural frequency", "damping ratio at 5 mm", "damping ratio at 1 mm",
+        "friction", "stiffness",
+    ]  # fmt: skip
+    assert known["damping ratio at 5 mm"].value == pytest.approx(2.6)
+    assert known["damping ratio at 1 mm"].interval == "12.0 to 14.0"
+    assert known["friction"].text == "1.000 N"
+    assert known["friction"].unit == "N"
+    for angle, unit in ((False, "m/s²"), (True, "rad/s²")):
+        (friction,) = [one for one in engineering(model, angle, None) if one.symbol == "F"]
+        assert (friction.value, friction.unit) == (0.125, unit)
+
+
+def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
+    """Whatever law it comes from: 3 % in the record, 10 % at rest by the law."""
+    time = np.linspace(0.0, 3.0, 2000)
+    swing = np.exp(-0.6 * time) * np.cos(20.0 * time) + 1e-3 * np.sin(317.0 * time)
+    seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * swing)).seen_damping
+    assert seen.mean == pytest.approx(0.03, rel=0.02)
+    for ratio, stands in ((0.1, False), (10.0, False), (-0.03, False), (0.028, True), (0.05, True)):
+        intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153)}
+        intervals["damping_ratio"] = (ratio - 1e-3, ratio + 1e-3)
+        peaks = seen if seen.contradicts(ratio) else None
+        assert (peaks is None) == stands
+        rest = AtRest(0.0591, 2.0 * math.pi / 20.0, ratio, intervals, peaks=peaks)
+        assert ("record's peaks" in str(rest)) == (not stands)
+        model = dataclasses.replace(load_model(SAVED), at_rest=rest)
+        known = {one.name: one for one in engineering(model, False, 8.0)}
+        assert ("damping ratio" in known, "damping" in known) == (stands, stands)
+        assert ("quality factor" in known) == stands
+        if not stands:
+            assert known["damping ratio by the record's peaks"].value == 100.0 * seen.mean
+
+
+def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) -> None:
+    """In the table, on the page and in the plain data: no figure of swings that none saw."""
+    found = identify(made("coulomb"), laws=["coulomb"], progress=False)
+    (_, wide), (_, narrow) = [
+        (one.name, one.value) for one in found.engineering if one.name.startswith("damping ratio")
+    ]
+    assert 1.0 < wide < 5.0
+    assert narrow == pytest.approx(5.0 * wide, rel=0.05)
+    friction = found.shown.parameters["friction"]
+    for told in (str(found), engineering_words(found)):
+        assert "damping ratio" in told.lower()
+        assert "friction" in told
+        assert "1000" not in told
+    (plain,) = [one for one in found.to_plain()["engineering"] if one["name"] == "friction"]
+    assert plain["value"] == pytest.approx(friction, rel=0.01)
+    assert f"swing about rest, by {found.figures_law}" in str(found)
+
+
 @pytest.mark.parametrize(
     ("value", "low", "high", "text"),
     [
         (59.1078561, 59.1077, 59.1080, "59.10786"), (3.4726, 3.2, 3.7, "3.47"),
         (12345.6, 12000.0, 12700.0, "12350"), (0.0361588, 0.0361, 0.0362, "0.036159"),
-        (2.0, 2.0, 2.0, "2.0000000"), (5.0, -math.inf, math.inf, "5.000"),
+        (2.0, 2.0, 2.0, "2.0000000"), (0.0, 0.0, 0.0, "0.0000000"),
+        (0.0, -1e-17, 1e-17, "0.0000000"), (0.0, -0.3, 0.3, "0.00"),
+        (0.0, -math.inf, math.inf, "0.000"), (5.0, -math.inf, math.inf, "5.000"),
     ],
 )  # fmt: skip
 def test_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
@@ -69,7 +136,7 @@ def test_digits_follow_the_interval(value: float, low: float, high: float, text:
     assert low <= float(shown.text) <= high
     if shown.interval != "open":
         least, most = map(float, shown.interval.split(" to "))
-        assert least <= low * (1.0 + 1e-12)
+        assert least <= low + 1e-12 * abs(low)
         assert high * (1.0 - 1e-12) <= most
 
 

@@ -193,13 +193,18 @@ def test_laws_are_well_declared(name: str) -> None:
 
 
 def test_dry_friction_by_its_sign(made: Any) -> None:
-    """It is fitted as it stands; where the piston sticks there is no small swing to tell of."""
+    """It is fitted as it stands, and its damping is that of swings, where it does not stick."""
     law = "z'' + friction*sign(z') + k*z = g0"
     model = fit(made("coulomb").first(1200), law, holdout=0.0)
     true = made.true["coulomb"]
     assert model.parameters["friction"] == pytest.approx(true["friction"], rel=0.05)
     assert model.parameters["k"] == pytest.approx(true["omega"] ** 2, rel=0.01)
-    assert model.at_rest is None
+    rest = model.at_rest
+    assert rest is not None
+    assert rest.equivalent is not None
+    assert rest.equivalent.friction == pytest.approx(model.parameters["friction"], rel=1e-3)
+    ratio = 2.0 * true["friction"] / (np.pi * true["omega"] ** 2 * rest.equivalent.amplitude)
+    assert rest.damping_ratio == pytest.approx(ratio, rel=0.05)
 
 
 def test_slopes_of_a_law_that_jumps() -> None:

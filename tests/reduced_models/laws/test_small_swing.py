@@ -59,7 +59,7 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
         ("z'' + c*z' + f*w = 0; w' = z' - w", [50.0, 1.0], "no one level of rest"),
         ("z'' + c*z' + k*z + f*w = 0; w' = z' - w", [50.0, 1.0, 1.0], "creeps back"),
         ("z'' - k*z + f*w = 0; w' = z' - w", [9.0, 1.0], "is not stable"),
-        ("z'' + f*sign(z') + k*z = 0", [0.1, 1.0], "jumps at rest"),
+        ("z'' + f*sign(z) + k*z = 0", [0.1, 1.0], "jumps at rest"),
         ("z'' + c*z' = g", [0.1, 1.0], "no one level of rest"),
     ],
 )
@@ -67,3 +67,12 @@ def test_where_there_is_no_swing(equation: str, values: list[float], reason: str
     found = small_swing(Law("mine", equation), values, 0.0)
     assert isinstance(found, NoSwing)
     assert reason in found.reason
+
+
+def test_dry_friction_leaves_level_and_period() -> None:
+    """It jumps with the velocity alone, so that only the damping of small swings has no bound."""
+    found = small_swing(Law("mine", "z'' + f*sign(z') + c*z' + k*z = g"), [0.1, 0.2, 4.0, 2.0], 0.0)
+    assert isinstance(found, SmallSwing)
+    assert found.z == pytest.approx(0.5, abs=1e-9)
+    assert found.period == pytest.approx(np.pi)
+    assert found.damping_ratio == np.inf

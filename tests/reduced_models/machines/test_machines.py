@@ -14,6 +14,7 @@ from granular.effects.host import Host
 from granular.shared.errors import InputError
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.machines import BedOnHost, design_for, predicted_response
+from reduced_models.machines.design_for import _verdict
 from reduced_models.machines.predicted import OutsideRangeWarning, rates_of, response_of
 
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
@@ -75,3 +76,22 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
     no = design_for(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75)
     assert not no.helps
     assert no.verdict.startswith("no: ")
+    less = design_for(host, Excitation(force=0.5, frequency=3.0), limit=7.75)
+    assert less.peak < 0.5 * less.alone
+    assert not less.helps
+    assert less.verdict.endswith("less than the law was held against: simulate it")
+
+
+@pytest.mark.parametrize(
+    ("peak", "stroke", "words"),
+    [
+        (6.0e-4, 0.1, "less than the law was held against"), (6.0e-4, 1.0, "swings 1 D"),
+        (6.0e-4, 3.0, "more than the law was held against"), (9.9e-3, 0.1, "hardly moves"),
+        (9.9e-3, 1.0, "leaves most"), (math.nan, math.nan, "leaves most"),
+    ],
+)  # fmt: skip
+def test_a_verdict_says_what_its_figures_say(peak: float, stroke: float, words: str) -> None:
+    """Of 9.95 mm; a bed that takes most of it away damps, however little it moves."""
+    said = _verdict(load_scene("machine"), peak, 9.95e-3, 5e-4, stroke)
+    assert words in said
+    assert said.startswith("no: ") == (not peak < 1e-3)

@@ -1,0 +1,130 @@
+"""Damping where friction is dry: that of swings that were seen, not of none."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from reduced_models import fit, load_model
+from reduced_models.fitting.assessment import structure_words
+from reduced_models.laws.harmonic_balance import cycles, rates_of
+
+TIME = np.linspace(0.0, 40.0, 2000)
+OMEGA, AMPLITUDE = 1.05, 0.6
+MIXED = "z'' + 2*lam*z' + f*tanh(200*z') + k*(z - rest) = 0"
+CASES = {
+    "a pure decay by friction": ("coulomb", 0.0, 0.06, 5e-4),
+    "a bicycle wheel that loses 1.5 % a swing": ("coulomb", 0.0, 0.015, 5e-4),
+    "a Pohl wheel with its brake": (MIXED, 0.06, 0.04, 1e-3),
+    "a Pohl wheel without": (MIXED, 0.0015, 0.0025, 2e-5),
+}
+
+
+def released(ratio: float, loss: float, noise: float) -> PistonRecord:
+    """A free swing with a dashpot's damping ratio and dry friction, solved swing by swing.
+
+    The friction takes the given share of the first amplitude in a period.
+    """
+    offset = 0.25 * loss * AMPLITUDE  # of the level that each half swing is about
+    lam = ratio * OMEGA
+    quick = math.sqrt(OMEGA**2 - lam**2)
+    height, extreme, start = np.empty_like(TIME), AMPLITUDE, 0.0
+    while start < TIME[-1]:
+        level = math.copysign(offset, extreme)
+        here = start <= TIME
+        time = TIME[here] - start
+        swing = np.cos(quick * time) + lam / quick * np.sin(quick * time)
+        height[here] = level + (extreme - level) * np.exp(-lam * time) * swing
+        extreme = level - (extreme - level) * math.exp(-lam * math.pi / quick)
+        start += math.pi / quick
+    return PistonRecord(TIME, height + np.random.default_rng(1).normal(0.0, noise, len(TIME)))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> None:
+    """Energy lost in a cycle over 4 pi that of the swing, in closed form."""
+    law, ratio, loss, noise = CASES[name]
+    model = fit(released(ratio, loss, noise), law, starts=4, holdout=0.0)
+    rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
+    assert rest is not None
+    assert rest.equivalent is not None
+    half, tenth = rest.equivalent.amplitude, rest.equivalent.tenth
+    assert half == pytest.approx(0.5 * AMPLITUDE, rel=0.02)
+    assert tenth == pytest.approx(0.1 * AMPLITUDE, rel=0.02)
+    assert rest.period == pytest.approx(2.0 * math.pi / OMEGA, rel=1e-3)
+    for size, found, (low, high) in (
+        (half, rest.damping_ratio, rest.intervals["damping_ratio"]),
+        (tenth, rest.equivalent.tenth_ratio, rest.equivalent.intervals["tenth_ratio"]),
+    ):
+        assert low <= found <= high
+        wanted = ratio + 2.0 * friction / (math.pi * OMEGA**2 * size)
+        assert found == pytest.approx(wanted, rel=0.05)
+    assert rest.equivalent.friction == pytest.approx(friction, rel=0.1)
+    for told in (str(rest), str(model)):
+        assert "friction" in told
+        assert f"at {half:.3g} m" in told
+    model.save(tmp_path / "model.json")
+    assert load_model(tmp_path / "model.json").at_rest == rest
+
+
+def test_intervals_follow_from_those_of_the_parameters() -> None:
+    """Friction over omega^2 alone sets the damping of a Coulomb oscillator."""
+    law, ratio, loss, noise = CASES["a pure decay by friction"]
+    model = fit(released(ratio, loss, noise), law, starts=4, holdout=0.0)
+    assert model.at_rest is not None
+    assert model.at_rest.equivalent is not None
+    # omega is known far better than the friction
+    low, high = model.intervals["friction"]
+    share = (high - low) / model.parameters["friction"]
+    ends = np.array(model.at_rest.equivalent.intervals["friction"])
+    assert np.diff(ends)[0] / model.at_rest.equivalent.friction == pytest.approx(share, rel=0.1)
+    ends = np.array(model.at_rest.intervals["damping_ratio"])
+    assert np.diff(ends)[0] / model.at_rest.damping_ratio == pytest.approx(share, rel=0.1)
+
+
+def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
+    """A wrong law's residuals lag by rounding; a lag of a share of a sample is told."""
+    with pytest.warns(UserWarning, match="swing with the motion"):
+        model = fit(made("coulomb"), "linear", starts=2, holdout=0.0)
+    assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]
+    assert "lags" not in str(model)
+    late = dataclasses.replace(model.quality, lag=0.2 * TIME[1])
+    assert "the solution lags by 0.004 s" in structure_words(late, TIME[1])
+
+
+def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) -> None:
+    """The law keeps its figure; what is printed is what the peaks show."""
+    with pytest.warns(UserWarning, match="not right"):
+        model = fit(
+            released(0.02, 0.0, 1e-4), "linear", starts=2, holdout=0.0, fix={"lam": 0.1 * OMEGA}
+        )
+    rest = model.at_rest
+    assert rest is not None
+    assert rest.peaks is not None
+    assert rest.damping_ratio == pytest.approx(0.1, rel=0.02)
+    assert rest.peaks.low <= rest.peaks.mean <= rest.peaks.high
+    assert rest.peaks.mean == pytest.approx(0.02, rel=0.02)
+    for told in (str(model), str(rest)):
+        assert "by the record's peaks" in told
+        assert f"{rest.damping_ratio:.4g}" not in told
+    model.save(tmp_path / "model.json")
+    assert load_model(tmp_path / "model.json").at_rest == rest
+
+
+def test_what_small_swings_show_stays() -> None:
+    """Of a law whose damping at rest is that of swings, the small swing is told as it was."""
+    model = fit(released(0.06, 0.0, 1e-4), "linear", starts=2, holdout=0.0)
+    rest = model.at_rest
+    assert rest is not None
+    assert rest.equivalent is None
+    assert rest.peaks is None
+    assert rest.damping_ratio == pytest.approx(0.06, rel=1e-2)
+    values = [model.parameters[name] for name in model.law.parameters]
+    found = cycles(rates_of(model.law, values), 0, 0.1, rest.height, OMEGA)
+    assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)
