@@ -16,11 +16,13 @@ from granular.readers.delimited_form import (
     SEPARATORS,
     Form,
     Line,
+    are_decimals,
     fields_of,
     form_of,
     is_number,
     is_row,
     trimmed,
+    with_points,
     words_of,
 )
 from granular.readers.names import TIME, is_unit, name_and_unit, role_of
@@ -30,7 +32,7 @@ from granular.shared.messages import quoted, visible
 
 COMMENTS = "#%!"
 """Signs that begin a line of comment."""
-_MOST_COLUMNS = 100_000
+_MOST_COLUMNS = 50_000
 _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
@@ -60,6 +62,7 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
     ]
     if not lines:
         raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
+    _check_width(path, lines)
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
@@ -69,13 +72,28 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
     start, head = _begin(plain, form)
     _check_above(path, head, form)
     names, units = _header(head, form, lines, plain[start].number)
-    rows, notes = _end(path, plain[start:], form)
+    below, commas = plain[start:], form.decimal == ","
+    if form.separator == "," and not names and _has_decimal_commas(path, below, form, decimal):
+        below, commas = with_points(below), True
+        form = form_of(below, ".") or form
+    rows, notes = _end(path, below, form)
     columns = _columns(path, rows, form, names, units)
     words = f"text separated by {SEPARATORS[form.separator]}"
-    if form.decimal == ",":
+    if commas:
         words += ", decimal commas"
     numbers = np.array([line.number for line in rows])
     return Sheet(columns, numbers, bool(names), words, notes)
+
+
+def _check_width(path: Path, lines: Sequence[Line]) -> None:
+    for line in lines:
+        if len(line.text) > 2 * _MOST_COLUMNS:
+            width = 1 + max(map(line.text.count, SEPARATORS))
+            if width > _MOST_COLUMNS:
+                raise RecordError(
+                    f"{visible(path)}: line {line.number} has {width} values; at most "
+                    f"{_MOST_COLUMNS} columns are read: write a sample to a line, and fewer columns"
+                )
 
 
 def _no_table(path: Path, lines: Sequence[Line]) -> str:
@@ -148,6 +166,18 @@ def _check_above(path: Path, head: Sequence[Line], form: Form) -> None:
                 "alike, and by another sign than the decimals"
             )
         return
+
+
+def _has_decimal_commas(path: Path, lines: Sequence[Line], form: Form, decimal: str | None) -> bool:
+    """Whether commas separate and are decimal ones too; refuse to guess where they may be."""
+    found = are_decimals(lines, form, decimal)
+    if found is None:
+        raise RecordError(
+            f"{visible(path)}: {quoted(lines[0].text)} is {form.width} whole numbers, or "
+            f"{form.width // 2} with decimal commas; say which (decimal: '.' or ','), or separate "
+            "by semicolons"
+        )
+    return found
 
 
 def _header(

@@ -6,7 +6,7 @@ import collections
 import csv
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from granular.readers.clock import is_stamp
 
@@ -16,9 +16,11 @@ LOST = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL
 """How programs write a sample that is not there."""
 _LOST = frozenset(LOST)
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
 _LOOKED_AT = 200
 """Lines at the beginning, in the middle and at the end, from which the form is told."""
+_ENOUGH, _FEWEST = 2**20, 12
+"""Signs of such lines behind which no more are looked at, but for the fewest."""
 
 
 class Line(NamedTuple):
@@ -48,10 +50,7 @@ class Form(NamedTuple):
 
 def form_of(lines: Sequence[Line], decimal: str | None) -> Form | None:
     """The form that makes most lines rows of numbers."""
-    middle = len(lines) // 2
-    chosen = {*range(_LOOKED_AT), *range(middle, middle + _LOOKED_AT),
-              *range(len(lines) - _LOOKED_AT, len(lines))}  # fmt: skip
-    sample = [lines[k].text for k in sorted(chosen) if 0 <= k < len(lines)]
+    sample = [lines[k].text for k in _looked_at(lines)]
     best: tuple[tuple[int, float, int], Form] | None = None
     for separator in SEPARATORS:
         for mark in (".", ",") if decimal is None else (decimal,):
@@ -59,6 +58,21 @@ def form_of(lines: Sequence[Line], decimal: str | None) -> Form | None:
             if found is not None and (best is None or found[0] > best[0]):
                 best = found
     return None if best is None else best[1]
+
+
+def _looked_at(lines: Sequence[Line]) -> list[int]:
+    """Places of the lines that are looked at; of very long lines these are fewer."""
+    middle = len(lines) // 2
+    places = (one for k in range(_LOOKED_AT) for one in (k, middle + k, len(lines) - 1 - k))
+    chosen: set[int] = set()
+    signs = 0
+    for place in places:
+        if 0 <= place < len(lines) and place not in chosen:
+            signs += len(lines[place].text)
+            if signs > _ENOUGH and len(chosen) >= _FEWEST:
+                break
+            chosen.add(place)
+    return sorted(chosen)
 
 
 def _tried(
@@ -92,6 +106,41 @@ def _tried(
     return (widths[raw], share, len(core)), Form(separator, decimal, width, core)
 
 
+_WITH_COMMA = re.compile(r"\s*[+-]?(\d+),\d+", re.ASCII)
+_COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
+
+
+def are_decimals(lines: Sequence[Line], form: Form, decimal: str | None) -> bool | None:
+    """Whether every second of the commas that separate is one of decimals; None: it may be.
+
+    No whole number begins with a zero, as decimals may; and decimals are as many in each line, or
+    end with none.
+    """
+    rows = [lines[k].text.strip().split(",") for k in _looked_at(lines)]
+    pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows
+             for k in range(0, len(row), 2)]  # fmt: skip
+    if decimal == "." or form.width < 4 or not all(pairs):
+        return False
+    if decimal == ",":
+        return True
+    behind = [[row[k] for row in rows] for k in range(1, form.width, 2)]
+    digits = [cell for column in behind for cell in column]
+    as_many = all(len(set(map(len, column))) == 1 for column in behind)
+    if not (as_many or not any(cell.endswith("0") for cell in digits)):
+        return False
+    whole = [match[1] for match in pairs if match is not None]
+    return (any(map(_is_padded, digits)) and not any(map(_is_padded, whole))) or None
+
+
+def _is_padded(digits: str) -> bool:
+    return len(digits) > 1 and digits[0] == "0"
+
+
+def with_points(lines: Sequence[Line]) -> list[Line]:
+    """Lines whose first comma, and every second from there, is that of decimals, with points."""
+    return [Line(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
+
+
 def _with_point(cell: str) -> bool:
     return "." in cell and is_number(cell, ".") and not is_stamp(cell)
 
@@ -109,11 +158,19 @@ def fields_of(line: str, separator: str) -> list[str]:
     """The fields of a line; one that is empty behind the last separator is none."""
     if separator == " ":
         found = line.split()
-    elif '"' in line:
-        found = [cell.strip() for cell in next(_reader([line], separator))]
     else:
-        found = [cell.strip() for cell in line.split(separator)]
+        found = [cell.strip() for cell in _quoted(line, separator) or line.split(separator)]
     return found
+
+
+def _quoted(line: str, separator: str) -> list[str] | None:
+    """The fields of a line with quotes; None where there are none, or nothing that fits in them."""
+    if '"' not in line:
+        return None
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error:  # such as a cell of more than 131072 signs, which is no number either
+        return None
 
 
 _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
@@ -122,10 +179,6 @@ _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
 def words_of(line: str, separator: str) -> list[str]:
     """The fields of a header; between spaces, a unit in brackets belongs to its name."""
     return _WORD.findall(line) if separator == " " else fields_of(line, separator)
-
-
-def _reader(lines: Sequence[str], separator: str) -> Any:
-    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
 
 
 def is_row(fields: Sequence[str], form: Form) -> bool:

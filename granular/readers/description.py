@@ -1,8 +1,15 @@
-"""A file that says how another is read: ``record.toml``."""
+"""A file that says how another is read: ``record.toml``.
+
+It names that file by a path from itself, upwards too, or by a whole path. Of a file that does not
+lie below the description, no error shows what is in it: who wrote the description need not be who
+may read that file.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +21,15 @@ from granular.shared.toml import read_toml
 
 FILE = "file"
 """Key of the file that is described, as a path from the description."""
+_MOST_BYTES = 2**20
+"""Of a description; a scene, which may be longer, is not read to see that it is none."""
 
 
 def is_description(path: Path) -> bool:
     """Whether a file describes a record; a scene has no key ``file``."""
-    return path.suffix == ".toml" and path.is_file() and FILE in read_toml(path)
+    if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > _MOST_BYTES:
+        return False
+    return FILE in read_toml(path)
 
 
 def read_description(path: Path) -> tuple[Path, Reading]:
@@ -37,6 +48,27 @@ def read_description(path: Path) -> tuple[Path, Reading]:
         return path.parent / name, reading_from_plain(plain)
     except RecordError as error:
         raise RecordError(f"{visible(path)}: {error}") from None
+
+
+@contextlib.contextmanager
+def describing(path: Path, file: Path) -> Iterator[None]:
+    """Where the file that a description names is read; see the module for what errors say."""
+    try:
+        yield
+    except RecordError:
+        if not _is_elsewhere(path, file):
+            raise
+        raise RecordError(
+            f"{visible(path)}: {FILE} = {quoted(str(file))} cannot be read as a record; as it does "
+            "not lie below the description, no more is said: read it itself"
+        ) from None
+
+
+def _is_elsewhere(path: Path, file: Path) -> bool:
+    try:
+        return file.is_file() and not file.resolve().is_relative_to(path.parent.resolve())
+    except OSError:  # a name that no file can have
+        return False
 
 
 def write_description(path: Path, file: Path, reading: Reading) -> None:

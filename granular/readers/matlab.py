@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,11 @@ from granular.shared.errors import RecordError
 from granular.shared.messages import quoted, visible
 
 _MOST_BYTES = 256 * 2**20
+_MOST_UNPACKED = 512 * 2**20
+_MOST_ELEMENTS, _MOST_DEPTH = 100_000, 50
+"""Of a variable: parts of structures and cells, and how deep they are within each other."""
+_HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
+"""Bytes before the first variable of a file of version 5 to 7, and types of its elements."""
 
 
 def read_matlab(path: Path, reading: Reading) -> Sheet:
@@ -41,7 +48,10 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
 
     content = read_bytes(path, _MOST_BYTES)
     try:
+        _check_unpacked(path, content)
         found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
+    except RecordError:
+        raise
     except NotImplementedError:
         raise RecordError(
             f"{visible(path)}: is of MATLAB's version 7.3, which is not read; save it with "
@@ -79,6 +89,49 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
             f"{', '.join(map(quoted, variables)) or 'nothing'}; save time and height as vectors"
         )
     return Sheet(columns, None, any(one.name for one in columns), "MATLAB file")
+
+
+def _check_unpacked(path: Path, content: bytes) -> None:
+    """Refuse what unpacks to far more; a file of version 4 is as long as what it holds."""
+    order = {b"IM": "<", b"MI": ">"}.get(content[_HEAD - 2 : _HEAD])
+    if order is None:
+        return
+    place, unpacked = _HEAD, 0
+    while place + 8 <= len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, place)
+        element = content[place : place + 8 + size]
+        if kind == _COMPRESSED:
+            element = zlib.decompressobj().decompress(element[8:], _MOST_UNPACKED - unpacked + 1)
+        unpacked += len(element)
+        if unpacked > _MOST_UNPACKED:
+            raise RecordError(
+                f"{visible(path)}: unpacks to more than {_MOST_UNPACKED // 2**20} MB, the limit; "
+                "save time and height alone, or sample less often"
+            )
+        if _is_nested(element, order):
+            raise RecordError(
+                f"{visible(path)}: a structure or cell array in it has more than {_MOST_ELEMENTS} "
+                f"parts, or they are more than {_MOST_DEPTH} deep; save time and height as vectors"
+            )
+        place += 8 + size
+
+
+def _is_nested(content: bytes, order: str) -> bool:
+    """Whether an element has too many others in it, or too deep within each other."""
+    count, spans = 0, [(0, len(content))]
+    while spans:
+        place, end = spans.pop()
+        while place + 8 <= end:
+            kind, size = struct.unpack_from(f"{order}II", content, place)
+            count += 1
+            if count > _MOST_ELEMENTS or len(spans) > _MOST_DEPTH:
+                return True
+            first, small = place + 8, kind >> 16  # of a small element the content stands in its tag
+            place = first if small else first + -(-size // 8) * 8
+            if kind == _MATRIX:
+                spans.append((place, end))
+                place, end = first, min(end, first + size)
+    return False
 
 
 def _times(path: Path, variables: Mapping[str, Any], length: int) -> Column:

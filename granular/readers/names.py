@@ -52,6 +52,8 @@ KNOWN = {
 }  # fmt: skip
 """Units that are recognised behind a name, without brackets."""
 
+_LONGEST = 100
+"""Signs of a header in which a unit is looked for: beyond, patterns take long and nobody reads."""
 _TIMES = ("s", "ms", "us")
 _BRACKETS = re.compile(r"\s*([^\[\]\(\)\{\}]*?)\s*[\[\(\{]\s*([^\[\]\(\)\{\}]*?)\s*[\]\)\}]\s*")
 _WITHIN = re.compile(r"\s*([^\[\]\(\)]+?)\s*[\[\(]\s*([^\[\]\(\)]+?)\s*[\]\)]\s*([^\[\]\(\)]+?)\s*")
@@ -79,6 +81,8 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
     known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too; ``height in mm``. A
     header that is a unit of time alone, such as ``ms`` or ``in s``, is the time in it.
     """
+    if len(cell) > _LONGEST:
+        return cell.strip(), None
     match = _BRACKETS.fullmatch(cell)
     if match is not None:
         return match[1], match[2] or None

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from granular.readers.delimited import read_delimited
-from granular.readers.description import is_description, read_description
+from granular.readers.description import describing, is_description, read_description
 from granular.readers.labview import is_labview, read_labview, read_tdms
 from granular.readers.matlab import read_matlab
 from granular.readers.meaning import Meaning, meaning_of
@@ -50,9 +50,14 @@ def read_meaning(path: Path, said: Reading, reader: Reader | None = None) -> Mea
         If it cannot be read as such; the message names the file.
     """
     if is_description(path):
-        path, described = read_description(path)
-        said, reader = described.and_then(said), None
-    sheet = (reader or open_sheet)(path, said)
+        file, described = read_description(path)
+        with describing(path, file):
+            return _meaning(file, described.and_then(said), open_sheet)
+    return _meaning(path, said, reader or open_sheet)
+
+
+def _meaning(path: Path, said: Reading, reader: Reader) -> Meaning:
+    sheet = reader(path, said)
     try:
         return meaning_of(sheet, said)
     except RecordError as error:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 _MOST_BYTES = 256 * 2**20
-_MOST_NUMBERS = 2**27
-"""A gigabyte, whatever little place they take on the disk."""
+_MOST_NUMBERS = 2**26
+"""Half a gigabyte, whatever little place they take on the disk."""
 
 
 def read_parquet(path: Path, said: Reading) -> Sheet:
@@ -45,8 +45,11 @@ def read_parquet(path: Path, said: Reading) -> Sheet:
     except Exception as error:  # pyarrow raises its own kinds, which its versions name differently
         raise _no_parquet(path, error) from None
     named = _with_metadata(path, [name_and_unit(name) for name in schema.names], schema)
+    read: dict[str, list[Any]] = {}  # of one name there may be several
+    for field, column in zip(found.schema, found.columns, strict=True):
+        read.setdefault(field.name, []).append(column)
     columns = [
-        _column(name, unit, found.column(field.name) if field.name in wanted else field.type)
+        _column(name, unit, read[field.name].pop(0) if field.name in wanted else field.type)
         for field, (name, unit) in zip(schema, named, strict=True)
     ]
     return Sheet(columns, None, True, "Parquet")
@@ -55,8 +58,9 @@ def read_parquet(path: Path, said: Reading) -> Sheet:
 def _column(name: str, unit: str | None, column: Any) -> Column:
     import pyarrow
 
-    if not isinstance(column, pyarrow.ChunkedArray):
-        return Column(name, unit, None, (0, f"of the type {column}"))
+    kind = getattr(column, "type", column)
+    if not _is_numeric(kind):
+        return Column(name, unit, None, (0, f"of the type {kind}"))
     values = column.cast(pyarrow.float64(), safe=False).to_numpy()
     return Column(name, unit, np.array(values, dtype=np.float64))
 

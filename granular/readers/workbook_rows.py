@@ -1,0 +1,194 @@
+"""Rows of the sheets of a workbook, which is measured before anything of it is kept.
+
+A workbook is XML in a zip archive, where few bytes stand for many: by squeezing, by a cell far
+from all others, and by cells and rows that are repeated.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import warnings
+import xml.parsers.expat
+from collections.abc import Iterable, Iterator, Sequence
+from typing import IO, Any, NamedTuple
+from xml.etree.ElementTree import Element, iterparse
+from zipfile import ZipFile, ZipInfo
+
+from granular.shared.errors import RecordError
+
+Rows = Iterable[tuple[int, Sequence[Any]]]
+"""Numbers of repeats, and the cells of a row."""
+
+MOST_ROWS, MOST_CELLS = 2**20, 2**22
+"""Rows that a sheet of Excel has, and the cells of four columns of them."""
+
+
+class _Most(NamedTuple):
+    """Megabytes of parts when they are unpacked, and elements of XML in them."""
+
+    megabytes: int
+    elements: int
+
+
+_PARTS = {
+    "xl/worksheets/": _Most(512, 12_000_000),
+    "content.xml": _Most(512, 12_000_000),
+    "xl/sharedStrings.xml": _Most(64, 3_000_000),
+    "": _Most(16, 200_000),
+}
+"""By how their names begin. A full sheet of four columns has 9.4 million elements in 200 MB."""
+
+
+def check_parts(archive: ZipFile) -> None:
+    """Refuse an archive whose parts of XML hold too much, before any of them is read.
+
+    Raises
+    ------
+    RecordError
+        The message says what is too much, and the limit.
+    """
+    parts: dict[str, list[ZipInfo]] = {start: [] for start in _PARTS}
+    for info in archive.infolist():
+        if info.filename.endswith((".xml", ".rels")):
+            parts[next(start for start in _PARTS if info.filename.startswith(start))].append(info)
+    for start, most in _PARTS.items():
+        size = sum(info.file_size for info in parts[start]) / 2**20
+        if size > most.megabytes:
+            raise RecordError(
+                f"its parts {start or 'beside sheets and texts'} unpack to {size:.0f} MB; at most "
+                f"{most.megabytes} MB are read"
+            )
+        elements = itertools.count(1)
+        for info in parts[start]:
+            with archive.open(info) as part:
+                _check_elements(info.filename, part, elements, most.elements)
+
+
+def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: int) -> None:
+    rows = itertools.count(1)
+
+    def begin(kind: str, _attributes: object) -> None:
+        if next(elements) > most:
+            raise RecordError(f"{name} in it, and those before, hold more than {most} elements")
+        if kind.endswith("row") and next(rows) > MOST_ROWS:
+            raise RecordError(f"{name} in it holds more than {MOST_ROWS} rows, the limit")
+
+    def refuse(*_declared: object) -> None:
+        raise RecordError(f"{name} in it declares entities, which no workbook needs")
+
+    parser = xml.parsers.expat.ParserCreate()
+    parser.StartElementHandler = begin
+    parser.EntityDeclHandler = refuse
+    parser.ParseFile(part)
+
+
+def table_of(rows: Rows, most: int = MOST_CELLS) -> list[Sequence[Any]]:
+    """The rows up to the last that holds something, repeated ones as often as they are.
+
+    Raises
+    ------
+    RecordError
+        If they have more than `MOST_ROWS`, or than so many cells as a rectangle.
+    """
+    table: list[Sequence[Any]] = []
+    number = widest = 0
+    for repeat, cells in rows:
+        number += repeat
+        width = next((k for k in range(len(cells), 0, -1) if cells[k - 1] is not None), 0)
+        if not width:
+            continue
+        widest = max(widest, width)
+        if number > MOST_ROWS or number * widest > most:
+            raise RecordError(
+                f"a sheet reaches to row {number} and column {widest}; at most {MOST_ROWS} rows, "
+                f"and {MOST_CELLS} cells of all sheets, are read"
+            )
+        table += [()] * (number - repeat - len(table))
+        table += [cells[:width]] * repeat
+    return table
+
+
+# Excel -----------------------------------------------------------------------------------------
+
+
+def excel_sheets(file: IO[bytes]) -> Iterator[tuple[str, Rows]]:
+    """Names and rows of the sheets of a file in Office Open XML."""
+    import openpyxl
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of parts that are no table
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
+        for sheet in book.worksheets:
+            sheet.reset_dimensions()  # those that are written may be wrong
+            yield sheet.title, ((1, row) for row in sheet.iter_rows(values_only=True))
+
+
+# LibreOffice -----------------------------------------------------------------------------------
+
+_OFFICE, _TABLE, _TEXT = (
+    f"{{urn:oasis:names:tc:opendocument:xmlns:{name}:1.0}}" for name in ("office", "table", "text")
+)
+_CELLS = (f"{_TABLE}table-cell", f"{_TABLE}covered-table-cell")
+_VALUES = {"date": "date-value", "time": "time-value", "boolean": "boolean-value"}
+_SPAN = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
+
+
+def libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
+    """Names and rows of the sheets of an OpenDocument spreadsheet."""
+    with archive.open("content.xml") as part:
+        events = iterparse(part, ("start", "end"))
+        for event, element in events:
+            if (event, element.tag) == ("start", f"{_TABLE}table"):
+                yield element.get(f"{_TABLE}name", ""), _rows_until_end(events)
+
+
+def _rows_until_end(events: Iterator[tuple[str, Element]]) -> Rows:
+    for event, element in events:
+        if event == "start":
+            continue
+        if element.tag == f"{_TABLE}table-row":
+            yield _repeat(element, "rows"), _cells(element)
+            element.clear()
+        elif element.tag == f"{_TABLE}table":
+            return
+
+
+def _repeat(element: Element, what: str) -> int:
+    return int(element.get(f"{_TABLE}number-{what}-repeated", "1"))
+
+
+def _cells(row: Element) -> list[Any]:
+    cells: list[Any] = []
+    empty = 0
+    for cell in row:
+        if cell.tag not in _CELLS:
+            continue
+        value, repeat = _value(cell), _repeat(cell, "columns")
+        if value is None:
+            empty += repeat
+            continue
+        if len(cells) + empty + repeat > MOST_CELLS:
+            raise RecordError(f"a row has more than {MOST_CELLS} cells, the limit")
+        cells += [None] * empty + [value] * repeat
+        empty = 0
+    return cells
+
+
+def _value(cell: Element) -> str | None:
+    kind = cell.get(f"{_OFFICE}value-type")
+    if kind is None:
+        return None
+    value = cell.get(f"{_OFFICE}{_VALUES.get(kind, 'value')}")
+    if value is None:
+        return " ".join(map(_text, cell.findall(f"{_TEXT}p"))) or None
+    if kind == "date" and "T" not in value:
+        return f"{value}T00:00:00"
+    span = _SPAN.fullmatch(value) if kind == "time" else None
+    return value if span is None else ":".join(span.groups())
+
+
+def _text(paragraph: Element) -> str:
+    for space in paragraph.iter(f"{_TEXT}s"):
+        space.text = " "
+    return "".join(paragraph.itertext())

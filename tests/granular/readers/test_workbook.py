@@ -1,0 +1,99 @@
+"""What stands in the cells of workbooks, and sheets that are mostly empty."""
+
+from __future__ import annotations
+
+import datetime
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.readers import workbook_rows
+from granular.readers.opening import open_sheet
+from granular.readers.reading import Reading
+from granular.shared.errors import RecordError
+
+from .bombs import ods, ods_row, xlsx
+
+
+def ods_cell(kind: str, text: str = "", **values: str) -> str:
+    said = "".join(f' office:{name.replace("_", "-")}="{value}"' for name, value in values.items())
+    return (
+        f'<table:table-cell office:value-type="{kind}"{said}><text:p>{text}</text:p>'
+        "</table:table-cell>"
+    )
+
+
+def test_cells_of_libre_office(tmp_path: Path) -> None:
+    path = tmp_path / "book.ods"
+    empty = '<table:table-cell table:number-columns-repeated="16000"/>'
+    head = ods_cell("string", "clock<text:s/>in s") + ods_cell("string", "height [mm]")
+    rows = [
+        ods_cell("time", f"12:00:0{k}", time_value=f"PT12H00M0{k}.25S")
+        + ods_cell("percentage" if k else "float", "what is shown", value=f"{k}.125")
+        + empty
+        for k in range(3)
+    ]
+    ods(path, [ods_row(empty, 7), ods_row(head), *map(ods_row, rows), ods_row(rows[2], 2),
+               ods_row(empty, 1_048_000)])  # fmt: skip
+    sheet = open_sheet(path, Reading())
+    assert [column.name for column in sheet.columns] == ["clock", "height"]
+    assert sheet.columns[0].values is not None
+    assert sheet.columns[0].values.tolist() == [0.0, 1.0, 2.0, 2.0, 2.0]
+    assert sheet.columns[1].values is not None
+    assert sheet.columns[1].values.tolist() == [0.125, 1.125, 2.125, 2.125, 2.125]
+
+
+def test_dates_of_both_programs(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    start = datetime.datetime(2024, 5, 1)
+    book = openpyxl.Workbook()
+    book.active.append(["date", "height [mm]"])
+    rows = [ods_row(ods_cell("string", "date") + ods_cell("string", "height [mm]"))]
+    for day in range(4):
+        now = start + datetime.timedelta(days=day, hours=6 * (day == 3))
+        book.active.append([now, 0.5 * day])
+        text = now.date().isoformat() if day < 3 else now.isoformat()
+        value = ods_cell("float", value=f"{0.5 * day}")
+        rows.append(ods_row(ods_cell("date", "1. Mai", date_value=text) + value))
+    book.save(tmp_path / "a.xlsx")
+    ods(tmp_path / "a.ods", rows)
+    for name in ("a.xlsx", "a.ods"):
+        record = PistonRecord.from_file(tmp_path / name, columns={"time": "date"})
+        assert record.time.tolist() == [0.0, 86400.0, 172800.0, 280800.0]
+        assert record.height.tolist() == [0.0, 5e-4, 1e-3, 1.5e-3]
+
+
+def test_a_cell_without_a_value_is_lost(tmp_path: Path) -> None:
+    pytest.importorskip("openpyxl")
+    rows = ['<row><c t="str"><v>time</v></c><c t="str"><v>height</v></c></row>']
+    for k in range(6):
+        value = '<c t="e"><v>#DIV/0!</v></c>' if k == 2 else f"<c><v>{k}.5</v></c>"
+        rows.append(f"<row><c><v>{k}</v></c>{value}</row>")
+    xlsx(tmp_path / "a.xlsx", rows)
+    with pytest.warns(UserWarning, match="1 of 6 samples"):
+        record = PistonRecord.from_file(tmp_path / "a.xlsx")
+    assert record.time.tolist() == [0.0, 1.0, 3.0, 4.0, 5.0]
+
+
+def test_limits_hold_for_all_sheets_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for name in ("a", "b"):
+        sheet = book.create_sheet(name)
+        sheet.append(["time", "height"])
+        for k in range(20):
+            sheet.append([k, np.sin(k)])
+    book.save(tmp_path / "a.xlsx")
+    assert len(PistonRecord.from_file(tmp_path / "a.xlsx", sheet="b")) == 20
+    most = workbook_rows._Most(512, 2 * 21 * 5)
+    monkeypatch.setitem(workbook_rows._PARTS, "xl/worksheets/", most)
+    with pytest.raises(RecordError, match=r"sheet3\.xml in it, and those before, hold more than"):
+        PistonRecord.from_file(tmp_path / "a.xlsx")
+    with zipfile.ZipFile(tmp_path / "a.xlsx") as archive:
+        parts = {info.filename for info in archive.infolist()}
+    assert "xl/worksheets/sheet3.xml" in parts
