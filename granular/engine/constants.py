@@ -75,7 +75,8 @@ class Constants(NamedTuple):
     grains : int
         Number of grains.
     masses : float64 (m,) or None
-        Mass of each grain over that of the first species; None where all are alike.
+        Mass of each grain over that of the first species; None where all grains are alike, in
+        their moments, too.
     moments : float64 (m,) or None
         Magnetic moment of each grain over that of the first species. None where these are the same
         numbers as the masses, as in species of one material and thickness: a second array in here

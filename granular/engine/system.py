@@ -70,8 +70,8 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     species = scene.grains.assignment()
     masses = scene.grains.mass_ratios()[species]
     moments = scene.grains.moment_ratios()[species] * scene.grains.spread_factors()
-    several = len(scene.grains.species) > 1
     alike = bool((masses == moments).all())
+    several = len(scene.grains.species) > 1 or not alike
     weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
     effects = scene.effects.laws
     acting = _acting(scene, scales, species, method)

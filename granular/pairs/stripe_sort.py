@@ -9,8 +9,10 @@ from granular.pairs.lanes import WIDTH
 from granular.pairs.runs import RUNS
 from granular.pairs.stripes import LEAST_IN_STRIPE, Stripes
 
-PADDING = 1e70
-"""Place of what is no grain [D]; see `granular.pairs.direct`."""
+PADDING = 1e9
+"""Place of the first of what is no grain [D]: farther than any grain, and so near that a period
+still shifts it. It stands beyond the radius of its own image, too, whose energy is no number at
+no distance."""
 
 
 @compiled

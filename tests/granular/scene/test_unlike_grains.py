@@ -73,9 +73,15 @@ def brute(scene: Scene, place: np.ndarray) -> tuple[np.ndarray, float, np.ndarra
     return force, energy + float((weight * place[:, 1]).sum()), load
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.1])
-def test_unlike_grains_follow_the_sums_over_pairs(spread: float) -> None:
-    scene = mixed(**{"grains.spread": spread})
+ONE = {"grains.species": [{"name": "big", "diameter": "6 mm"}]}
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"grains.spread": 0.1}, ONE | {"grains.spread": 0.1}],
+    ids=["two species", "two that spread", "one that spreads"],
+)  # fmt: skip
+def test_unlike_grains_follow_the_sums_over_pairs(changes: dict[str, Any]) -> None:
+    scene = mixed(**changes)
     place = scene.initial_motion()[0]
     found = evaluate(scene, place)
     force, energy, load = brute(scene, place)
@@ -98,9 +104,9 @@ def test_what_is_said_of_each_species_alike_changes_no_bit() -> None:
     np.testing.assert_array_equal(evaluate(told, place).force, evaluate(scene, place).force)
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.2])
-def test_the_ledger_of_unlike_grains_closes(spread: float) -> None:
-    scene = mixed(**{"grains.spread": spread, "arrangement.speed": "20 D/s"})
+@pytest.mark.parametrize("changes", [{}, {"grains.spread": 0.2}, ONE | {"grains.spread": 0.2}])
+def test_the_ledger_of_unlike_grains_closes(changes: dict[str, Any]) -> None:
+    scene = mixed(**changes, **{"arrangement.speed": "20 D/s"})
     assert simulate(scene, t_end=0.1, progress=False).settings()["ledger_residual"] < 1e-4
 
 
