@@ -22,7 +22,7 @@ from granular.effects.dipole import pair_energy
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants, value_of
 from granular.engine.state import LOSSES, State
-from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
+from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_room, find_close_pairs
 from granular.scene.schema import quantity
 
 
@@ -87,7 +87,7 @@ class ContactLaw(NamedTuple):
 
     def room(self, size: int, count: int) -> ClosePairs:
         """Room for the grains in contact."""
-        return close_pairs_room(count)
+        return close_pairs_room(count, PLACES_A_GRAIN * count)
 
     @staticmethod
     @compiled
@@ -96,7 +96,7 @@ class ContactLaw(NamedTuple):
         time: float,
     ) -> int:  # fmt: skip
         """Add the forces of the grains in contact; 1 where there was no room for them."""
-        find_close_pairs(room, state.x, state.y, constants.grains, law.widest)
+        find_close_pairs(room, state.x, state.y, constants.grains, law.widest, law.radius)
         for p in range(room.filled[0]):
             i, j = room.first[p], room.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]

@@ -134,9 +134,12 @@ class Excitation(Section):
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
         size, swings = self._size(scales)
+        start, duration = self.start, math.inf if self.duration is None else self.duration
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
             times, values, slopes = _noise(self) if self.kind == "noise" else _table(self)
+            start, duration = start + times[0], times[-1] - times[0]
+            times = times - times[0]
         return Drive(
             kind=kind,
             base=self.of_base,
@@ -144,9 +147,9 @@ class Excitation(Section):
             swings=swings,
             omega=math.tau * (self.frequency or 0.0) * tau,
             ratio=math.log(self.to / self.frequency) if self.to and self.frequency else 0.0,
-            start=self.start / tau,
-            duration=(self.duration or 1.0) / tau,
-            times=(times + 0.0) / tau,
+            start=start / tau,
+            duration=math.inf if kind == SINE else duration / tau,
+            times=times / tau,
             values=values,
             slopes=slopes * tau,
         )
@@ -175,9 +178,9 @@ class Drive(NamedTuple):
     ratio : float
         Logarithm of the last over the first frequency.
     start, duration : float
-        [tau]
+        When it begins, and for how long it acts [tau].
     times, values, slopes : float64 (k,)
-        Of a table: equally far from each other; cubic between them, and nothing outside.
+        Of a table: times since its start, equally far from each other; cubic between them.
     """
 
     kind: int
@@ -197,8 +200,30 @@ class Drive(NamedTuple):
 def excitation_at(drive: Drive, time: float) -> float:
     """The force, or the acceleration of the base, at a time since the start of the run [tau]."""
     t = time - drive.start
-    if t < 0.0:
+    return _while_it_acts(drive, t) if 0.0 <= t <= drive.duration else 0.0
+
+
+@compiled
+def excitation_over(drive: Drive, time: float, span: float, opening: bool) -> float:
+    """`excitation_at`, for a kick that begins at ``time`` or, where it closes a step, ends there.
+
+    Begin and end, where the drive may jump, fall within a kick: it then counts for its share of it.
+    All of the kick, or nothing, would cost a step the second order.
+    """
+    t = time - drive.start
+    other = t + span if opening else t - span
+    first, last = min(t, other), max(t, other)
+    if first >= 0.0 and last <= drive.duration:
+        return _while_it_acts(drive, t)
+    share = (min(last, drive.duration) - max(first, 0.0)) / (last - first)
+    if not share > 0.0:
         return 0.0
+    return share * _while_it_acts(drive, min(max(t, 0.0), drive.duration))
+
+
+@compiled
+def _while_it_acts(drive: Drive, t: float) -> float:
+    """At a time since it began [tau]."""
     if drive.kind == TABLE:
         return drive.size * _tabled(drive, t)
     if drive.kind == IMPULSE:
@@ -206,8 +231,6 @@ def excitation_at(drive: Drive, time: float) -> float:
         return drive.size * math.sin(math.pi * t / drive.duration) if inside else 0.0
     omega, phase, gain = drive.omega, drive.omega * t, 0.0
     if drive.kind == SWEEP:
-        if t > drive.duration:
-            return 0.0
         rate = drive.ratio / drive.duration
         omega *= math.exp(rate * t)
         phase, gain = (omega - drive.omega) / rate, omega * rate
@@ -218,12 +241,9 @@ def excitation_at(drive: Drive, time: float) -> float:
 
 @compiled
 def _tabled(drive: Drive, t: float) -> float:
-    h = drive.times[1] - drive.times[0]
-    place = (t - drive.times[0]) / h
-    if place < 0.0 or place > drive.times.size - 1:
-        return 0.0
-    k = min(int(place), drive.times.size - 2)
-    s = place - k
+    h = drive.times[1]
+    k = min(int(t / h), drive.times.size - 2)
+    s = t / h - k
     low, high = drive.values[k], drive.values[k + 1]
     rise, left, right = high - low, h * drive.slopes[k], h * drive.slopes[k + 1]
     bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise

@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.excitation import Drive, excitation_at
+from granular.effects.excitation import Drive, excitation_at, excitation_over
 from granular.effects.host_chain import (
     FIXED,
     PISTON_MOUNT,
@@ -263,7 +263,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     law: HostLaw, entry: int, room: HostRoom, span: float, state: State, constants: Constants,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
-    shake = excitation_at(law.drive, start + time)
+    shake = excitation_over(law.drive, start + time, span, opening)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1

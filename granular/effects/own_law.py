@@ -14,7 +14,7 @@ from granular.compiled.dispatch import OPTIONS
 from granular.effects.own_definition import DEFINITIONS, Definition, Grain
 from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import LOSSES, WORK, State
-from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
+from granular.pairs.cells import Cells, cells_room, find_partners, sort_into_cells
 
 
 class OwnLaw(NamedTuple):
@@ -36,15 +36,15 @@ class OwnLaw(NamedTuple):
     reach: float
     factor: Array | None
 
-    def room(self, size: int, count: int) -> ClosePairs | None:
-        """Room for the pairs within reach."""
+    def room(self, size: int, count: int) -> Cells | None:
+        """The cells that grains within reach are found with; None where all pairs count."""
         pairs = "pair_force" in DEFINITIONS[self.kind.name].functions
-        return close_pairs_room(count) if pairs and math.isfinite(self.reach) else None
+        return cells_room(count) if pairs and math.isfinite(self.reach) else None
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(
-        law: OwnLaw, room: ClosePairs | None, place: int, state: State, constants: Constants,
+        law: OwnLaw, room: Cells | None, place: int, state: State, constants: Constants,
         time: float,
     ) -> int:  # fmt: skip
         _grain_forces(law.kind, law, state, constants, time)
@@ -53,7 +53,7 @@ class OwnLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: OwnLaw, room: ClosePairs | None, place: int, state: State, constants: Constants,
+        law: OwnLaw, room: Cells | None, place: int, state: State, constants: Constants,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         energies[place] = _grain_energy(law.kind, law, state, constants, time, stiffness)
@@ -63,7 +63,7 @@ class OwnLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def flow(
-        law: OwnLaw, room: ClosePairs | None, place: int, span: float, state: State,
+        law: OwnLaw, room: Cells | None, place: int, span: float, state: State,
         constants: Constants, opening: bool,
     ) -> int:  # fmt: skip
         _flow(law.kind, law, LOSSES + place, span, state, constants)
@@ -72,7 +72,7 @@ class OwnLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def work(
-        law: OwnLaw, room: ClosePairs | None, place: int, span: float, state: State,
+        law: OwnLaw, room: Cells | None, place: int, span: float, state: State,
         constants: Constants, time: float,
     ) -> int:  # fmt: skip
         _work(law.kind, law, span, state, constants, time)
@@ -184,45 +184,47 @@ def _make_flow(definition: Definition) -> Loop:
 
 
 @compiled
-def _partners(law: OwnLaw, room: ClosePairs | None, state: State, count: int) -> int:
-    """How many pairs there are; -1 where there is no room for them."""
-    if room is None:
-        return count * (count - 1) // 2
-    find_close_pairs(room, state.x, state.y, count, law.reach)
-    return room.filled[0]
+def _ready(law: OwnLaw, cells: Cells | None, state: State, count: int) -> bool:
+    """Sort the grains, where pairs end; False where a place is no number."""
+    return True if cells is None else sort_into_cells(cells, state.x, state.y, count, law.reach)
 
 
 @compiled
-def _pair(room: ClosePairs | None, pair: int, i: int, j: int, count: int) -> tuple[int, int]:
-    """The next pair: that of the list, or behind (i, j) of all."""
-    if room is None:
-        return (i, j + 1) if j + 1 < count else (i + 1, i + 2)
-    return room.first[pair], room.second[pair]
+def _partners(law: OwnLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
+    """How many partners a grain has: those within reach, or all behind it."""
+    if cells is None:
+        return count - 1 - i
+    return find_partners(cells, state.x, state.y, i, law.reach)
+
+
+@compiled
+def _partner(cells: Cells | None, i: int, k: int) -> int:
+    return i + 1 + k if cells is None else cells.partners[k]
 
 
 def _make_pair_forces(definition: Definition) -> Loop:
     force, values_of = definition.kernels.get("pair_force"), definition.parameters
     if force is None:
-        return lambda kind, law, room, state, constants: 0
+        return lambda kind, law, cells, state, constants: 0
 
-    def add(
-        kind: Any, law: OwnLaw, room: ClosePairs | None, state: State, constants: Constants
-    ) -> int:
+    def add(kind: Any, law: OwnLaw, cells: Cells | None, state: State, constants: Constants) -> int:
         p, count = values_of(*law.values), constants.grains
         masses, moments = constants.masses, moments_of(constants)
-        pairs, i, j = _partners(law, room, state, count), 0, 0
-        for pair in range(pairs):
-            i, j = _pair(room, pair, i, j, count)
-            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
-            r = math.sqrt(dx * dx + dy * dy)
-            if r < law.reach:
-                first = grain_at(state, masses, moments, i)
-                ratio = force(p, r, first, grain_at(state, masses, moments, j)) / r
-                state.fx[i] += ratio * dx
-                state.fy[i] += ratio * dy
-                state.fx[j] -= ratio * dx
-                state.fy[j] -= ratio * dy
-        return int(pairs < 0)
+        if not _ready(law, cells, state, count):
+            return 1
+        for i in range(count):
+            first = grain_at(state, masses, moments, i)
+            for k in range(_partners(law, cells, state, i, count)):
+                j = _partner(cells, i, k)
+                dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+                r = math.sqrt(dx * dx + dy * dy)
+                if r < law.reach:
+                    ratio = force(p, r, first, grain_at(state, masses, moments, j)) / r
+                    state.fx[i] += ratio * dx
+                    state.fy[i] += ratio * dy
+                    state.fx[j] -= ratio * dx
+                    state.fy[j] -= ratio * dy
+        return 0
 
     return add
 
@@ -231,26 +233,28 @@ def _make_pair_energy(definition: Definition) -> Loop:
     energy, values_of = definition.kernels.get("pair_energy"), definition.parameters
     stiffness: Loop = definition.kernels.get("pair_stiffness", _nothing)
     if energy is None:
-        return lambda kind, law, room, state, constants, slopes: 0.0
+        return lambda kind, law, cells, state, constants, slopes: 0.0
 
     def measure(
-        kind: Any, law: OwnLaw, room: ClosePairs | None, state: State, constants: Constants,
+        kind: Any, law: OwnLaw, cells: Cells | None, state: State, constants: Constants,
         slopes: Array,
     ) -> float:  # fmt: skip
         p, count, total = values_of(*law.values), constants.grains, 0.0
         masses, moments = constants.masses, moments_of(constants)
-        i, j = 0, 0
-        for pair in range(_partners(law, room, state, count)):
-            i, j = _pair(room, pair, i, j, count)
-            dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
-            r = math.sqrt(dx * dx + dy * dy)
-            if r < law.reach:
-                first = grain_at(state, masses, moments, i)
-                second = grain_at(state, masses, moments, j)
-                total += energy(p, r, first, second)
-                slope = 2.0 * abs(stiffness(p, r, first, second))
-                slopes[i] += slope / first.mass
-                slopes[j] += slope / second.mass
+        if not _ready(law, cells, state, count):
+            return math.nan
+        for i in range(count):
+            first = grain_at(state, masses, moments, i)
+            for k in range(_partners(law, cells, state, i, count)):
+                j = _partner(cells, i, k)
+                dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
+                r = math.sqrt(dx * dx + dy * dy)
+                if r < law.reach:
+                    second = grain_at(state, masses, moments, j)
+                    total += energy(p, r, first, second)
+                    slope = 2.0 * abs(stiffness(p, r, first, second))
+                    slopes[i] += slope / first.mass
+                    slopes[j] += slope / second.mass
         return total
 
     return measure

@@ -147,7 +147,9 @@ def new_state(
         label=np.arange(x.size),
         load=None if acting.weight is None else np.zeros_like(x),
         stripes=_stripes(x.size, acting),
-        verlet_list=None if acting.listing is None else verlet_list_room(x.size),
+        verlet_list=None
+        if acting.listing is None
+        else verlet_list_room(x.size, acting.listing.radius),
         far_forces=_far_forces(x.size, acting),
         rooms=tuple(_room(law, x.size, count) for law in acting.laws),
         scratch=np.zeros_like(x),

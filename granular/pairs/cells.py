@@ -9,42 +9,68 @@ import numpy as np
 from granular.compiled import Array, compiled
 
 PLACES_A_GRAIN = 16
-"""Room for close pairs, per grain. Discs of one size have at most three each; more fit only where
-small ones crowd about a big one."""
+"""Room for close pairs, per grain: overlapping discs, of whatever sizes, have about three each."""
 
 
-class ClosePairs(NamedTuple):
-    """Close pairs, and the grid's scratch.
+class Cells(NamedTuple):
+    """Grains in the cells of a grid, and the partners of one of them: always room enough.
 
     Attributes
     ----------
-    first, second : int64 (p,)
-    filled : int64 (1,)
-        How many are filled; -1 where there was no room, or a place is no number.
+    partners : int64 (n,)
+        Of the grain that was asked for last.
     cell, order : int64 (n,)
         Cell of each grain, and the grains in the order of cells.
     begins : int64 (c,)
-        Where each cell's grains begin in ``order``; grown when it is too short.
+        Where each cell's grains begin in ``order``.
+    shape : int64 (2,)
+        Columns and rows.
+    """
+
+    partners: np.ndarray
+    cell: np.ndarray
+    order: np.ndarray
+    begins: np.ndarray
+    shape: np.ndarray
+
+
+class ClosePairs(NamedTuple):
+    """Close pairs, and the cells that they are found with.
+
+    Attributes
+    ----------
+    first, second : int (p,)
+    filled : int64 (1,)
+        How many are filled; -1 where there was no room, or a place is no number.
+    cells : Cells
     """
 
     first: np.ndarray
     second: np.ndarray
     filled: np.ndarray
-    cell: np.ndarray
-    order: np.ndarray
-    begins: np.ndarray
+    cells: Cells
 
 
-def close_pairs_room(count: int) -> ClosePairs:
-    """Room for the pairs of that many grains; about one cell a grain."""
-    places = PLACES_A_GRAIN * max(count, 1)
+def cells_room(count: int) -> Cells:
+    """Room for that many grains; up to four cells a grain."""
+    size = max(count, 1)
+    return Cells(
+        partners=np.zeros(size, dtype=np.int64),
+        cell=np.zeros(size, dtype=np.int64),
+        order=np.zeros(size, dtype=np.int64),
+        begins=np.zeros(4 * size + 64, dtype=np.int64),
+        shape=np.zeros(2, dtype=np.int64),
+    )
+
+
+def close_pairs_room(count: int, places: int, kind: type = np.int64) -> ClosePairs:
+    """Room for so many pairs of that many grains, or for all of them if these are less."""
+    places = max(1, min(count * (count - 1) // 2, places))
     return ClosePairs(
-        first=np.zeros(places, dtype=np.int64),
-        second=np.zeros(places, dtype=np.int64),
+        first=np.zeros(places, dtype=kind),
+        second=np.zeros(places, dtype=kind),
         filled=np.zeros(1, dtype=np.int64),
-        cell=np.zeros(max(count, 1), dtype=np.int64),
-        order=np.zeros(max(count, 1), dtype=np.int64),
-        begins=np.zeros(4 * max(count, 1) + 64, dtype=np.int64),
+        cells=cells_room(count),
     )
 
 
@@ -69,53 +95,86 @@ def _grid(
 
 
 @compiled
-def _pair_up(
-    room: ClosePairs, x: Array, y: Array, i: int, cell: int, reach: float, own: bool
-) -> None:
-    for place in range(room.begins[cell], room.begins[cell + 1]):
-        j = room.order[place]
-        if own and j <= i:
-            continue
-        dx, dy = x[i] - x[j], y[i] - y[j]
-        if dx * dx + dy * dy < reach * reach and room.filled[0] >= 0:
-            if room.filled[0] == room.first.size:
-                room.filled[0] = -1
-                return
-            room.first[room.filled[0]] = i
-            room.second[room.filled[0]] = j
-            room.filled[0] += 1
-
-
-@compiled
-def find_close_pairs(room: ClosePairs, x: Array, y: Array, count: int, reach: float) -> None:
-    """Fill ``room`` with the pairs closer than ``reach`` [D]; the positions fix their order."""
-    room.filled[0] = 0
-    if count < 2:
-        return
-    left, low, size, columns, rows = _grid(x, y, count, reach, room.begins.size - 2)
-    room.begins[: columns * rows + 1] = 0
+def sort_into_cells(cells: Cells, x: Array, y: Array, count: int, reach: float) -> bool:
+    """Sort the grains into cells at least ``reach`` [D] wide; False where a place is no number."""
+    if count == 0:
+        return True
+    left, low, size, columns, rows = _grid(x, y, count, reach, cells.begins.size - 2)
+    cells.shape[0], cells.shape[1] = columns, rows
+    cells.begins[: columns * rows + 1] = 0
     for i in range(count):
         across, up = (x[i] - left) / size, (y[i] - low) / size
         if not (0.0 <= across < columns and 0.0 <= up < rows):
-            room.filled[0] = -1  # a place that is no number has no cell
-            return
-        room.cell[i] = int(up) * columns + int(across)
-        room.begins[room.cell[i] + 1] += 1
+            return False  # a place that is no number has no cell
+        cells.cell[i] = int(up) * columns + int(across)
+        cells.begins[cells.cell[i] + 1] += 1
     for cell in range(columns * rows):
-        room.begins[cell + 1] += room.begins[cell]
+        cells.begins[cell + 1] += cells.begins[cell]
     for i in range(count - 1, -1, -1):
         # Filling from the back moves each end down to its beginning.
-        room.begins[room.cell[i] + 1] -= 1
-        room.order[room.begins[room.cell[i] + 1]] = i
+        cells.begins[cells.cell[i] + 1] -= 1
+        cells.order[cells.begins[cells.cell[i] + 1]] = i
     # begins[c + 1] is now where cell c begins.
     for cell in range(columns * rows):
-        room.begins[cell] = room.begins[cell + 1]
-    room.begins[columns * rows] = count
+        cells.begins[cell] = cells.begins[cell + 1]
+    cells.begins[columns * rows] = count
+    return True
+
+
+@compiled
+def _look_into(
+    cells: Cells, x: Array, y: Array, i: int, cell: int, reach: float, found: int
+) -> int:
+    for place in range(cells.begins[cell], cells.begins[cell + 1]):
+        j = cells.order[place]
+        if cell == cells.cell[i] and j <= i:
+            continue
+        dx, dy = x[i] - x[j], y[i] - y[j]
+        if dx * dx + dy * dy < reach * reach:
+            cells.partners[found] = j
+            found += 1
+    return found
+
+
+@compiled
+def find_partners(cells: Cells, x: Array, y: Array, i: int, reach: float) -> int:
+    """Fill ``cells.partners`` with those of a grain; how many.
+
+    Each pair is met once, with one of its two grains; the positions fix the order.
+    """
+    columns, rows = cells.shape[0], cells.shape[1]
+    column, row = cells.cell[i] % columns, cells.cell[i] // columns
+    found = _look_into(cells, x, y, i, cells.cell[i], reach, 0)
+    if column + 1 < columns:
+        found = _look_into(cells, x, y, i, cells.cell[i] + 1, reach, found)
+    if row + 1 < rows:
+        for beside in range(max(column - 1, 0), min(column + 2, columns)):
+            found = _look_into(cells, x, y, i, (row + 1) * columns + beside, reach, found)
+    return found
+
+
+@compiled
+def find_close_pairs(
+    pairs: ClosePairs, x: Array, y: Array, count: int, reach: float, radius: Array | None
+) -> None:
+    """Fill ``pairs`` with those closer than ``reach`` [D]; the positions fix their order.
+
+    Where each grain has a ``radius`` [D], with those that overlap alone.
+    """
+    pairs.filled[0] = 0
+    if not sort_into_cells(pairs.cells, x, y, count, reach):
+        pairs.filled[0] = -1
+        return
     for i in range(count):
-        column, row = room.cell[i] % columns, room.cell[i] // columns
-        _pair_up(room, x, y, i, room.cell[i], reach, True)
-        if column + 1 < columns:
-            _pair_up(room, x, y, i, room.cell[i] + 1, reach, False)
-        if row + 1 < rows:
-            for beside in range(max(column - 1, 0), min(column + 2, columns)):
-                _pair_up(room, x, y, i, (row + 1) * columns + beside, reach, False)
+        for k in range(find_partners(pairs.cells, x, y, i, reach)):
+            j = pairs.cells.partners[k]
+            if radius is not None:
+                dx, dy, near = x[i] - x[j], y[i] - y[j], radius[i] + radius[j]
+                if dx * dx + dy * dy >= near * near:
+                    continue
+            if pairs.filled[0] == pairs.first.size:
+                pairs.filled[0] = -1
+                return
+            pairs.first[pairs.filled[0]] = i
+            pairs.second[pairs.filled[0]] = j
+            pairs.filled[0] += 1

@@ -15,13 +15,14 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import ENERGY, pair_energy, pair_force
-from granular.pairs.cells import ClosePairs, find_close_pairs
+from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
 
 RADIUS, SKIN = 11.26, 4.13
 """Of de Paula, in diameters of the first species."""
 
-_MOST_PARTNERS = 512
-"""Pairs that there is room for, per grain: the densest bed of discs has 230 within 11.26 D."""
+_MOST_PARTNERS = 4.0
+"""Pairs that there is room for, per grain and square of the radius [D]: the densest bed of discs
+has 1.8."""
 
 LISTED, GRAINS, BUILDS = range(3)
 """Entries of the memory: whether there is a list for the places that it was made at, for how many
@@ -52,18 +53,10 @@ class VerletList(NamedTuple):
     memory: np.ndarray
 
 
-def verlet_list_room(size: int) -> VerletList:
-    """Room for the pairs of that many grains (padded)."""
-    places = max(1, min(size * (size - 1) // 2, _MOST_PARTNERS * size))
-    pairs = ClosePairs(
-        first=np.zeros(places, dtype=np.int32),
-        second=np.zeros(places, dtype=np.int32),
-        filled=np.zeros(1, dtype=np.int64),
-        cell=np.zeros(size, dtype=np.int64),
-        order=np.zeros(size, dtype=np.int64),
-        begins=np.zeros(4 * size + 64, dtype=np.int64),
-    )
-    return VerletList(pairs, np.zeros((2, size)), np.zeros(3))
+def verlet_list_room(size: int, radius: float) -> VerletList:
+    """Room for the pairs of that many grains (padded) within a radius [D]."""
+    places = size * int(min(size, _MOST_PARTNERS * max(radius, 2.0) ** 2))
+    return VerletList(close_pairs_room(size, places, np.int32), np.zeros((2, size)), np.zeros(3))
 
 
 @compiled
@@ -79,7 +72,9 @@ def _make_ready(listed: VerletList, listing: Listing, x: Array, y: Array, grains
         listed.memory[GRAINS] = grains
         listed.memory[BUILDS] += 1.0
     if stale or listed.memory[LISTED] == 0.0:
-        find_close_pairs(listed.pairs, listed.built[0], listed.built[1], grains, listing.radius)
+        find_close_pairs(
+            listed.pairs, listed.built[0], listed.built[1], grains, listing.radius, None
+        )
         listed.memory[LISTED] = 1.0
 
 

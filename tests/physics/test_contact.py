@@ -12,7 +12,7 @@ from granular import Scene, evaluate, load_scene, simulate
 from granular.compiled import entry
 from granular.pairs import cells
 from granular.pairs.cells import close_pairs_room
-from granular.pairs.direct import padded_coordinates
+from granular.pairs.direct import padded_coordinates, padded_values
 
 find_close_pairs = entry(cells.find_close_pairs)
 
@@ -77,14 +77,9 @@ def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
 def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, width: float) -> None:
     place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
     wanted = cKDTree(place).query_pairs(reach, output_type="set") if count else set()
-    room = close_pairs_room(max(count, len(wanted) // 16 + 1))
-    room = room._replace(
-        begins=np.zeros(4 * max(count, 1) + 64, dtype=np.int64),
-        cell=np.zeros(max(count, 1), dtype=np.int64),
-        order=np.zeros(max(count, 1), dtype=np.int64),
-    )
+    room = close_pairs_room(count, len(wanted))
     x, y = padded_coordinates(place)
-    find_close_pairs(room, x, y, count, reach)
+    find_close_pairs(room, x, y, count, reach, None)
     filled = room.filled[0]
     found = {
         (min(i, j), max(i, j))
@@ -96,14 +91,29 @@ def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, wi
 
 def test_too_many_contacts_are_an_error_not_silence() -> None:
     place = np.zeros((40, 2))
-    room = close_pairs_room(2)._replace(
-        cell=np.zeros(40, dtype=np.int64), order=np.zeros(40, dtype=np.int64)
-    )
+    room = close_pairs_room(40, 40 * 39 // 2 - 1)
     x, y = padded_coordinates(place)
-    find_close_pairs(room, x, y, 40, 1.0)
+    find_close_pairs(room, x, y, 40, 1.0, None)
     assert room.filled[0] == -1
     x[3] = np.nan
-    find_close_pairs(close_pairs_room(40), x, y, 40, 1.0)
+    find_close_pairs(close_pairs_room(40, 780), x, y, 40, 1.0, None)
+
+
+def test_small_grains_about_a_big_one_have_room() -> None:
+    """Hundreds of them lie within the big one's diameter of each other, and three touch."""
+    place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
+    radius = np.full(400, 0.056)
+    radius[0] = 0.5
+    room = close_pairs_room(400, 16 * 400)
+    find_close_pairs(room, *padded_coordinates(place), 400, 1.0, padded_values(radius))
+    wanted = {
+        (min(i, j), max(i, j))
+        for i, j in cKDTree(place).query_pairs(1.0, output_type="set")
+        if np.hypot(*(place[i] - place[j])) < radius[i] + radius[j]
+    }
+    filled = room.filled[0]
+    found = zip(room.first[:filled].tolist(), room.second[:filled].tolist(), strict=True)
+    assert {(min(pair), max(pair)) for pair in found} == wanted
 
 
 @pytest.mark.long

@@ -177,6 +177,16 @@ def test_pairs_alone_keep_the_momentum() -> None:
         assert np.abs(force.sum(axis=0)).max() < 1e-14 * np.abs(force).max() * len(force)
 
 
+@pytest.mark.parametrize("reach", ["2 D", "6 D"])
+def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
+    law = {"energy": "a*exp(-r/l)", "a": "10 uJ", "l": "6 mm", "reach": reach}
+    scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
+    start = scene.initial_motion()[0]
+    r = np.hypot(*(start[:, None] - start).T)[np.triu_indices(len(start), 1)]
+    wanted = float(1e-5 * np.exp(-r[r < 0.006 * int(reach[0])] / 0.006).sum())
+    assert evaluate(scene, start).potential_energy == pytest.approx(wanted, rel=1e-12)
+
+
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
     runs = [

@@ -1,4 +1,4 @@
-"""Drag in the engine's force sum costs Verlet's method its second order: the negative control.
+"""What would cost Verlet's method its second order: drag in the force sum, a drive that jumps.
 
 Run with ``NUMBA_DISABLE_JIT=1``, as `tests/architecture/test_plain_python.py` does: only there can
 a test put something into the force sum of the loop.
@@ -7,14 +7,17 @@ a test put something into the force sum of the loop.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numba
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import granular.engine.ledger
 import granular.engine.step
 from granular import Scene, load_scene, simulate
+from granular.effects.excitation import Excitation, excitation_at
 from granular.engine.constants import Constants
 from granular.engine.state import State
 from granular.scene.scales import Scales
@@ -74,3 +77,46 @@ def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) ->
         monkeypatch.setattr(granular.engine.step, name, smuggled(compute, rate))
     monkeypatch.setattr(granular.engine.ledger, "WRONG", np.inf)  # it knows nothing of this loss
     assert slope(bouncing(0.0)) == pytest.approx(1.0, abs=0.1)
+
+
+START, SPAN = 0.10002, 0.40003
+"""[s]: no step ends where the drive begins or ends."""
+
+JUMPS: dict[str, dict[str, Any]] = {
+    "sweep": {"kind": "sweep", "force": 2.0, "frequency": 1.0, "to": 5.0},
+    "moved base": {"kind": "sweep", "displacement": 0.01, "frequency": 1.0, "to": 5.0},
+    "noise": {"kind": "noise", "force": 2.0, "frequency": 1.0, "to": 9.0},
+    "table": {"kind": "table", "force": 2.0, "times": tuple(np.linspace(0.0, SPAN, 4)),
+              "values": (1.0, 2.0, 0.5, 1.0)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", JUMPS)
+def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
+    mass, stiffness, damping, end = 2.0, 800.0, 3.0, 0.6
+    words = JUMPS[name] | {"start": START} | ({} if name == "table" else {"duration": SPAN})
+    drive = Excitation(**words)
+    body = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    scene = load_scene("bed").replace(
+        **{"grains.count": 0, "effects": {"host": {"bodies": [body]}},
+           "effects.host.excitation": drive.to_plain(), "output": {"scalars": end, "frames": end},
+           "protocol": [{"name": "shake", "kind": "hold", "duration": end}]}
+    )  # fmt: skip
+    scales = Scales.of(scene.grains)
+    natural = drive.drive(scales)
+    size = -scales.acceleration * mass if natural.base else scales.force
+
+    def rate(t: float, y: np.ndarray, first: float, last: float) -> list[float]:
+        inside = min(max(t, first + 1e-9), last - 1e-9)
+        force = size * excitation_at(natural, inside / scales.time)
+        return [y[1], (force - stiffness * y[0] - damping * y[1]) / mass]
+
+    state = np.zeros(2)
+    for part in ((0.0, START), (START, START + SPAN), (START + SPAN, end)):
+        state = solve_ivp(rate, part, state, args=part, rtol=1e-10, atol=1e-13).y[:, -1]
+    steps = (2e-3, 1e-3, 5e-4)
+    off = [
+        abs(simulate(scene, dt, progress=False).dataset["host_displacement"].values[-1] - state[0])
+        for dt in steps
+    ]
+    assert float(np.polyfit(np.log(steps), np.log(off), 1)[0]) == pytest.approx(2.0, abs=0.15)

@@ -17,8 +17,8 @@ def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
     """Cells of the grains' size would be more than whole numbers count."""
     random = np.random.default_rng(3)
     places = far * random.integers(1, 5, (2, 10)) + random.uniform(0.0, 0.8, (2, 10))
-    room = close_pairs_room(10)
-    find_close_pairs(room, *places, 10, 1.0)
+    room = close_pairs_room(10, 45)
+    find_close_pairs(room, *places, 10, 1.0, None)
     found = set(zip(room.first[: room.filled[0]], room.second[: room.filled[0]], strict=True))
     gap = np.hypot(*(places[:, :, None] - places[:, None, :]))
     assert {tuple(sorted(map(int, pair))) for pair in found} == {
@@ -28,6 +28,6 @@ def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
 
 @pytest.mark.parametrize("place", [np.nan, np.inf, -np.inf])
 def test_places_that_are_none(place: float) -> None:
-    room = close_pairs_room(3)
-    find_close_pairs(room, np.array([0.0, place, 2.0]), np.zeros(3), 3, 1.0)
+    room = close_pairs_room(3, 3)
+    find_close_pairs(room, np.array([0.0, place, 2.0]), np.zeros(3), 3, 1.0, None)
     assert room.filled[0] == -1

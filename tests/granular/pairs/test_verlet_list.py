@@ -36,7 +36,7 @@ def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> n
 
 def test_fresh_list_is_the_cut_off() -> None:
     x, y = scattered(150, 3)
-    found = sums(list_sum, verlet_list_room(x.size), LISTING, 150, x, y)
+    found = sums(list_sum, verlet_list_room(x.size, LISTING.radius), LISTING, 150, x, y)
 
     def plain(near: None, radius: float, *rest: object) -> None:
         plain_cut_sum(near, radius, None, None, *rest)
@@ -47,7 +47,7 @@ def test_fresh_list_is_the_cut_off() -> None:
 
 def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> None:
     x, y = padded_coordinates(np.array([[0.0, 0.0], [5.9, 0.0], [0.0, 6.1]]))
-    known = verlet_list_room(x.size)
+    known = verlet_list_room(x.size, LISTING.radius)
     sums(list_sum, known, LISTING, 3, x, y)
     x[1] += 1.9  # beyond the radius, and still on the list
     y[2] -= 1.9  # within the radius, and missed
@@ -62,18 +62,18 @@ def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> No
 
 def test_list_made_again_gives_the_same_bits() -> None:
     x, y = scattered(150, 5)
-    known = verlet_list_room(x.size)
+    known = verlet_list_room(x.size, LISTING.radius)
     sums(list_sum, known, LISTING, 150, x, y)
     x[:150] += np.random.default_rng(1).uniform(-1.0, 1.0, 150)
     wanted = sums(list_sum, known, LISTING, 150, x, y)
-    again = verlet_list_room(x.size)
+    again = verlet_list_room(x.size, LISTING.radius)
     put_lists(again, kept_lists(known))
     np.testing.assert_array_equal(sums(list_sum, again, LISTING, 150, x, y), wanted)
 
 
 def test_full_list_gives_no_numbers() -> None:
     x, y = scattered(60, 5)
-    room = verlet_list_room(x.size)
+    room = verlet_list_room(x.size, LISTING.radius)
     short = room.pairs._asdict() | {name: np.zeros(9, np.int32) for name in ("first", "second")}
     full = VerletList(ClosePairs(**short), room.built, room.memory)
     assert np.isnan(sums(list_sum, full, LISTING, 60, x, y)[:120]).all()
