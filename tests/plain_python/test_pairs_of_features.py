@@ -1,0 +1,293 @@
+"""Every two features of a scene together at least once: forces, energies, ledger and bits.
+
+A table of pairs: each level of each factor meets each level of every other one in some row. Small
+beds run in plain Python with the quick tests; whole ones, of 92 and 368 grains, are compiled:
+``python -m pytest -m long tests/plain_python/test_pairs_of_features.py``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from granular import Scene, evaluate, load_scene, simulate
+from granular.effects.registry import effects
+from granular.scene.scales import Scales
+from granular.shared.errors import InputError
+from tests.plain_python.test_every_effect import EXAMPLES
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::RuntimeWarning"),
+    pytest.mark.filterwarnings("ignore:two grains came as close"),
+    pytest.mark.filterwarnings("ignore:the energy ledger"),
+]
+
+STEP, STEPS = 4e-5, 8
+PERIODIC = {name for name, one in effects().items() if one.periodic}
+LAW = {"energy": "a*q1*q2*exp(-r/l)", "a": "30 uJ", "l": "3 mm"}
+REACH = {"pair law below a spacing": 0.8, "pair law above spacings": 4.0}
+"""[D]"""
+ACTING = EXAMPLES | {name: [LAW | {"reach": f"{reach} D"}] for name, reach in REACH.items()}
+METHODS: dict[str, dict[str, Any]] = {
+    "direct": {"method": "direct"},
+    "far pairs less often": {"method": "direct", "far_every": 4},
+    "cut-off": {"method": "cut-off", "cut_off": "4 D"},
+    "verlet-list": {"method": "verlet-list", "cut_off": "4 D", "skin": "1 D"},
+    "mesh": {"method": "mesh"},
+}
+SMALL, WHOLE = (8, 14), (92, 368)
+ROOM = {8: (6.0, 5.5), 14: (7.5, 7.0), 44: (18.0, 17.0), 92: (30.0, 11.0), 368: (60.0, 20.0)}
+"""Width and height of a closed cell [D]."""
+
+FACTORS: dict[str, tuple[Any, ...]] = {
+    "effect": tuple(ACTING),
+    "method": tuple(METHODS),
+    "species": (1, 2),
+    "spread": (0.0, 0.1),
+    "sides": ("closed", "periodic"),
+    "threads": (1, 2),
+    "size": (0, 1),
+    "resumed": (False, True),
+}
+Row = dict[str, Any]
+
+BOUNDED = {
+    "walls": "there is no piston",
+    "own walls": "there is no piston",
+    "wall_friction": "there is no side wall to rub at",
+}
+"""What misses the bounds of a closed cell before anything else."""
+
+REFUSED: list[tuple[Row, str]] = [
+    *(
+        ({"effect": name, "sides": "periodic"}, BOUNDED.get(name, "in a cell with periodic sides"))
+        for name in ACTING
+        if name not in PERIODIC
+    ),
+    ({"method": "verlet-list", "sides": "periodic"}, "knows no images"),
+    ({"method": "far pairs less often", "sides": "periodic"}, "has no far field"),
+    ({"effect": "host", "method": "far pairs less often"}, "a host moves by the whole force"),
+]
+"""What cannot be together, and the words that say so: what knows of no images, and a host, whose
+motion needs the whole force."""
+
+
+def refused(row: Row) -> bool:
+    return any(one.items() <= row.items() for one, _ in REFUSED)
+
+
+def pairs_of(row: Row) -> set[tuple[Any, ...]]:
+    return {(a, row[a], b, row[b]) for a, b in itertools.combinations(FACTORS, 2)}
+
+
+def table_of_pairs(seed: int) -> list[Row]:
+    """Rows that hold every allowed pair of levels: of some drawn ones, that with the most new."""
+    random = np.random.default_rng(seed)
+    missing = {
+        (a, one, b, other)
+        for a, b in itertools.combinations(FACTORS, 2)
+        for one, other in itertools.product(FACTORS[a], FACTORS[b])
+        if not refused({a: one, b: other})
+    }
+    rows = []
+    while missing:
+        a, one, b, other = min(missing, key=repr)
+        drawn: list[Row] = []
+        while len(drawn) < 30:
+            row = {name: levels[random.integers(len(levels))] for name, levels in FACTORS.items()}
+            row |= {a: one, b: other}
+            if not refused(row):
+                drawn.append(row)
+        rows.append(max(drawn, key=lambda row: len(pairs_of(row) & missing)))
+        missing -= pairs_of(rows[-1])
+    return [cheaper(row, rows) for row in rows]
+
+
+def cheaper(row: Row, rows: list[Row]) -> Row:
+    """The row, changed in its place to what takes less time where no pair is lost by that."""
+    for name in ("resumed", "threads", "size"):
+        held = Counter(pair for one in rows for pair in pairs_of(one))
+        if all(held[pair] > 1 for pair in pairs_of(row) if name in pair):
+            row[name] = FACTORS[name][0]
+    return row
+
+
+ROWS = table_of_pairs(1)
+
+
+def named(row: Row) -> str:
+    return "-".join(str(value) for value in row.values())
+
+
+def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
+    """A bed of the row's features, whose grains move."""
+    count, name, around = sizes[row["size"]], row["effect"], row["sides"] == "periodic"
+    if around and row["method"] in ("mesh", "cut-off"):
+        count = max(count, 44)
+    key = {"own walls": "walls"} | dict.fromkeys(REACH, "pair_law")
+    width, height = ROOM[count]
+    if around:
+        width = height = max(2.0 * count**0.5, 17.5)
+    species = [{"name": "big", "diameter": "6 mm", "share": 1.0 if row["species"] == 1 else 0.6}]
+    if row["species"] == 2:
+        species.append({"name": "small", "diameter": "4 mm", "share": 0.4})
+    acting = {"dipole": True} | ({} if around else {"walls": True})
+    bed = load_scene("bed").to_plain()
+    plain = {
+        "grains": bed["grains"] | {"count": count, "species": species, "spread": row["spread"]},
+        "cell": {"width": f"{width} D"}
+        | ({"sides": "periodic", "height": f"{height} D"} if around else {}),
+        "effects": acting | {key.get(name, name): ACTING[name]},
+        "pairs": METHODS[row["method"]],
+        "arrangement": {"speed": "30 D/s", "jitter": 0.1},
+        "protocol": bed["protocol"],
+        "output": {"scalars": 4 * STEP, "frames": 4 * STEP},
+    }
+    if not around:
+        plain["piston"] = {"height": f"{height} D"}
+    scene = Scene.from_plain(plain)
+    if name == "contact":
+        place, velocity = scene.initial_motion()
+        near = 0.97 * scene.grains.diameters()[:2].mean()
+        place[1] = place[0] + [near, 0.0]
+        moved = {"positions": place.tolist(), "velocities": velocity.tolist()}
+        scene = scene.replace(arrangement=moved)
+    return scene
+
+
+def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Force and energy of all pairs, summed one by one, and the rms of a grain's sum of sizes."""
+    scales = Scales.of(scene.grains)
+    moment = scene.grains.moment_ratios()[scene.grains.assignment()]
+    moment = moment * scene.grains.spread_factors()
+    way = (place[:, None] - place) / scales.length
+    strength = np.outer(moment, moment)
+    radius = scene.pairs.radius(scene.pair_method, scales.length)
+    shifts = np.zeros((1, 2))
+    if scene.cell.periods is not None:
+        sides = np.array(scene.cell.periods) / scales.length
+        way -= sides * np.round(way / sides)
+        if scene.pair_method == "mesh":
+            most = np.arange(-8, 9)
+            shifts = np.stack(np.meshgrid(most, most), axis=-1).reshape(-1, 2) * sides
+            radius = 8.0 * float(sides.min())
+        elif scene.pair_method == "direct":
+            radius = 0.5 * float(sides.min())
+    elif row["method"] == "verlet-list":
+        radius = 4.0
+    elif row["method"] != "cut-off":
+        radius = None
+    end = np.inf if radius is None else radius
+    force, energy, sizes = np.zeros_like(place), 0.0, np.zeros(len(place))
+    for shift in shifts:
+        apart = way + shift
+        r = np.hypot(apart[..., 0], apart[..., 1])
+        taken = (r > 0.0) & (r < end)
+        r = np.where(taken, r, np.inf)
+        push = 0.75 * strength * r**-5
+        force += (push[:, :, None] * apart).sum(axis=1)
+        sizes += np.where(taken, push * np.where(taken, r, 0.0), 0.0).sum(axis=1)
+        rest = 0.0 if len(shifts) > 1 else end**-3.0
+        energy += 0.125 * float((strength * np.where(taken, r**-3.0 - rest, 0.0)).sum())
+    force, energy, sizes = force * scales.force, energy * scales.energy, sizes * scales.force
+    if row["effect"] in REACH:
+        r = np.hypot(way[..., 0], way[..., 1])
+        taken = (r > 0.0) & (r < REACH[row["effect"]])
+        value = np.where(taken, 3e-5 * strength * np.exp(-2.0 * r), 0.0)
+        away = way / np.where(taken, r, 1.0)[:, :, None]
+        force += (value[:, :, None] / 3e-3 * away).sum(axis=1)
+        energy += 0.5 * float(value.sum())
+    return force, energy, float(np.sqrt(np.mean(sizes**2)))
+
+
+def check_forces(scene: Scene, row: Row) -> None:
+    """Finite, minus the gradient of the energy, and those of the pairs one by one."""
+    place = scene.initial_motion()[0]
+    found = evaluate(scene, place)
+    assert np.isfinite(found.force).all()
+    assert np.isfinite(found.potential_energy)
+    way = np.random.default_rng(3).normal(size=place.shape)
+    h = 2e-5 * 0.006 / np.abs(way).max()
+
+    def energy(steps: float) -> float:
+        return evaluate(scene, place + steps * h * way).potential_energy
+
+    slope = (8.0 * (energy(1) - energy(-1)) - (energy(2) - energy(-2))) / (12.0 * h)
+    size = float(np.abs(found.force * way).sum())
+    meshed = row["method"] == "mesh"
+    assert abs(float((found.force * way).sum()) + slope) < (1e-4 if meshed else 1e-7) * size
+    if row["effect"] in ("pair_law", "bumpers", "far_pairs", "dipole"):
+        return  # the law's own pairs are more
+    bare = scene.replace(
+        **{"effects.dipole": None} | ({"effects.pair_law": None} if row["effect"] in REACH else {})
+    )
+    rest = evaluate(bare, place)
+    force, potential, load = by_pairs(scene, row, place)
+    off = (1e-3 if meshed else 1e-11) * load
+    np.testing.assert_allclose(found.force - rest.force, force, rtol=0.0, atol=off)
+    if not (meshed and row["sides"] == "periodic"):  # with its own images, too
+        wanted = pytest.approx(potential, rel=1e-3 if meshed else 1e-10)
+        assert found.potential_energy - rest.potential_energy == wanted
+
+
+def check_run(scene: Scene, row: Row, out: Path) -> None:
+    """A short run keeps its ledger, loses nothing less than zero, and goes on with its bits."""
+    words: dict[str, Any] = {"dt": STEP, "progress": False}
+    whole = simulate(scene, t_end=STEPS * STEP, threads=row["threads"], **words)
+    assert float(whole.settings()["ledger_residual"]) < 2e-3
+    for variable, values in whole.dataset.items():
+        assert np.isfinite(values.values).all(), variable
+        if str(variable).endswith("_loss") and row["effect"] != "bath":
+            assert (np.diff(values.values) >= -1e-18).all(), variable
+    other = whole
+    if row["resumed"]:
+        simulate(scene, t_end=3 * STEP, threads=row["threads"], out=out, **words)
+        other = simulate(scene, t_end=STEPS * STEP, out=out, resume=True, **words)
+    elif row["threads"] > 1:
+        other = simulate(scene, t_end=STEPS * STEP, **words)
+    for variable in ("position", "velocity"):
+        np.testing.assert_array_equal(
+            whole.dataset[variable].values[-1], other.dataset[variable].values[-1], strict=True
+        )
+
+
+def check(row: Row, sizes: tuple[int, int], out: Path) -> None:
+    scene = scene_of(row, sizes)
+    check_forces(scene, row)
+    check_run(scene, row, out)
+
+
+@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
+def test_the_table_holds_every_pair_that_is_not_refused() -> None:
+    held = set().union(*map(pairs_of, ROWS))
+    for a, b in itertools.combinations(FACTORS, 2):
+        for one, other in itertools.product(FACTORS[a], FACTORS[b]):
+            assert ((a, one, b, other) in held) != refused({a: one, b: other})
+
+
+@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
+@pytest.mark.parametrize("row", ROWS, ids=named)
+def test_every_two_features_in_a_small_bed(row: Row, tmp_path: Path) -> None:
+    check(row, SMALL, tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="compiled")
+@pytest.mark.parametrize("row", ROWS, ids=named)
+def test_every_two_features_in_a_whole_bed(row: Row, tmp_path: Path) -> None:
+    check(row, WHOLE, tmp_path)
+
+
+@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
+@pytest.mark.parametrize(("levels", "words"), REFUSED, ids=str)
+def test_what_cannot_be_together_is_refused(levels: Row, words: str) -> None:
+    """Only what is refused in a line may be left out of the table."""
+    plain = {name: values[0] for name, values in FACTORS.items()}
+    with pytest.raises(InputError, match=words):
+        simulate(scene_of(plain | levels, SMALL), dt=STEP, t_end=STEP, progress=False)
