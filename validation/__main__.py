@@ -60,10 +60,6 @@ examples:
 examples:
   %(prog)s                  # shows the results that come with the package
   %(prog)s --quick -o out/published""",
-    "recovery": """\
-example:
-  %(prog)s --full -o out/recovery     # an hour; goes on where it was stopped""",
-    "silverbox": "example:\n  %(prog)s SNLS80mV.csv",
     "method": """\
 example:
   %(prog)s mclachlan-2 --import mine.py --scene bed.toml --quantity energy
@@ -91,8 +87,6 @@ def parser(prog: str = PROG) -> Parser:
         _add_measuring(add(name, words), None)
     _add_benchmark(add("benchmark", "speed, side by side"))
     add_published(add("published", "de Paula's published values beside ours, with verdicts"))
-    _add_measuring(add("recovery", "do fits reach the true optimum? beside SciPy"), None)
-    _add_silverbox(add("silverbox", "fit your file of the Silverbox benchmark"))
     _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
     add_scene(one)
@@ -147,11 +141,6 @@ def _add_benchmark(one: argparse.ArgumentParser) -> None:
     _add_measuring(one, None)
 
 
-def _add_silverbox(one: argparse.ArgumentParser) -> None:
-    one.add_argument("file", help="CSV file of the record, with the columns V1 (in) and V2 (out)")
-    add_output(one)
-
-
 def _add_measuring(one: argparse.ArgumentParser, out: str | None) -> None:
     where = f" ({out} if not given)" if out else ""
     one.add_argument(
@@ -177,10 +166,6 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         _benchmark(options)
     elif options.command == "prices":
         _prices(options)
-    elif options.command == "recovery":
-        _recovery(options)
-    elif options.command == "silverbox":
-        _silverbox(options)
     else:
         _measure(options)
 
@@ -276,21 +261,6 @@ def _prices(options: Any) -> None:
     path = None if options.out is None else Path(options.out)
     found = prices(path, progress=not options.quiet)
     emit(found, prices_text(found), options.json)
-
-
-def _recovery(options: Any) -> None:
-    from validation.recovery.programme import recovery
-    from validation.recovery.text import recovery_text
-
-    found = recovery(options.out, full=options.full, progress=not options.quiet)
-    emit(found, recovery_text(found), options.json)
-
-
-def _silverbox(options: Any) -> None:
-    from validation.recovery.silverbox import silverbox, silverbox_text
-
-    found = silverbox(options.file)
-    emit(found, silverbox_text(found), options.json)
 
 
 def _cheapest(options: Any) -> None:

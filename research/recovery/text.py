@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from validation.recovery.peer import MOST_CALLS
-from validation.recovery.systems import REACHED
+from research.campaign import markdown_of
+from research.recovery.peer import MOST_CALLS
+from research.recovery.systems import REACHED
 from validation.table import TextTable, table
 
 _HEADER = (
@@ -17,16 +18,16 @@ _HEADER = (
 
 def recovery_text(found: Mapping[str, Any]) -> str:
     """The table, and the totals in words."""
+    if not found:
+        return "no results are committed; run it with --quick or --full"
     return f"{_table(found).text()}\n{_totals(found)}"
 
 
 def recovery_markdown(found: Mapping[str, Any]) -> str:
     """The same for a page, with the day and the command that found it."""
-    shown, made = _table(found), found["made"]
-    lines = [shown.header, ("---",) * len(shown.header), *shown.rows]
-    rows = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    made = found["made"]
     by = f"`{made['command']}` on {made['date']}, {made['cores']} cores, {made['processor']}"
-    return f"{rows}\n\n{_totals(found)}.\n({by}.)"
+    return f"{markdown_of(_table(found))}\n\n{_totals(found)}.\n({by}.)"
 
 
 def _table(found: Mapping[str, Any]) -> TextTable:

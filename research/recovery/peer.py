@@ -78,7 +78,7 @@ class _Calls:
         self.of_a_solution += 1
 
 
-class _Problem(NamedTuple):
+class Problem(NamedTuple):
     """A record, the unknowns of a law, and where the search of `fit` starts."""
 
     record: PistonRecord
@@ -86,16 +86,16 @@ class _Problem(NamedTuple):
     starts: np.ndarray
 
 
-def problem(record: PistonRecord, law: Law, starts: int) -> _Problem:
+def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """The first of the random starts that ``fit(record, law)`` searches from."""
     data = split(record, HOLDOUT, None, None)
     unknowns = unknowns_of(law, HeightMap(), data.guess, data.training)
     random = np.random.default_rng(0)
     found = start_vectors(unknowns, data.guess, data.training, STARTS, random)
-    return _Problem(record, unknowns, found[:starts])
+    return Problem(record, unknowns, found[:starts])
 
 
-def problem_key(given: _Problem) -> str:
+def problem_key(given: Problem) -> str:
     """A digest of all that determines what SciPy makes of a problem."""
     import scipy
 
@@ -111,12 +111,12 @@ def problem_key(given: _Problem) -> str:
     return digest(content, _DIGITS)
 
 
-def scipy_fit(given: _Problem) -> list[Attempt]:
+def scipy_fit(given: Problem) -> list[Attempt]:
     """What least squares reaches from each start."""
     return [_attempt(given, theta) for theta in given.starts]
 
 
-def _attempt(given: _Problem, theta: np.ndarray) -> Attempt:
+def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
     from scipy.optimize import least_squares
 
     samples = len(given.record)
@@ -138,7 +138,7 @@ def _attempt(given: _Problem, theta: np.ndarray) -> Attempt:
     return Attempt(best, calls.made, stopped=False)
 
 
-def _residuals(given: _Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarray]:
+def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarray]:
     """Solution minus record [m] (n,) as a function of the search vector."""
     from scipy.integrate import odeint
     from scipy.interpolate import CubicSpline

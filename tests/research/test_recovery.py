@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import datetime
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from granular.shared.errors import InputError
-from validation.recovery import peer, programme
-from validation.recovery.silverbox import silverbox
-from validation.recovery.systems import SEEDS, SYSTEMS, clean_motion, law_of_system, made_record
-from validation.recovery.text import recovery_markdown, recovery_text
+from research.recovery import peer, programme
+from research.recovery.__main__ import CAMPAIGN
+from research.recovery.silverbox import silverbox
+from research.recovery.systems import SEEDS, SYSTEMS, clean_motion, law_of_system, made_record
+from research.recovery.text import recovery_markdown, recovery_text
 
 
 def test_thirteen_systems() -> None:
@@ -34,10 +36,9 @@ def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert found["fits"] == found["reached"] == 1
     assert found["wrongly agreed"] == found["rows"][0]["SciPy starts stopped"] == 0
     assert "1 of 1 fits" in recovery_text(found)
-    assert (tmp_path / "recovery.json").exists()
-    page = (tmp_path / "recovery.md").read_text(encoding="utf-8")
-    assert page == recovery_markdown(found) + "\n"
-    assert f"(`python -m validation recovery` on {datetime.date.today().isoformat()}" in page
+    assert json.loads((tmp_path / "results.json").read_text(encoding="utf-8")) == found
+    today = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
+    assert f"(`python -m research.recovery --quick` on {today}" in recovery_markdown(found)
 
 
 def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,7 +55,10 @@ def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch
     rows = lines[begun + 2 : begun + 2 + len(SYSTEMS)]
     assert [row.split("|")[1].strip() for row in rows] == [system.name for system in SYSTEMS]
     assert all(f"{4 * SEEDS} of {4 * SEEDS}" in row for row in rows)
-    assert "(`python -m validation recovery --full` on 20" in guide
+    assert "(`python -m research.recovery --full` on 20" in guide
+    found = CAMPAIGN.committed()
+    assert CAMPAIGN.different(found) == []
+    assert CAMPAIGN.different({**found, "reached": 0}) == ["docs/guide/real-records.md: table"]
 
 
 def test_what_is_done_is_found_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

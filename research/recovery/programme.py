@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import statistics
 import time
 import warnings
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.files import write_json, write_text
 from granular.shared.shelf import Shelf, digest
-from validation.parts import KEY_LENGTH, machine
-from validation.recovery.peer import problem, problem_key, scipy_fit
-from validation.recovery.systems import (
+from research.campaign import RESULTS, kept_rows, made_now, write_results
+from research.recovery.peer import Problem, problem, problem_key, scipy_fit
+from research.recovery.systems import (
     LOST,
     NOISES,
     REACHED,
@@ -29,7 +27,7 @@ from validation.recovery.systems import (
     law_of_system,
     made_record,
 )
-from validation.recovery.text import recovery_markdown
+from validation.parts import KEY_LENGTH, machine
 
 _QUICK = (0.01,)
 _PEER_STARTS = 3
@@ -53,8 +51,7 @@ def recovery(
     fits the first seed of each level from the first three starts of the search, or from one; the
     best of them counts. Each fit is kept in ``out`` as soon as it is done, and found again there
     while nothing that determines it has changed. Times are of the processor, so that other work
-    beside does not count. ``recovery.json`` and ``recovery.md``, the table
-    for a page, are written there too.
+    beside does not count. ``results.json`` is written there too.
     """
     noises, seeds = (NOISES, SEEDS) if full else (_QUICK, 1)
     cases = [
@@ -65,13 +62,17 @@ def recovery(
     ]
     starts = _PEER_STARTS if full else _QUICK_PEER_STARTS
     shelf = None if out is None else Shelf(Path(out) / "fits")
-    fits = _fits(cases, shelf, progress=progress)
-    peers = _peers([case for case in cases if not case.seed], starts, shelf, progress=progress)
+    fits = kept_rows(cases, _key, _fitted, shelf, what="fits", progress=progress)
+    beside = [case for case in cases if not case.seed]
+    peers = kept_rows(
+        beside, partial(_peer_key, starts=starts), partial(_peer, starts=starts), shelf,
+        what="SciPy", progress=progress,
+    )  # fmt: skip
     rows = [
         _row(
             k,
             [fit for case, fit in zip(cases, fits, strict=True) if case.system == k],
-            [peer for case, peer in peers if case.system == k],
+            [peer for case, peer in zip(beside, peers, strict=True) if case.system == k],
         )
         for k in range(len(SYSTEMS))
     ]
@@ -84,54 +85,29 @@ def recovery(
         "most misses of a system": max(row["fits"] - row["reached"] for row in rows),
         "rows": rows,
     }
-    found["made"] = {
-        "command": f"python -m validation recovery{' --full' if full else ''}",
-        "date": datetime.date.today().isoformat(),
-        **machine(),
-    }
+    found["made"] = made_now(f"python -m research.recovery {'--full' if full else '--quick'}")
     if out is not None:
-        write_json(Path(out) / "recovery.json", found)
-        write_text(Path(out) / "recovery.md", recovery_markdown(found) + "\n")
+        write_results(found, Path(out) / RESULTS)
     return found
 
 
-def _fits(cases: Sequence[Case], shelf: Shelf | None, *, progress: bool) -> list[dict[str, Any]]:
-    from granular.shared.progress import progress_bar
-
-    fits = []
-    for case in progress_bar(iterable=cases, desc="fits", wanted=progress, leave=False):
-        key = _key(case)
-        found = None if shelf is None else shelf.read(key)
-        if found is None:
-            found = _fitted(case)
-            if shelf is not None:
-                shelf.keep(key, found)
-        fits.append(found)
-    return fits
+def _peer_key(case: Case, starts: int) -> str:
+    return f"scipy-{problem_key(_problem(case, starts))}"
 
 
-def _peers(
-    cases: Sequence[Case], starts: int, shelf: Shelf | None, *, progress: bool
-) -> list[tuple[Case, dict[str, Any]]]:
-    from granular.shared.progress import progress_bar
+def _problem(case: Case, starts: int) -> Problem:
+    return problem(made_record(*case), law_of_system(SYSTEMS[case.system]), starts)
 
-    peers = []
-    for case in progress_bar(iterable=cases, desc="SciPy", wanted=progress, leave=False):
-        given = problem(made_record(*case), law_of_system(SYSTEMS[case.system]), starts)
-        key = f"scipy-{problem_key(given)}"
-        found = None if shelf is None else shelf.read(key)
-        if found is None:
-            begun = time.process_time()
-            attempts = scipy_fit(given)
-            found = {
-                "ratios": [one.residual / _noise_of(case, given.record) for one in attempts],
-                "stopped": [one.calls for one in attempts if one.stopped],
-                "seconds": (time.process_time() - begun) / starts,
-            }
-            if shelf is not None:
-                shelf.keep(key, found)
-        peers.append((case, found))
-    return peers
+
+def _peer(case: Case, starts: int) -> dict[str, Any]:
+    given = _problem(case, starts)
+    begun = time.process_time()
+    attempts = scipy_fit(given)
+    return {
+        "ratios": [one.residual / _noise_of(case, given.record) for one in attempts],
+        "stopped": [one.calls for one in attempts if one.stopped],
+        "seconds": (time.process_time() - begun) / starts,
+    }
 
 
 def _noise_of(case: Case, record: PistonRecord) -> float:

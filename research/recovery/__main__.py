@@ -1,0 +1,66 @@
+"""Command line: ``python -m research.recovery``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from granular.shared.console import Parser, launch
+from research.campaign import Block, Campaign, Plain
+from research.recovery.text import recovery_markdown, recovery_text
+
+
+def run(options: Any) -> Plain:
+    """Rows of all systems."""
+    from research.recovery.programme import recovery
+
+    return recovery(options.out, full=options.full, progress=not options.quiet)
+
+
+def blocks(found: Plain) -> Mapping[str, Block]:
+    """The table for the guide."""
+    return {"table": Block("docs/guide/real-records.md", recovery_markdown(found))}
+
+
+def add_options(one: Parser) -> None:
+    """The user's file of the Silverbox benchmark."""
+    one.add_argument(
+        "--silverbox", metavar="FILE",
+        help="fit this file of the Silverbox benchmark instead, with the columns V1 (in) and V2 "
+        "(out)",
+    )  # fmt: skip
+
+
+def instead(options: Any) -> tuple[Plain, str] | None:
+    """Errors of laws on the Silverbox record, where it is given."""
+    if options.silverbox is None:
+        return None
+    from research.recovery.silverbox import silverbox, silverbox_text
+
+    found = silverbox(options.silverbox)
+    return found, silverbox_text(found)
+
+
+CAMPAIGN: Campaign[Plain] = Campaign(
+    name="recovery",
+    purpose="How often fits reach the true optimum, beside SciPy.",
+    quick="one level of noise and one seed, in minutes",
+    full="four levels of noise and five seeds, in an hour",
+    run=run,
+    from_plain=dict,
+    empty={},
+    text=recovery_text,
+    summary=dict,
+    blocks=blocks,
+    add_options=add_options,
+    instead=instead,
+    examples="""\
+examples:
+  %(prog)s --full -o out/recovery     # an hour; goes on where it was stopped
+  %(prog)s --silverbox SNLS80mV.csv""",
+)
+parser = CAMPAIGN.parser
+
+if __name__ == "__main__":
+    sys.exit(launch(CAMPAIGN.main))
