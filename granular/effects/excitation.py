@@ -11,7 +11,7 @@ import numpy as np
 from granular.compiled import compiled
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError, Section, choice, numbers, quantity, text, whole
-from granular.shared.errors import InputError
+from granular.shared.errors import RecordError
 from granular.shared.messages import quoted
 
 SINE, SWEEP, IMPULSE, TABLE = range(4)
@@ -19,6 +19,8 @@ SINE, SWEEP, IMPULSE, TABLE = range(4)
 KNOTS_A_PERIOD = 24
 """Knots of the tabled noise in a period of its highest frequency."""
 MOST_LINES, MOST_KNOTS = 2048, 2**20
+LEAST_ROWS = 4
+"""Of a table."""
 _NEEDED = {
     "sine": ("frequency",),
     "sweep": ("frequency", "to", "duration"),
@@ -42,7 +44,8 @@ class Excitation(Section):
     kind : str
         ``"sine"``; ``"sweep"``, a sine whose frequency grows exponentially; ``"impulse"``, half a
         sine; ``"noise"``, with all frequencies of a band alike; ``"table"``; or ``"record"``, a
-        table in a file of text with a time [s] and a number in each line.
+        table in a file with a time and a number in each line, which is read as a laboratory record
+        is: numbers with a unit behind their name are converted to N, or to m/s^2.
     force : float or None
         On the body [N].
     acceleration : float or None
@@ -101,7 +104,19 @@ class Excitation(Section):
             _knots(self)
 
     def _read_record(self) -> None:
-        times, values = read_record(str(self.file))
+        from granular.readers.series import read_series
+
+        unit = "N" if self.acceleration is None else "m/s^2"
+        try:
+            times, values = read_series(Path(str(self.file)), unit)
+        except RecordError as error:
+            raise FieldError(str(error), "file") from None
+        if len(times) < LEAST_ROWS:
+            raise FieldError(
+                f"{quoted(self.file)} holds {len(times)} times with a number; give at least "
+                f"{LEAST_ROWS}",
+                "file",
+            )
         object.__setattr__(self, "kind", "table")
         object.__setattr__(self, "file", None)
         object.__setattr__(self, "times", tuple((times - times[0]).tolist()))
@@ -112,7 +127,7 @@ class Excitation(Section):
             raise FieldError(
                 f"holds {len(self.values)} numbers for {len(self.times)} times", "values"
             )
-        if len(self.times) < 4 or (np.diff(self.times) <= 0.0).any():
+        if len(self.times) < LEAST_ROWS or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must increase, with at least four values", "times")
         _table_count(self)
 
@@ -303,49 +318,3 @@ def _noise(one: Excitation) -> Knots:
         values += size * np.sin(rate * times + phase)
         slopes += size * rate * np.cos(rate * times + phase)
     return times, values, slopes
-
-
-def _words(line: str) -> list[str]:
-    """The words of a line; where semicolons part them, commas are decimal ones."""
-    if ";" in line:
-        return line.replace(",", ".").replace(";", " ").split()
-    return line.replace(",", " ").split()
-
-
-def read_record(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and numbers of a file of text: two in each line, behind a heading or none.
-
-    Raises
-    ------
-    FieldError
-        If it cannot be read as such; the message names the line.
-    """
-    from granular.readers.text import decoded, read_bytes
-
-    try:
-        lines = decoded(Path(path), read_bytes(Path(path)))[0].splitlines()
-    except InputError as error:
-        raise FieldError(str(error), "file") from None
-    rows: list[tuple[float, float]] = []
-    for number, line in enumerate(lines, 1):
-        words = _words(line)
-        try:
-            time, value = float(words[0]), float(words[1])
-            if not (math.isfinite(time) and math.isfinite(value)):
-                raise ValueError
-            rows.append((time, value))
-        except (ValueError, IndexError):
-            if rows and words:
-                raise FieldError(
-                    f"line {number} of {quoted(str(path))} is no time and number: "
-                    f"{quoted(line[:40])}",
-                    "file",
-                ) from None
-    found = np.array(rows)
-    if len(found) < 4:
-        raise FieldError(
-            f"{quoted(str(path))} holds {len(found)} lines with a time and a number; give at least "
-            "four",
-            "file",
-        )
-    return found[:, 0], found[:, 1]

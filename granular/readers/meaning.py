@@ -70,13 +70,13 @@ def meaning_of(sheet: Sheet, reading: Reading) -> Meaning:
     _check_doubles(sheet, chosen, reading)
     units = _units(sheet, chosen, reading)
     angle = _is_angle(units.get(HEIGHT))
-    values = {role: _checked(sheet, role, column) for role, column in chosen.items()}
+    values = {role: checked(sheet, role, column) for role, column in chosen.items()}
     own = {role: numbers * _size(role, units.get(role), angle) for role, numbers in values.items()}
     if reading.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY) if role in own}
     others, left_out = _others(sheet, chosen)
     own, others = _without_gaps(sheet, own, others, notes, left_out)
-    own[TIME] = _spread(own[TIME], notes)
+    own[TIME] = spread(own[TIME], notes)
     every = own | others
     if reading.between is not None:
         start, stop = reading.between
@@ -150,7 +150,14 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
 # Values ----------------------------------------------------------------------------------------
 
 
-def _checked(sheet: Sheet, role: str, column: Column) -> np.ndarray:
+def checked(sheet: Sheet, role: str, column: Column) -> np.ndarray:
+    """The numbers of a column, NaN where a sample is lost.
+
+    Raises
+    ------
+    RecordError
+        If something else stands in it, or a number that is infinite.
+    """
     if column.values is None:
         if column.wrong is None:
             raise RecordError(f"{role} holds no numbers; write it as numbers")
@@ -221,7 +228,7 @@ def _is_clock(steps: np.ndarray, counts: np.ndarray) -> bool:
     return bool(even.mean() > 0.8 and counts.max() <= 2 * np.median(counts) + 1)
 
 
-def _spread(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
+def spread(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
     """Times that a clock has rounded to its tick, spread evenly between its ticks.
 
     Equal neighbours are samples of one tick: each run of them is spread up to the next tick.

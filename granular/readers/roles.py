@@ -40,6 +40,21 @@ def columns_by_role(sheet: Sheet, reading: Reading, notes: list[str]) -> dict[st
     return chosen
 
 
+def time_of(sheet: Sheet) -> Column:
+    """The column of times.
+
+    Raises
+    ------
+    RecordError
+        If there is none.
+    """
+    chosen: dict[str, Column] = {}
+    _choose_by_name(sheet, chosen, [])
+    if TIME not in chosen:
+        _choose_time(sheet, chosen, [])
+    return chosen[TIME]
+
+
 def _said(sheet: Sheet, wanted: str | int) -> Column:
     if isinstance(wanted, int) or wanted.isdigit():
         number = int(wanted)
@@ -93,7 +108,7 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
     taken = list(map(id, chosen.values()))
     free = [one for one in sheet.columns if id(one) not in taken and one.values is not None]
     stamps = [one for one in free if one.clock]
-    timed = [one for one in free if one.unit and _is_of(one.unit, "s") and _increases(one)]
+    timed = [one for one in free if one.unit and is_of(one.unit, "s") and _increases(one)]
     nameless = [one for one in free if not one.name and _increases(one)]
     found = (stamps or timed or nameless)[:1]
     if not found:
@@ -112,10 +127,10 @@ def _is_acceleration(column: Column) -> bool:
         return False
     if role_of(column.name) == ACCELERATION:
         return True
-    return column.unit is not None and _is_of(column.unit, "m/s^2")
+    return column.unit is not None and is_of(column.unit, "m/s^2")
 
 
-def _is_of(unit: str, wanted: str) -> bool:
+def is_of(unit: str, wanted: str) -> bool:
     """Whether a unit has the dimension of another."""
     try:
         return unit_size(plain_unit(unit))[1] == unit_size(wanted)[1]

@@ -13,6 +13,7 @@ from granular.compiled import entry
 from granular.effects.excitation import Excitation, excitation_at
 from granular.scene.scales import Scales
 from granular.scene.schema import FieldError
+from granular.shared.errors import RecordWarning
 
 AT = entry(excitation_at)
 SCALES = Scales(length=6e-3, mass=6.6e-4, force=2.4)
@@ -103,6 +104,10 @@ def test_a_table_is_a_cubic_through_its_points() -> None:
         "time [s], a [m/s^2]\n5.0, 0\n5.1, 1\n5.2, 0\n5.3, -1\n",
         "Zeit;Wert\n5,0;0\n5,1;1\n5,2;0\n5,3;-1\n",
         "5.0\t0\r\n5.1\t1\r\n5.2\t0\r\n5.3\t-1\r\n",
+        "5,0\t0,0\r\n5,1\t1,0\r\n5,2\t0,0\r\n5,3\t-1,0\r\n",
+        "t [ms],a [mm/s^2]\n5000,0\n5100,1e3\n5200,0\n5300,-1e3\n",
+        "time_s,noise,a [m/s^2]\n5,7,0\n5.1,7,1\n5.2,7,0\n5.3,7,-1\n",
+        "time,share [%]\n5,0\n5.1,100\n5.2,0\n5.3,-100\n",
     ],
 )
 def test_a_record_is_a_table_from_a_file(tmp_path: Path, text: str) -> None:
@@ -121,11 +126,39 @@ def test_a_record_that_is_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FieldError, match=r"record\.txt"):
         Excitation(kind="record", force=1.0, file=str(path))
     path.write_text("0 1\n1 2\n2 three\n3 4\n")
-    with pytest.raises(FieldError, match=r"line 3 .* is no time and number"):
+    with pytest.raises(FieldError, match=r"column 2 of sample 2 \(line 3\) is 'three', not a"):
         Excitation(kind="record", force=1.0, file=str(path))
     path.write_text("0 1\n1 2\n")
-    with pytest.raises(FieldError, match="2 lines"):
+    with pytest.raises(FieldError, match="holds 2 times"):
         Excitation(kind="record", force=1.0, file=str(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("time [s],a [m]\n", "a: the unit 'm' does not fit; one of N is wanted"),
+        ("time [m],F [N]\n", "time: the unit 'm' does not fit; one of s is wanted"),
+        ("time [s],F [furlong]\n", "F: unknown unit 'furlong'"),
+        ("time,P [N],Q [N]\n", r"2 columns beside the time \('P', 'Q'\); leave one"),
+        ("time,value\n1_0,1\n", r"time of sample 0 \(line 2\) is '1_0', not a number"),
+        ("time,value\n0,inf\n", r"value of sample 0 \(line 2\) is inf; values must be finite"),
+    ],
+)
+def test_a_record_is_read_as_one_of_a_laboratory(tmp_path: Path, text: str, reason: str) -> None:
+    path = tmp_path / "record.csv"
+    width = text.splitlines()[0].count(",")
+    path.write_text(text + "".join(f"{k}{',1' * width}\n" for k in range(1, 6)))
+    with pytest.raises(FieldError, match=reason):
+        Excitation(kind="record", force=1.0, file=str(path))
+
+
+def test_what_is_left_out_of_a_record_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text("time,F [kN]\n0,1\n1,\n2,3\n3,4\n4,5\n")
+    with pytest.warns(RecordWarning, match=r"1 of 5 samples are lost and left out: sample 1"):
+        one = Excitation(kind="record", force=1.0, file=str(path))
+    assert one.values == (1e3, 3e3, 4e3, 5e3)
+    assert one.times == (0.0, 2.0, 3.0, 4.0)
 
 
 @pytest.mark.parametrize(
