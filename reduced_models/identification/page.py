@@ -6,21 +6,31 @@ import datetime
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from granular.shared.html import Page, number
 from granular.shared.messages import times
-from granular.shared.plotting import READABLE, figure
+from granular.shared.plotting import GREY, READABLE, figure, line_look, plain_label
 from granular.shared.version import versions
+from reduced_models.falls.data import Falls
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.data import IdentificationData
 from reduced_models.identification.engineering import between, decimals, fixed
 from reduced_models.identification.page_engineering import add_engineering, engineering_words
 from reduced_models.identification.page_equation import add_equations
-from reduced_models.identification.page_falls import add_falls
-from reduced_models.identification.page_record import add_fits, add_lift, add_portrait, add_record
+from reduced_models.identification.page_record import (
+    add_fits,
+    add_lift,
+    add_portrait,
+    add_record,
+    thinned,
+)
 from reduced_models.identification.page_run import add_run
 from reduced_models.identification.words import direction_words, sentence
 from reduced_models.laws.printing import symbol
 from reduced_models.models.model import ReducedModel
+
+_MOST_LINES = 3  # of laws over a fall; more hide each other
 
 
 def identification_page(found: IdentificationData) -> Page:
@@ -196,3 +206,42 @@ def _times(page: Page, found: IdentificationData) -> None:
     page.section("What it took")
     rows = [(name, f"{seconds:.2f}") for name, seconds in found.seconds.items()]
     page.table(("part", "seconds"), rows)
+
+
+def add_falls(page: Page, falls: Falls) -> None:
+    """The law of the fall, what it says of falls that it has not seen, and the others beside it."""
+    page.section("The whole fall")
+    best = falls.best.model
+    if best is not None:
+        add_equations(page, best)
+    page.table(falls.header, falls.cells())
+    page.text(
+        "Each law was fitted to the scene's own fall, and predicts the others from the height that "
+        "the piston is let go at, without anything else of them. Errors are root mean squares over "
+        "the height of the drop. How far a bed from another random start falls otherwise is what "
+        "no law can tell."
+    )
+    _drawn_fall(page, falls)
+    with figure(height=4.4, size=READABLE) as (drawing, axes):
+        falls.plot(axes)
+        page.figure(drawing, "Errors of the laws over the height that the piston fell from.")
+
+
+def _drawn_fall(page: Page, falls: Falls) -> None:
+    """The fall from farthest away, and what the best laws predict of it."""
+    far = max(falls.unseen, key=lambda one: float(one.height[0]))
+    time = far.time - far.time[0]
+    with figure(height=4.4, size=READABLE) as (drawing, axes):
+        axes.plot(*thinned(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
+        sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median)]
+        for k, row in enumerate(sound[:_MOST_LINES]):
+            assert row.model is not None
+            motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
+            axes.plot(
+                *thinned(time, 1e3 * motion.height), linewidth=1.2, label=plain_label(row.name),
+                **line_look(k),
+            )  # fmt: skip
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("height [mm]")
+        axes.legend(loc="upper right")
+        page.figure(drawing, "A fall from farther up, and what the best laws predict of it.")

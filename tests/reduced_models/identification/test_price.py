@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from granular import load_scene, simulate
 from granular.run.price import price_text
-from reduced_models.identification.price import checked_price_text
+from reduced_models.identification.data import checked_price_text
 
 
 def test_the_step_check_is_told_where_there_was_one() -> None:
