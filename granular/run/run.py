@@ -35,6 +35,7 @@ from granular.run.pace import set_pace, set_steps
 from granular.run.standing import PLACE, Standing
 from granular.run.threads import Threads
 from granular.run.watch import watch_of
+from granular.shared.errors import NotFiniteError
 
 CALL_SECONDS = 0.1
 """Length of one call of the compiled loop: how long an interruption may have to wait."""
@@ -287,6 +288,13 @@ class Run(Standing):
         if wrong is not None:
             seconds = self.system.scales.time
             moment = float(rows[wrong[0], columns.TIME]) * seconds
+            row = rows[wrong[0], None]
+            turned = columns.energies(row) + columns.losses(row) + row[:, columns.WORK]
+            if not np.isfinite(turned).all():
+                raise NotFiniteError(
+                    "an energy is not finite any more",
+                    step=self.steps, time=moment, remedy=self.unfinite,
+                ).blaming(self.blame)  # fmt: skip
             found = unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self.shorter)
             raise found.blaming(self.blame)
 

@@ -21,10 +21,14 @@ from granular.protocol.motion import Motion
 from granular.protocol.stage import Timed
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
-from granular.shared.errors import RunError
+from granular.shared.errors import NotFiniteError, RunError
 
 PLACE = "place the grains apart from each other, inside the walls and below the piston"
 """What to do about grains that stand where none can be."""
+
+
+_RESOLVED = 0.5
+"""Step times highest angular frequency, below which no swing blows up."""
 
 
 class Standing:
@@ -149,6 +153,23 @@ class Standing:
         return "shorten dt (or leave it 'auto')"
 
     @property
+    def unfinite(self) -> str:
+        """What to do about what is no number any more.
+
+        A user's formula or function may be none at some place or time; no step mends that, and one
+        that resolves all swings has not led the grains astray.
+        """
+        acting = self.scene.effects.all
+        own = [one.key for one in acting if any(part.sources for part in one.parts)]
+        if not own or self.progress.pace is None:
+            return self.shorter
+        seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
+        resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.pace.h < _RESOLVED
+        if not resolved:
+            return self.shorter
+        return f"mend what you wrote for {' and '.join(map(repr, own))}: it is no number there"
+
+    @property
     def blame(self) -> str:
         """That a step given in seconds is too long for the stiffest mode; nothing if it is not."""
         if self.step.seconds is None or self.progress.pace is None:  # no step was made yet
@@ -172,8 +193,9 @@ class Standing:
         return columns.energy(self.look(remedy)[: self._entered])
 
     def misplaced(self, remedy: str) -> RunError:
-        scales = self.system.scales
-        found = misplaced(
-            self.state, self.constants, scales, self.steps, self.time * scales.time, remedy
-        )
+        moment = self.steps, self.time * self.system.scales.time
+        found = misplaced(self.state, self.constants, self.system.scales, *moment, remedy)
+        if isinstance(found, NotFiniteError) and remedy == self.shorter:
+            found = NotFiniteError(found.cause, step=found.step, time=found.time,
+                                   grain=found.grain, remedy=self.unfinite)  # fmt: skip
         return found.blaming(self.blame)

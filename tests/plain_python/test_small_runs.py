@@ -16,6 +16,7 @@ import pytest
 from granular import Scene, Trajectory, load_scene, simulate
 from granular.methods import METHODS
 from granular.methods.method import COMPENSATED
+from granular.shared.errors import NotFiniteError
 
 pytestmark = [
     pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
@@ -154,6 +155,13 @@ def test_friction_of_the_source_brakes_alike_where_grains_slide_fast() -> None:
         speeds.append(float(run(alone).dataset["velocity"].values[-1, 0, 0]))
     assert 0.0 < speeds[0] < 0.1
     assert speeds[0] == pytest.approx(speeds[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("energy", ["k*y*sqrt(1 - t/s)", "k*y*(1 + sqrt(1 - t/s))"])
+def test_a_formula_that_is_no_number_is_to_be_mended_not_the_step(energy: str) -> None:
+    field = [{"energy": energy, "k": "1 uN", "s": f"{10 * STEP} s"}]
+    with pytest.raises(NotFiniteError, match="mend what you wrote for 'field': it is no number"):
+        run(small(**{"effects.field": field}), "auto")
 
 
 LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}}
