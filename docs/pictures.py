@@ -35,9 +35,9 @@ from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
 from reduced_models.machines import BedOnHost, SmallSwing, design_for, predicted_response
 from reduced_models.machines.predicted import response_of
+from research.published.judging import judged
+from research.published.results import committed
 from validation import convergence, exact_problem
-from validation.published import committed
-from validation.published.judging import judged
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"

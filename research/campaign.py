@@ -96,7 +96,7 @@ class Campaign(Generic[Results]):
     @property
     def file(self) -> Path:
         """The committed results."""
-        return ROOT / "research" / self.name / RESULTS
+        return committed_file(self.name)
 
     def committed(self) -> Results:
         """The results that are committed."""
@@ -195,6 +195,11 @@ class Campaign(Generic[Results]):
 
             save(figure, path, overwrite=True)
         return [*pages, *drawn]
+
+
+def committed_file(name: str) -> Path:
+    """The file of a campaign's committed results."""
+    return ROOT / "research" / name / RESULTS
 
 
 def add_workers(one: argparse.ArgumentParser, default: int | None, words: str) -> None:

@@ -22,7 +22,6 @@ from granular.shared.console import (
 )
 from granular.shared.errors import InputError
 from validation.benchmark import PARTS
-from validation.published.command import add_published, run_published
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
@@ -56,10 +55,6 @@ examples:
   %(prog)s --full -o out/validation      # goes on where it was stopped""",
     **dict.fromkeys(_PARTS, "example:\n  %(prog)s --quick"),
     "benchmark": "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items()),
-    "published": """\
-examples:
-  %(prog)s                  # shows the results that come with the package
-  %(prog)s --quick -o out/published""",
     "method": """\
 example:
   %(prog)s mclachlan-2 --import mine.py --scene bed.toml --quantity energy
@@ -86,7 +81,6 @@ def parser(prog: str = PROG) -> Parser:
     for name, words in _PARTS.items():
         _add_measuring(add(name, words), None)
     _add_benchmark(add("benchmark", "speed, side by side"))
-    add_published(add("published", "de Paula's published values beside ours, with verdicts"))
     _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
     add_scene(one)
@@ -160,8 +154,6 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         _cheapest(options)
     elif options.command == "method":
         _method(options)
-    elif options.command == "published":
-        run_published(options)
     elif options.command == "benchmark":
         _benchmark(options)
     elif options.command == "prices":

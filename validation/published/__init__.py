@@ -1,7 +1,7 @@
-"""De Paula's published values beside the toolkit's own, with scatter and a verdict each.
+"""Numbers that de Paula (2025) prints.
 
->>> from validation.published import published
->>> found = published("out/published", "quick")
+>>> from validation.published import published_value
+>>> alpha = published_value("damper.van_der_pol_like.alpha")
 """
 
 import lazy_loader

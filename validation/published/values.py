@@ -1,7 +1,8 @@
-"""The published values, from ``values.toml``."""
+"""The published values, from ``values.toml``, and the duration of the published compression."""
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from granular.scene.beds import END, LOWEST_START, REFERENCE_COUNT, START
 from granular.shared.errors import InputError
 
 PATH = Path(__file__).parent / "values.toml"
@@ -35,9 +37,9 @@ def published_value(key: str) -> Any:
 
     Examples
     --------
-    >>> from validation.published import entries, published_value
-    >>> published_value(entries()[0].key) is not None
-    True
+    >>> from validation.published import published_value
+    >>> published_value("damper.rest_height")
+    10.53
     """
     match = _PLACE.fullmatch(key)
     name, place = (match[1], int(match[2])) if match else (key, None)
@@ -66,3 +68,9 @@ def _below(key: str, value: Any) -> Iterator[str]:
         yield from (f"{key}[{place}]" for place in range(len(value)))
     else:
         yield key
+
+
+def duration(count: int, speed: float) -> float:
+    """Duration of the compression of a bed of equal 6 mm grains [s]."""
+    size = math.sqrt(count / REFERENCE_COUNT)
+    return (max(START * size, LOWEST_START) - END * size) * 0.006 / speed

@@ -1,0 +1,230 @@
+"""Tests of what de Paula says without a number of beds of equal grains [D, chapter 3]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from research.published.measures import together
+from research.published.plan import (
+    SIZES,
+    SPEEDS,
+)
+from research.published.protocols import QUICK
+from research.published.results import Results
+from research.published.statement import (
+    StatementCheck,
+    course_of,
+    mean_course,
+    means_of,
+    packings,
+)
+
+
+def exponential(results: Results) -> StatementCheck | None:
+    courses = [mean_course(results, "direct 368", way) for way in ("down", "up")]
+    if courses[0] is None or courses[1] is None:
+        return None
+    rates, shares = [], []
+    for course in (courses[0], courses[1][::-1]):
+        packing = packings(368, course)
+        chosen = (packing > 0.12) & (course > 0.0)
+        x, y = packing[chosen], np.log(course[chosen])
+        rates.append(float(np.polyfit(x, y, 1)[0]))
+        shares.append(float(np.corrcoef(x, y)[0, 1] ** 2))
+    return StatementCheck(
+        min(shares) > 0.95 and abs(rates[1] / rates[0] - 1.0) > 0.1,
+        f"above a packing of 0.12 the logarithm has the slopes {rates[0]:.0f} and {rates[1]:.0f}, "
+        f"R² {shares[0]:.3f} and {shares[1]:.3f}",
+    )
+
+
+def inversion(results: Results) -> StatementCheck | None:
+    profiles = np.array(results.lists("direct 368", "profile_full"))
+    if profiles.ndim != 2:
+        return None
+    mean = profiles.mean(axis=0)
+    upper, middle = float(mean[6:9].max()), float(mean[4:6].mean())
+    return StatementCheck(
+        upper > middle, f"local area fraction {upper:.3f} below the piston, {middle:.3f} half way"
+    )
+
+
+def loose(results: Results) -> StatementCheck | None:
+    found = together(["direct 368", "direct 368, loose start"], "force", results, QUICK.name)
+    if found is None:
+        return None
+    one, other = (each.finding() for each in found)
+    differs = abs(one.value - other.value) > 2.0 * max(one.spread or 0.0, other.spread or 0.0)
+    return StatementCheck(differs, f"{one.value:.2f} N standard, {other.value:.2f} N loose")
+
+
+def speeds(results: Results) -> StatementCheck | None:
+    names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
+    found = together(names, "force", results)
+    if found is None:
+        return None
+    means = [one.values.mean() for one in found]
+    worst = max(abs(one / means[0] - 1.0) for one in means)
+    speeds = [SPEEDS[1], *SPEEDS[2:]]
+    listed = ", ".join(f"{m:.2f} N at {v:g}" for v, m in zip(speeds, means, strict=True))
+    return StatementCheck(bool(worst <= 0.03), f"{listed} mm/s")
+
+
+def speed_courses(results: Results) -> StatementCheck | None:
+    names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
+    courses = [mean_course(results, name, "half_course_D") for name in names]
+    known = [one for one in courses if one is not None]
+    if len(known) < len(courses):
+        return None
+    worst = max(float(np.abs(one - known[0]).max()) for one in known[1:])
+    return StatementCheck(
+        worst <= 0.5, f"the courses lie at most {worst:.2f} D from that at 8.33 mm/s"
+    )
+
+
+def roughness(results: Results, way: str) -> tuple[list[float], str] | None:
+    names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
+    found = together(names, f"roughness_{way}", results)
+    if found is None:
+        return None
+    values = [float(one.values.mean()) for one in found]
+    speeds = [SPEEDS[1], *SPEEDS[2:]]
+    listed = ", ".join(f"{v:.4f} at {s:g}" for s, v in zip(speeds, values, strict=True))
+    return values, f"rms of what is rough, over F_max: {listed} mm/s"
+
+
+def rough_up(results: Results) -> StatementCheck | None:
+    found = roughness(results, "up")
+    return None if found is None else StatementCheck(found[0][-1] > found[0][0], found[1])
+
+
+def rough_down(results: Results) -> StatementCheck | None:
+    found = roughness(results, "down")
+    return None if found is None else StatementCheck(found[0][-1] < found[0][0], found[1])
+
+
+def second_order(results: Results) -> StatementCheck | None:
+    """De Paula compares forces over their greatest."""
+    pair = means_of(results, "force", "starts", "second order")
+    usual, second = (course_of(results, name) for name in ("starts", "second order"))
+    if pair is None or usual is None or second is None:
+        return None
+    between = float(np.abs(second.mean(axis=0) - usual.mean(axis=0)).max())
+    within = float(np.abs(usual - usual.mean(axis=0)).max())
+    return StatementCheck(
+        between <= within,
+        f"F/F_max differs by at most {between:.3f}, single starts from their mean by "
+        f"{within:.3f}; F_max itself is {pair[0]:.2f} N to first and {pair[1]:.2f} N to second "
+        "order",
+    )
+
+
+def second_order_hysteresis(results: Results) -> StatementCheck | None:
+    pair = means_of(results, "hysteresis_D", "starts", "second order")
+    if pair is None:
+        return None
+    return StatementCheck(
+        pair[0] < pair[1] < 1.2 * pair[0], f"{pair[0]:.2f} D to first, {pair[1]:.2f} D to second"
+    )
+
+
+def high_friction(results: Results) -> StatementCheck | None:
+    pair = means_of(results, "hysteresis_D", "starts", "second order, 0.8")
+    if pair is None:
+        return None
+    return StatementCheck(
+        pair[1] > 1.2 * pair[0], f"{pair[0]:.2f} D with 0.6 and 0.45, {pair[1]:.2f} D with 0.8"
+    )
+
+
+def high_friction_ways(results: Results) -> StatementCheck | None:
+    usual, high = (course_of(results, name) for name in ("starts", "second order, 0.8"))
+    if usual is None or high is None:
+        return None
+    gap = np.abs(high.mean(axis=0) - usual.mean(axis=0))
+    down, up = float(gap[: len(gap) // 2].max()), float(gap[len(gap) // 2 :].max())
+    return StatementCheck(up > down, f"F/F_max differs by {down:.3f} down and {up:.3f} up")
+
+
+def friction_force(results: Results) -> StatementCheck | None:
+    names = ["drag", "starts", "second order, 0.8"]
+    found = together(names, "force", results)
+    if found is None:
+        return None
+    means = [float(one.values.mean()) for one in found]
+    words = "without friction (drag), usual, 0.8: " + ", ".join(f"{one:.2f} N" for one in means)
+    return StatementCheck(means == sorted(means), words)
+
+
+def same_stroke(results: Results) -> StatementCheck | None:
+    courses = sizes(results)
+    if courses is None:
+        return None
+    late = np.array([one[int(0.75 * (len(one) - 1)) :] / one[-1] for one in courses])
+    worst = float(np.ptp(late, axis=0).max())
+    return StatementCheck(worst <= 0.05, f"there the sizes differ by at most {worst:.3f}")
+
+
+def same_packing(results: Results) -> StatementCheck | None:
+    courses = sizes(results)
+    if courses is None:
+        return None
+    grid = np.linspace(0.14, 0.24, 41)
+    rows = [
+        np.interp(grid, packings(n, one), one / one[-1])
+        for n, one in zip(SIZES, courses, strict=True)
+    ]
+    worst = float(np.ptp(rows, axis=0).max())
+    return StatementCheck(worst <= 0.05, f"there the sizes differ by at most {worst:.3f}")
+
+
+def sizes(results: Results) -> list[np.ndarray] | None:
+    courses = [mean_course(results, f"direct {n}", "down") for n in SIZES]
+    known = [one for one in courses if one is not None]
+    return known if len(known) == len(courses) else None
+
+
+def smoother(results: Results) -> StatementCheck | None:
+    found = together([f"direct {n}" for n in SIZES], "roughness_down", results)
+    if found is None:
+        return None
+    values = [float(one.values.mean()) for one in found]
+    listed = ", ".join(f"{v:.4f} (N = {n})" for n, v in zip(SIZES, values, strict=True))
+    return StatementCheck(values[-1] < values[0], f"rms of what is rough, over F_max: {listed}")
+
+
+def growing(results: Results) -> StatementCheck | None:
+    found = together([f"direct {n}" for n in SIZES], "hysteresis_D", results)
+    if found is None:
+        return None
+    values = [float(one.values.mean()) for one in found]
+    listed = ", ".join(f"{v:.2f}" for v in values)
+    return StatementCheck(values[-1] > values[0], f"{listed} D for N = 92 to 736")
+
+
+def slabs(results: Results) -> StatementCheck | None:
+    found = together(["slabs", "slabs"], "lowest_start_D", results)
+    loads = together(["slabs", "slabs"], "bottom_start", results)
+    weights = together(["slabs", "slabs"], "weight", results)
+    if found is None or loads is None or weights is None:
+        return None
+    lowest, load = float(found[0].values.min()), float(loads[0].values.mean())
+    weight = float(weights[0].values.mean())
+    return StatementCheck(
+        not (lowest > 0.0 and load > 0.0),
+        f"here they do: the lowest grain stands {lowest:.2f} D above the bottom, which bears "
+        f"{load:.2f} N before the compression (weight {weight:.2f} N)",
+    )
+
+
+def infinite_walls(results: Results) -> StatementCheck | None:
+    found = together(["direct 368", "infinite walls", "slabs"], "force", results, QUICK.name)
+    if found is None:
+        return None
+    usual, infinite, slabs = (one.finding() for one in found)
+    differs = abs(infinite.value - usual.value) > 3.0 * (usual.spread or 0.0)
+    return StatementCheck(
+        differs,
+        f"{usual.value:.2f} N with the experimental law, {infinite.value:.2f} N with infinite "
+        f"walls, {slabs.value:.2f} N with slabs",
+    )

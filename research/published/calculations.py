@@ -1,0 +1,214 @@
+"""Figures that need no bed: constants, the single grain, the slab, the oscillator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.shared.shelf import Shelf
+from granular.studies.cases import measure_name
+
+Numbers = dict[str, float]
+
+_COARSE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0)
+
+TIMED_SIZES = (368, 460, 552, 644, 736)
+SOURCE_RADIUS = 11.26
+"""Of de Paula's list [D]."""
+
+OSCILLATOR_SPAN = 30.0
+"""Length of the record of de Paula's demonstration, which it does not print."""
+
+
+def default_grain(_: bool) -> Numbers:
+    """Mass [kg], moment [A m^2], and distance where the pair force is the weight [D]."""
+    from granular.scene.scales import Scales
+
+    grains = load_scene("bed").grains
+    scales = Scales.of(grains)
+    volume = math.pi / 4.0 * grains.thickness * grains.species[0].diameter ** 2
+    weight = scales.mass * 9.8 / (scales.mass * scales.acceleration)
+    return {
+        "mass_kg": scales.mass,
+        "moment_A_m2": grains.remanence * volume / (4e-7 * math.pi),
+        "distance_where_force_is_weight": (0.75 / weight) ** 0.25,
+    }
+
+
+def packing(_: bool) -> Numbers:
+    """Packing fraction of the mixtures at full compression, the same for every R, and heights."""
+    from granular.observables import packing_fraction
+    from granular.scene.beds import bidisperse
+
+    def height(scene: Scene) -> float:
+        found = scene.protocol[1].final_height()
+        assert found is not None
+        return found
+
+    scenes = [bidisperse(a, r) for a in (0.5, 0.6, 0.75) for r in (0.0, 0.5, 1.0)]
+    values = [packing_fraction(s.grains.diameters(), s.cell.width, height(s)) for s in scenes]
+    return {"packing_fraction": float(np.mean(values)), "deviation": float(np.ptp(values))}
+
+
+HEIGHTS: Mapping[str, tuple[float, float, tuple[float, ...]]] = {
+    "three_fifths": (0.6, 0.005, (0.0, 0.01, *(0.05 * k for k in range(1, 20)), 0.99, 1.0)),
+    "half": (0.5, 0.005, _COARSE),
+    "six_eighths": (0.75, 0.008, _COARSE),
+    "three_quarters": (0.75, 0.005, _COARSE),
+}
+"""Rows of Table A.1: aspect ratio, big diameter [m], and every R."""
+
+
+def final_heights(_: bool) -> Numbers:
+    """Piston heights at full compression [D], of all rows of Table A.1."""
+    from granular.scene.beds import bidisperse
+
+    made = {}
+    for name, (aspect, big, ratios) in HEIGHTS.items():
+        for place, ratio in enumerate(ratios):
+            end = bidisperse(aspect, round(ratio, 2), big=big).protocol[1].final_height()
+            assert end is not None
+            made[f"{name}[{place}]"] = end / big
+    return made
+
+
+def single_particle(full: bool) -> Numbers:
+    """De Paula's test of its method; its finest steps only in full."""
+    from validation.source_experiment import COMPENSATED, PLAIN, source_experiment
+
+    found = source_experiment(full=full)
+    finest = found.of(PLAIN)[-1]
+    clean = found.of(COMPENSATED)[-1]
+    assert finest.peak_difference is not None
+    assert clean.peak_difference is not None
+    return {
+        "slope": found.slope(COMPENSATED),
+        "slope_to_finest": found.slope_to_finest(PLAIN),
+        "step": finest.step,
+        "peak_difference": finest.peak_difference,
+        "peak_difference_compensated": clean.peak_difference,
+    }
+
+
+def slab_exponent(_: bool) -> Numbers:
+    """Mean exponent of y = a x^b fitted to the slab's force, as in [D, Fig. 3.15].
+
+    L = 100 D, f from 0.005 to 0.995 in steps of 0.01, distances from 0.5 to 59 D in steps of 0.01.
+    """
+    from scipy.optimize import curve_fit
+
+    from granular.effects.wall_slab import normal_force
+
+    distances = np.arange(0.5, 59.005, 0.01)
+    fitted, logarithmic = [], []
+    for share in np.arange(0.005, 0.9951, 0.01):
+        ends = 100.0 * share, 100.0 * (1.0 - share)
+        force = np.array([normal_force(w, *ends) for w in distances])
+        start = (force[0] * 0.125, -3.0)
+        fitted.append(curve_fit(lambda x, a, b: a * x**b, distances, force, p0=start)[0][1])
+        logarithmic.append(np.polyfit(np.log(distances), np.log(force), 1)[0])
+    return {"exponent": float(np.mean(fitted)), "logarithmic": float(np.mean(logarithmic))}
+
+
+def oscillator(_: bool) -> Numbers:
+    """The demonstration of [D, eq. 5.8]: its motion, made from the formula, fitted again."""
+    from granular.run.record import PistonRecord
+    from reduced_models import fit
+
+    t = np.linspace(0.0, OSCILLATOR_SPAN, 1501)
+    z = np.cos(t - 0.0996) * np.exp(0.0503 * (0.0996 - t))
+    model = fit(PistonRecord(time=t, height=z), law="z'' + 2*lam*z' + omega**2*z = 0")
+    lam, omega = model.parameters["lam"], abs(model.parameters["omega"])
+    return {"decay": lam, "frequency": math.sqrt(omega**2 - lam**2)}
+
+
+def loop_times(_: bool) -> Numbers:
+    """Processor time of a sum over pairs [us], by the plain loop and by a plain list.
+
+    Positions of a bed at full compression; the list is de Paula's, 11.26 D. It is not made anew:
+    at de Paula's step grains need some hundred thousand steps for its skin.
+    """
+    from research.published.plain_loops import loop_times as times
+
+    made = {}
+    for count in TIMED_SIZES:
+        positions = _held_bed(count).initial_motion()[0] / 0.006
+        made[f"direct {count}"], made[f"list {count}"] = times(positions, SOURCE_RADIUS)
+    return made
+
+
+def _held_bed(count: int) -> Scene:
+    size = math.sqrt(count / 368.0)
+    return load_scene("bed").replace(
+        **{
+            "grains.count": count,
+            "cell.width": f"{60.0 * size} D",
+            "piston.height": f"{20.0 * size} D",
+            "arrangement.height": f"{19.0 * size} D",
+        }
+    )
+
+
+def symbolic(_: bool) -> Numbers:
+    """What a symbolic regression finds of z(t) in the demonstration of [D, eq. 5.8].
+
+    pyoperon stands in for de Paula's PySR, which needs Julia; nothing where it is not installed.
+    """
+    from research.published.symbolic import demonstration
+
+    try:
+        return demonstration(OSCILLATOR_SPAN)
+    except ImportError:
+        return {}
+
+
+CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
+    one.__name__: one
+    for one in (
+        default_grain,
+        packing,
+        final_heights,
+        single_particle,
+        slab_exponent,
+        oscillator,
+        loop_times,
+        symbolic,
+    )
+}
+
+
+def calculated(directory: Path, *, full: bool) -> None:
+    """Make all calculations that ``directory`` does not keep yet.
+
+    What the single grain gives depends on ``full``, and is kept apart. A calculation whose code
+    has changed is made anew.
+    """
+    shelf = _shelf(directory)
+    for name, calculation in CALCULATIONS.items():
+        if shelf.read(_key(name, full)) is None:
+            shelf.keep(_key(name, full), calculation(full))
+
+
+def kept(directory: Path) -> dict[str, Numbers]:
+    """The calculations that a directory keeps, the full ones where both are there."""
+    shelf = _shelf(directory)
+    found = {
+        name: [shelf.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS
+    }
+    return {name: full or quick for name, (full, quick) in found.items() if full or quick}
+
+
+def _shelf(directory: Path) -> Shelf:
+    return Shelf(directory / "calculations")
+
+
+def _key(name: str, full: bool) -> str:
+    calculation: Any = CALCULATIONS[name]
+    code = measure_name(calculation).partition("#")[2]
+    return f"{name}-{'full' if full else 'quick'}-{code}"

@@ -1,0 +1,343 @@
+"""What moves the figures: the same bed with one thing changed, or with several."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from research.published.finding import Finding
+from research.published.plan import (
+    ASPECTS,
+    HYSTERESIS_SIZES,
+    OWN_RATIOS,
+    RADII,
+    SIZES,
+    mixture_name,
+)
+from research.published.protocols import BEST_FIRST, PUBLISHED, QUICK
+from research.published.results import Results
+from validation.published.values import published_value
+
+ROUNDING = 0.005
+"""Half of the last digit of what is printed here."""
+CAUSE_SIZES = 2
+"""A cause must give the published figure within scatter at so many sizes."""
+
+
+class ChangedFigure(NamedTuple):
+    """A figure of one bed with and without a change.
+
+    Attributes
+    ----------
+    change, bed, figure, unit : str
+    published : float or None
+        What de Paula prints for this bed.
+    without, with_it : Finding
+    """
+
+    change: str
+    bed: str
+    figure: str
+    unit: str
+    published: float | None
+    without: Finding
+    with_it: Finding
+
+    @property
+    def matters(self) -> bool | None:
+        """Whether the means differ beyond Student's interval of 95 %.
+
+        None where neither bed was run from several starts. A bed with one start is taken to
+        scatter like the other one.
+        """
+        from scipy.special import stdtrit
+
+        if (deviation := self._pooled()) is None:
+            return None
+        pooled, free = deviation
+        both = (self.without, self.with_it)
+        error = pooled * math.sqrt(sum(1.0 / one.starts for one in both))
+        difference = abs(self.with_it.value - self.without.value)
+        return bool(difference > stdtrit(free, 0.975) * error)
+
+    @property
+    def explains(self) -> bool | None:
+        """Whether the published figure is met with the change and not without it.
+
+        It is met within Student's interval of the mean, of 95 %, by the scatter of both beds.
+        """
+        meets = self._meets(self.with_it)
+        return None if meets is None else meets and not self._meets(self.without)
+
+    @property
+    def misses(self) -> bool:
+        """Whether the published figure is known not to be met with the change."""
+        return self._meets(self.with_it) is False
+
+    def _meets(self, one: Finding) -> bool | None:
+        if self.published is None or (deviation := self._pooled()) is None:
+            return None
+        return _is_met(one, self.published, *deviation)
+
+    def _pooled(self) -> tuple[float, int] | None:
+        """Deviation of single starts by both beds together, and its degrees of freedom."""
+        both = (self.without, self.with_it)
+        known = [(one.starts - 1, one.spread) for one in both if one.spread is not None]
+        if not known:
+            return None
+        free = sum(number for number, _ in known)
+        return math.sqrt(sum(number * spread**2 for number, spread in known) / free), free
+
+
+def _is_met(one: Finding, published: float, pooled: float, free: int) -> bool:
+    from scipy.special import stdtrit
+
+    half = stdtrit(free, 0.975) * pooled / math.sqrt(one.starts) + ROUNDING
+    return bool(abs(one.value - published) <= half)
+
+
+_FIGURES = {
+    "force": ("piston force", "N"),
+    "half_full_D": ("half mean distance", "D"),
+    "half_start_D": ("half mean distance at the start", "D"),
+    "half_end_D": ("half mean distance at the end", "D"),
+    "hysteresis_D": ("hysteresis of the half mean distance", "D"),
+    "least_distance_D": ("least distance to the piston", "D"),
+    "hexagons_full": ("share of hexagons", ""),
+    "psi6_full": ("Psi6", ""),
+    "regularity_full": ("hexagon regularity", ""),
+    "regularity_start": ("hexagon regularity at the start", ""),
+}
+_BED_FIGURES = ("force", "half_full_D", "hexagons_full", "hysteresis_D")
+_WIDE = ("force", "half_start_D", "half_full_D", "half_end_D", "hysteresis_D")
+_MIXTURE_FIGURES = (
+    "force", "least_distance_D", "hexagons_full", "regularity_full", "regularity_start",
+)  # fmt: skip
+
+
+class Change(NamedTuple):
+    """A bed with one thing changed.
+
+    Attributes
+    ----------
+    words : str
+    bed, changed : str
+        Names of series.
+    figures : tuple of str
+    """
+
+    words: str
+    bed: str
+    changed: str
+    figures: tuple[str, ...]
+
+
+_STEP, _FRICTION = "a third of the step", "de Paula's friction law at its step, 1e-6 T"
+HYSTERESIS_CHANGES = {
+    "source's friction": _FRICTION,
+    "wider cell": "a cell wider by 9 %",
+    "loose start": "a loose start",
+    "all together": "de Paula's friction, wider cell and loose start together",
+    "half the friction": "half the coefficients of friction (none of them printed by de Paula)",
+}
+"""Changes by which the hysteresis was looked into, by the ends of the series' names."""
+MIXTURES = (mixture_name(0.6, 0.0), *(mixture_name(a, 0.5) for a in ASPECTS))
+
+
+def changes() -> list[Change]:
+    """All changes, in the order of the report."""
+    middle = mixture_name(0.6, 0.5)
+    return [
+        *(Change(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
+          for end, words in HYSTERESIS_CHANGES.items()
+          for n in (SIZES if end == "loose start" else HYSTERESIS_SIZES)),
+        Change("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
+        *(Change(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
+          for start, words in (("source's friction", _FRICTION),
+                               ("wide cell", "cell of 0.36 m, as Table 4.3 prints it"),
+                               ("both", "that friction and that cell together"))
+          for bed in (*MIXTURES, mixture_name(0.6, 1.0))),
+        Change(_STEP, "direct 368", f"direct 368, {_STEP}", _BED_FIGURES),
+        Change(_STEP, middle, f"{middle}, {_STEP}", _MIXTURE_FIGURES),
+        Change("drag instead of friction", "starts", "drag", _BED_FIGURES),
+        *(Change("friction with the misprinted angle (42 times)", mixture_name(a, 0.5),
+                 f"misprinted angle, a = {a:g}", _MIXTURE_FIGURES) for a in ASPECTS),
+        *(Change("de Paula's every-k-th mixing", mixture_name(0.6, r),
+                 f"every k-th, a = 0.6, R = {r:g}", _MIXTURE_FIGURES) for r in OWN_RATIOS),
+        *(Change("plain cut-off at 11.26 D", f"direct {n}", f"cut-off {n}", ("force",))
+          for n in (368, 736)),
+        *(Change(f"list of radius {radius:g} D", "direct 368", f"list of radius {radius:g} D",
+                 ("force",)) for radius in RADII),
+        Change("the mesh instead of every pair", "direct 736", "mesh 736", _WIDE),
+    ]  # fmt: skip
+
+
+def comparisons(results: Results) -> list[ChangedFigure]:
+    """All changes and shorter protocols whose runs are there, by every protocol that both have."""
+    found: list[ChangedFigure | None] = []
+    for change in changes():
+        for protocol in BEST_FIRST:
+            found += _changed(results, change, protocol, protocol)
+        if change.words == _FRICTION and change.bed.startswith("direct"):
+            words = "de Paula's friction and de Paula's protocol together"
+            both = change._replace(words=words)
+            found += _changed(results, both, QUICK.name, PUBLISHED.name)
+    for name in (*(f"direct {n}" for n in SIZES), *MIXTURES):
+        figures = _WIDE if name.startswith("direct") else _MIXTURE_FIGURES
+        words = "de Paula's protocol instead of the quick one"
+        found += _changed(results, Change(words, name, name, figures), QUICK.name, PUBLISHED.name)
+    return [one for one in found if one is not None]
+
+
+def _changed(
+    results: Results, change: Change, protocol: str, changed_protocol: str
+) -> list[ChangedFigure | None]:
+    return [
+        _comparison(results, change, figure, protocol, changed_protocol)
+        for figure in change.figures
+    ]
+
+
+def _comparison(
+    results: Results, change: Change, figure: str, protocol: str, changed_protocol: str
+) -> ChangedFigure | None:
+    without = results.sample(change.bed, figure, protocol)
+    with_it = results.sample(change.changed, figure, changed_protocol)
+    if without is None or with_it is None:
+        return None
+    bed = change.bed.replace("direct ", "N = ")
+    return ChangedFigure(
+        change.words, bed, *_FIGURES[figure], published_figure(change.bed, figure),
+        without.finding(), with_it.finding(),
+    )  # fmt: skip
+
+
+def published_figure(bed: str, figure: str) -> float | None:
+    """What de Paula prints of a figure of a bed, if anything."""
+    way, _, size = bed.partition(" ")
+    if way == "direct" and int(size) in SIZES:
+        place = SIZES.index(int(size))
+        columns = {
+            "half_start_D": "half_mean_distance.start",
+            "half_full_D": "half_mean_distance.minimum",
+            "half_end_D": "half_mean_distance.end",
+            "hysteresis_D": "hysteresis_of_distance.hysteresis",
+        }
+        if figure in columns:
+            return float(published_value(f"{columns[figure]}[{place}]"))
+        if figure == "force" and place >= SIZES.index(368):
+            return float(published_value(f"piston_force_direct_sum.mean[{place - 3}]"))
+    names = {"regularity_start": "start", "regularity_full": "end"}
+    if bed == MIXTURES[0] and figure in names:
+        return float(published_value(f"bidisperse_r_zero.hexagon_regularity_{names[figure]}"))
+    if bed in MIXTURES[1:]:
+        section, place = "bidisperse_r_half", MIXTURES.index(bed) - 1
+        if figure == "least_distance_D":
+            return float(published_value(f"{section}.least_piston_distance[{place}]"))
+        if figure in names:
+            return float(published_value(f"{section}.hexagon_regularity_{names[figure]}[{place}]"))
+    return None
+
+
+def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
+    """What the comparisons say of the hysteresis of the mean distance, in a few sentences.
+
+    Of a change that was run by several protocols at one size the longest counts. A hysteresis that
+    is met is no more than the difference of two distances, which are told of too.
+    """
+    named = _FIGURES["hysteresis_D"][0]
+    rows = [one for one in found if one.figure == named and one.published is not None]
+    if not rows:
+        return "The hysteresis of the mean distance: its runs are not done."
+    best: dict[tuple[str, str], ChangedFigure] = {}
+    for one in rows:  # the longest protocol comes first
+        best.setdefault((one.change, one.bed), one)
+    usual = {one.bed: one.without for one in reversed(rows)}
+    gaps = ", ".join(
+        f"{usual[bed].value:.2f} D here and {printed:.2f} D published at {bed}"
+        for bed, printed in sorted(
+            {one.bed: one.published for one in rows}.items(), key=lambda pair: int(pair[0][4:])
+        )
+    )
+    tried = "; ".join(
+        f"{words} ({', '.join(bed for change, bed in best if change == words)})"
+        for words in dict.fromkeys(change for change, _ in best)
+    )
+    begun = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
+    met = [one for one in best.values() if one.explains]
+    causes = [
+        words for words in dict.fromkeys(one.change for one in met)
+        if sum(one.change == words for one in met) >= CAUSE_SIZES
+    ]  # fmt: skip
+    if not causes:
+        alone = "; ".join(f"{one.change} at {one.bed}" for one in met)
+        tail = f" Met at one size alone: {alone}." if met else ""
+        return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
+    said = " ".join(_record(found, words, list(best.values())) for words in causes)
+    return (
+        f"{begun} Published in brackets. {said} Where the two distances are off alike, the "
+        "difference is met and the bed is not."
+    )
+
+
+def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFigure]) -> str:
+    """At which sizes a change gives the published hysteresis, and at which it does not."""
+    of_it = [one for one in best if one.change == words]
+    met = [one for one in of_it if one.explains]
+    missed = [one for one in of_it if one.misses]
+    hits = "; ".join(
+        f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}, as the difference of "
+        f"{_ends(found, one)}"
+        for one in met
+    )
+    begun = (
+        f"{words[0].upper()}{words[1:]}, run at {len(of_it)} sizes, gives it within scatter at "
+        f"{len(met)}: {hits}"
+    )
+    alike = [one.bed for one in of_it if one not in met and one not in missed]
+    if alike:
+        begun += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"
+    if not missed:
+        return f"{begun}."
+    gaps = ", ".join(
+        f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}" for one in missed
+    )
+    judgement = " So it is no explanation." if len(missed) >= len(met) else ""
+    return f"{begun}. It does not at {len(missed)}: {gaps}.{judgement}"
+
+
+def gaps_at_the_end(results: Results) -> str:
+    """Where the bed after the cycle is narrower or wider than published, beyond the interval."""
+    words = []
+    for n in SIZES:
+        samples = (results.sample(f"direct {n}", "half_end_D", one) for one in BEST_FIRST)
+        found = next((one.finding() for one in samples if one is not None), None)
+        printed = published_figure(f"direct {n}", "half_end_D")
+        if found is None or printed is None:
+            continue
+        half = found.half_width()
+        if half is not None and abs(found.value - printed) > half + ROUNDING:
+            words.append(f"{found.value:.2f} D ({printed:.2f}) at N = {n}, {found.protocol}")
+    if not words:
+        return ""
+    return (
+        "Not explained: the half mean distance after the cycle is not as published (in brackets) "
+        f"beyond its interval: {'; '.join(words)}."
+    )
+
+
+def _ends(found: Sequence[ChangedFigure], one: ChangedFigure) -> str:
+    """The mean distances at start and end of the bed that a comparison is of."""
+    beside = [
+        other for other in found
+        if (other.change, other.bed) == (one.change, one.bed)
+        and other.with_it.protocol == one.with_it.protocol
+    ]  # fmt: skip
+    words = [
+        f"{other.with_it.value:.2f} D ({other.published:.2f})"
+        for name in ("half_start_D", "half_end_D")
+        for other in beside
+        if other.figure == _FIGURES[name][0] and other.published is not None
+    ]
+    return " and ".join(words)

@@ -1,0 +1,206 @@
+"""Results of a plan: from the cases that a directory keeps, and from an earlier file."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from granular.engine.ledger import is_coarse
+from granular.shared.shelf import Shelf
+from research.campaign import Plain, made_now
+from research.published.calculations import kept
+from research.published.figures import Figures, figures_of
+from research.published.plan import Group
+from research.published.reference import Reference, agrees, reference
+from research.published.results import Results, sittings_of
+from research.published.running import case_keys, outcomes_in_order, references_in
+from research.published.series import Series
+
+COURSES = ("down", "up", "half_course_D")
+"""Courses, which are kept where they are shown: the file is to stay small."""
+WITH_COURSES = (
+    "starts", "second order", "second order, 0.8", "drag", "slabs", "infinite walls", "mixture",
+)  # fmt: skip
+
+
+def collected(
+    groups: Sequence[Group],
+    directory: Path,
+    command: str,
+    former: Sequence[Results] = (),
+    sittings: int | None = None,
+) -> Results:
+    """The results of all series of a plan, of those too of which nothing was run.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    directory : Path
+        That the runs were kept in.
+    command : str
+        That made them.
+    former : sequence of Results
+        Whose starts of the same scenes count where the directory has none, the first that has them.
+    sittings : int, optional
+        How often the command was begun; as often as for the former results if not given.
+    """
+    series = [one for group in groups for one in group.series]
+    found = {one.key: _series_results(one, directory, former) for one in series}
+    calculations: dict[str, Any] = {}
+    for one in reversed(former):
+        calculations |= one.calculations
+    times = sittings_of(former) if sittings is None else sittings
+    return Results(found, calculations | kept(directory), made_now(command) | {"sittings": times})
+
+
+def former_of(own: Results, package: Results) -> list[Results]:
+    """What a directory's file and that of the package know, the directory's first.
+
+    Of series that are stale in the directory, or run anew, what the package holds does not count.
+    """
+    rest = {
+        key: one for key, one in package.series.items() if not _is_anew(own.series.get(key, {}))
+    }
+    both = (own, Results(rest, package.calculations, package.made))
+    return [one for one in both if one.series]
+
+
+def still_stale(results: Results, own: Results) -> Results:
+    """The results with every series that a directory's file marks stale as it stands there."""
+    stale = {
+        key: one for key, one in own.series.items() if key in results.series and one.get("stale")
+    }
+    return Results({**results.series, **stale}, results.calculations, results.made)
+
+
+def missing(series: Series, directory: Path, former: Sequence[Results]) -> list[int]:
+    """The starts of a series that neither the directory nor an earlier file has."""
+    done = _series_results(series, directory, former)["done"]
+    return [seed for seed in series.seeds if seed not in done]
+
+
+def checked(
+    results: Results, groups: Sequence[Group], say: Callable[[str], None] = lambda _: None
+) -> Results:
+    """The results with every series marked stale whose reference today's code does not give."""
+    plain = dict(results.series)
+    for series in (one for group in groups for one in group.series):
+        one = plain.get(series.key)
+        if one is None or not one["done"] or not one.get("reference"):
+            continue
+        stale = not agrees(one["reference"], reference(series))
+        plain[series.key] = {**one, "stale": stale}
+        if stale:
+            say(f"stale: {series.key}; the code gives something else than when it was run")
+    return Results(plain, results.calculations, results.made)
+
+
+def _series_results(series: Series, directory: Path, former: Sequence[Results]) -> Plain:
+    scene = series.scene(series.seeds[0])
+    plain: Plain = {
+        "name": series.name,
+        "protocol": series.protocol,
+        "words": series.words,
+        "step": series.step if isinstance(series.step, str) else f"{series.step:g} s",
+        "coarse": is_coarse(scene),
+        "seeds": list(series.seeds),
+    }
+    starts = _starts(series, directory, former)
+    good = [(seed, one) for seed, one in starts if one["error"] is None]
+    names = dict.fromkeys(itertools.chain(*(one["figures"] for _, one in good)))
+    plain |= {
+        "done": [seed for seed, _ in good],
+        "keys": [one["key"] for _, one in good],
+        "figures": {name: [one["figures"].get(name) for _, one in good] for name in names},
+        "errors": [one["error"] for _, one in starts if one["error"] is not None],
+        "versions": _distinct([one["versions"] for _, one in good]),
+        "reference": _reference(series, directory, former) if good else {},
+    }
+    if any(_is_anew(one.series.get(series.key, {})) for one in former):
+        plain["anew"] = True
+    return plain
+
+
+def _is_anew(one: Plain) -> bool:
+    """Whether a series is being run anew, as the code has changed: no older file counts."""
+    return bool(one.get("stale") or one.get("anew"))
+
+
+def _starts(series: Series, directory: Path, former: Sequence[Results]) -> list[tuple[int, Plain]]:
+    """Each start that is known, from the directory or from the first file that has it."""
+    found = []
+    keys = case_keys(series)
+    kept_here = outcomes_in_order(keys, directory)
+    for place, (seed, key) in enumerate(zip(series.seeds, keys, strict=True)):
+        outcome = kept_here[place]
+        if outcome is not None:
+            found.append((seed, _start(outcome, key, series, seed, directory)))
+            continue
+        earlier = (_from_file(one, series, key) for one in former)
+        first = next((one for one in earlier if one is not None), None)
+        if first is not None:
+            found.append((seed, first))
+    return found
+
+
+def _start(outcome: Plain, key: str, series: Series, seed: int, directory: Path) -> Plain:
+    if outcome["error"] is not None:
+        return {"key": key, "error": outcome["error"], "figures": {}, "versions": {}}
+    shelf = Shelf(directory / "figures")
+    name = f"{key}-{_code_of_figures()}"
+    figures: Figures | None = shelf.read(name)
+    if figures is None:
+        figures = figures_of(outcome["figures"], series.scene(seed))
+        shelf.keep(name, figures)
+    wanted = {k: v for k, v in figures.items() if k not in COURSES or _shows_courses(series)}
+    return {
+        "key": key, "error": None, "figures": wanted, "versions": outcome["figures"]["versions"],
+    }  # fmt: skip
+
+
+def _from_file(results: Results, series: Series, key: str) -> Plain | None:
+    one = results.series.get(series.key)
+    if one is None or one.get("stale") or key not in one["keys"]:
+        return None
+    place = one["keys"].index(key)
+    figures = {name: values[place] for name, values in one["figures"].items()}
+    versions = one["versions"][0] if one["versions"] else {}
+    return {"key": key, "error": None, "figures": figures, "versions": versions}
+
+
+def _reference(series: Series, directory: Path, former: Sequence[Results]) -> Reference:
+    """Of the file that has it, else made now and kept beside the cases."""
+    keys = set(case_keys(series))
+    for one in former:
+        plain = one.series.get(series.key, {})
+        if plain.get("reference") and keys & set(plain["keys"]) and not plain.get("stale"):
+            return dict(plain["reference"])
+    shelf = references_in(directory)
+    name = case_keys(series)[0]
+    found: Reference | None = shelf.read(name)
+    if found is None:
+        found = reference(series)
+        shelf.keep(name, found)
+    return found
+
+
+def _shows_courses(series: Series) -> bool:
+    return (
+        series.name in WITH_COURSES
+        or series.name.startswith(("speed", "direct"))
+        or (series.name.startswith("mixture") and series.name.endswith("R = 0.5"))
+    )
+
+
+def _distinct(some: list[Plain]) -> list[Plain]:
+    return [one for place, one in enumerate(some) if one not in some[:place]]
+
+
+def _code_of_figures() -> str:
+    """A digest of the code that computes figures: they are made anew when it changes."""
+    directory = Path(__file__).parent
+    code = b"".join((directory / name).read_bytes() for name in ("figures.py", "swing.py"))
+    return hashlib.sha256(code).hexdigest()[:8]

@@ -1,0 +1,73 @@
+"""Tests of what de Paula says without a number of the damper, regression and experiment."""
+
+from __future__ import annotations
+
+from research.published.measures import together
+from research.published.plan import (
+    GAMMAS,
+    MASSES,
+    SOURCE_DRAG,
+    damper_name,
+)
+from research.published.results import Results
+from research.published.statement import (
+    StatementCheck,
+)
+
+
+def symbolic(results: Results) -> StatementCheck | None:
+    misfit, length = (results.number("symbolic", name) for name in ("misfit", "length"))
+    if misfit is None or length is None:
+        return None
+    return StatementCheck(
+        misfit < 1e-3,
+        f"pyoperon finds an expression of {length:.0f} symbols that leaves {misfit:.1e} of the "
+        "motion; of PySR, which needs Julia, de Paula prints no settings",
+    )
+
+
+def misfits(results: Results, drag: float) -> tuple[float, float] | None:
+    name = damper_name(MASSES[1], drag)
+    found = [results.sample(name, one) for one in ("free_misfit", "free_linear_misfit")]
+    if found[0] is None or found[1] is None:
+        return None
+    return float(found[0].values.mean()), float(found[1].values.mean())
+
+
+def van_der_pol(results: Results) -> StatementCheck | None:
+    rows = [(drag, misfits(results, drag)) for drag in GAMMAS]
+    at_source = misfits(results, SOURCE_DRAG)
+    if at_source is None:
+        return None
+    listed = ", ".join(
+        f"{100.0 * one[0]:.1f} and {100.0 * one[1]:.1f} % at {drag:g}"
+        for drag, one in rows if one is not None
+    )  # fmt: skip
+    return StatementCheck(
+        at_source[0] < 0.5 * at_source[1],
+        f"what both leave over of the swing: {listed} kg/s",
+    )
+
+
+def van_der_pol_printed(results: Results) -> StatementCheck | None:
+    found = misfits(results, GAMMAS[0])
+    if found is None:
+        return None
+    return StatementCheck(
+        found[0] < 0.5 * found[1],
+        f"{100.0 * found[0]:.2f} and {100.0 * found[1]:.2f} % of the swing are left over",
+    )
+
+
+def scattered(results: Results) -> StatementCheck | None:
+    names = ["pressed, R = 1", "pressed, R = 1, moments ± 0.1", "pressed, R = 0",
+             "pressed, R = 0, moments ± 0.1"]  # fmt: skip
+    found = together(names, "hexagons_pressed", results)
+    if found is None:
+        return None
+    even, uneven, zero, zero_uneven = (float(one.values.mean()) for one in found)
+    return StatementCheck(
+        uneven < even - 0.05,
+        f"at 110 N the share of hexagons at R = 1 is {even:.2f} with equal moments, {uneven:.2f} "
+        f"with a scatter of 10 % (R = 0: {zero:.2f} and {zero_uneven:.2f})",
+    )

@@ -1,0 +1,227 @@
+"""Figures of one start, from what was written down of its run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from granular.observables import (
+    area_fraction_profile,
+    cell_shares,
+    compressive_forces,
+    dip_test,
+    direction_order,
+    hexagon_regularity,
+    psi6,
+    radial_distribution,
+    relative_fluctuation,
+    value_correlation,
+    voronoi_cells,
+)
+from granular.scene.scene import Scene
+from research.published.swing import swing_figures
+
+Figures = dict[str, Any]
+"""Numbers, and lists of numbers, by name."""
+
+DIGITS = 6
+
+COURSE_TIMES = np.linspace(0.0, 3.0, 61)
+"""Instants of the course of the mean distance, from the start of the compression [T]."""
+STROKES = 51
+"""Places of the course of the force that are kept, on the way down and up."""
+STRIPS = 10
+"""Strips of the profile below the piston."""
+SMOOTHED = 9
+"""Samples over which a course is smoothed to see what is rough in it."""
+
+
+def figures_of(record: Mapping[str, Any], scene: Scene) -> Figures:
+    """The figures of a bed or a damper.
+
+    Parameters
+    ----------
+    record : mapping
+        Of `bed_record`, `pressed_record` or `damper_record`.
+    scene : Scene
+
+    Returns
+    -------
+    dict
+        Forces in N; lengths in diameters of the first species, their names end in ``_D``; times
+        of the damper in s.
+    """
+    if "full" in record:
+        made = _bed_figures(record, scene)
+    elif "pressed" in record:
+        made = _pressed_figures(record, scene)
+    else:
+        made = swing_figures(record, scene)
+    made |= {name: record[name] for name in ("steps", "seconds", "ledger")}
+    return {name: _rounded(value) for name, value in made.items()}
+
+
+def _bed_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
+    start, full = (np.array(record[name]) for name in ("start", "full"))
+    made = _distances(record, scene) | _courses(record)
+    made |= {
+        "force": record["down"][-1],
+        "packing": _packing(scene, record["full_height"]),
+        "nearest_species": int(scene.grains.assignment()[full[:, 1].argmax()]),
+        "small_share": float((scene.grains.assignment() != 0).mean()),
+        "bottom_start": record["walls"].get("bottom_force", [np.nan])[0],
+        "weight": 9.8 * float(scene.grains.masses().sum()),
+    }
+    made |= _order(start, "start") | _order(full, "full")
+    made |= _profile(start, record["start_height"], scene, "start")
+    made |= _profile(full, record["full_height"], scene, "full")
+    made |= _grain_forces(record, scene) | _shells(full)
+    return made
+
+
+def _distances(record: Mapping[str, Any], scene: Scene) -> Figures:
+    diameter = scene.grains.species[0].diameter
+    halves = np.array(record["half_distances"]) / diameter
+    times = np.array(record["times"])
+    start, full = float(halves[0]), float(halves[int(np.abs(times - 1.0).argmin())])
+    end = float(halves[-1]) if times[-1] > 2.5 else np.nan
+    near = np.array(record["piston_distances"]) / diameter
+    return {
+        "half_start_D": start,
+        "half_full_D": full,
+        "half_end_D": end,
+        "hysteresis_D": start - end,
+        "start_over_full": start / full,
+        "end_over_full": end / full,
+        "hysteresis_over_full": (start - end) / full,
+        "least_distance_D": near[int(np.abs(times - 1.0).argmin())],
+        "least_distance_half_way_D": near[int(np.abs(times - 0.5).argmin())],
+        "lowest_start_D": float(np.array(record["start"])[:, 1].min()) / diameter,
+        "half_course_D": np.interp(COURSE_TIMES, times, halves) if times[-1] > 2.5 else [],
+    }
+
+
+def _courses(record: Mapping[str, Any]) -> Figures:
+    """The force on the way down and up, and what is rough in it, over its greatest."""
+    made: Figures = {}
+    for way in ("down", "up"):
+        course = np.array(record[way])
+        if len(course):
+            even = np.linspace(0, len(course) - 1, STROKES).round().astype(int)
+            made[way] = course[even]
+            smooth = np.convolve(course, np.full(SMOOTHED, 1.0 / SMOOTHED), mode="valid")
+            rest = course[SMOOTHED // 2 : -(SMOOTHED // 2)] - smooth
+            made[f"roughness_{way}"] = float(np.sqrt(np.mean(rest**2)) / course.max())
+    return made
+
+
+def _order(positions: np.ndarray, when: str) -> Figures:
+    """Shares of polygons, Psi6, and regularity of the hexagons with its deviation."""
+    cells = voronoi_cells(positions)
+    shares = cell_shares(cells)
+    regularity = hexagon_regularity(cells)
+    known = regularity[np.isfinite(regularity)]
+    return {
+        f"pentagons_{when}": shares.pentagons,
+        f"hexagons_{when}": shares.hexagons,
+        f"heptagons_{when}": shares.heptagons,
+        f"psi6_{when}": psi6(positions, cells),
+        f"regularity_{when}": known.mean() if len(known) else np.nan,
+        f"regularity_deviation_{when}": known.std() if len(known) else np.nan,
+    }
+
+
+def _profile(positions: np.ndarray, height: float, scene: Scene, when: str) -> Figures:
+    """Local area fraction from the bottom to the piston."""
+    edges = np.linspace(0.0, height, STRIPS + 1)
+    diameters = scene.grains.diameters()
+    return {f"profile_{when}": area_fraction_profile(positions, diameters, scene.cell.width, edges)}
+
+
+def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
+    """Forces on the grains with an interior Voronoi cell, as in [D, 4.3.5].
+
+    Compressive forces: mean by species, the dip test of all together, the share of the small grains
+    below the median of all. Resulting forces: mean fluctuation, and whether they prefer a
+    direction. Along chains, the compressive forces of neighbours would be alike: their correlation,
+    over the mean of the species.
+    """
+    positions, owner = np.array(record["full"]), scene.grains.assignment()
+    inside = voronoi_cells(positions).interior
+    if inside.sum() < 10:
+        return {}
+    whole = np.array(record["forces"])
+    if scene.effects.gravity is not None:
+        whole[:, 1] += scene.effects.gravity.acceleration * scene.grains.masses()
+    sizes = np.linalg.norm(whole, axis=1)
+    pressed = compressive_forces(scene, positions, record["full_height"])
+    test = dip_test(pressed[inside])
+    median = float(np.median(pressed[inside]))
+    directions = direction_order(whole[inside])
+    relative = pressed.copy()
+    made: Figures = {
+        "dip": test.dip,
+        "dip_p": test.p,
+        "fluctuation": float(np.nanmean(relative_fluctuation(
+            np.where(inside, sizes, np.nan), owner
+        ))),
+        "polar_order": directions.polar,
+        "axial_order": directions.axial,
+        "axial_p": directions.axial_p,
+        "modes": np.histogram(pressed[inside] / pressed[inside].max(), 25, (0.0, 1.0))[0],
+    }  # fmt: skip
+    for place, name in enumerate(("big", "small")):
+        chosen = inside & (owner == place)
+        if chosen.any():
+            relative[owner == place] /= pressed[chosen].mean()
+            made[f"{name}_compression"] = float(pressed[chosen].mean())
+            made[f"{name}_force"] = float(sizes[chosen].mean())
+            made[f"{name}_below_median"] = float((pressed[chosen] < median).mean())
+    made["neighbours_alike"] = _alike(positions, np.where(inside, relative, np.nan))
+    return made
+
+
+def _alike(positions: np.ndarray, values: np.ndarray) -> float:
+    """Correlation of a value of neighbours: of grains up to 1.3 mean spacings apart."""
+    points = positions[np.isfinite(values)]
+    spacing = float(np.sqrt(np.ptp(points, axis=0).prod() / len(points)))
+    found = value_correlation(positions, values, np.array([0.0, 1.3 * spacing]))
+    return float(found.correlation[0])
+
+
+def _shells(positions: np.ndarray) -> Figures:
+    """How many shells g(r) shows: maxima above 1.1 between values below 0.95."""
+    found = radial_distribution(positions)
+    smooth = np.convolve(found.g, np.full(3, 1.0 / 3.0), mode="same")
+    shells, low = 0, True
+    for value in smooth:
+        shells += low and value > 1.1
+        low = value < 0.95 or (low and value <= 1.1)
+    return {"shells": int(shells)}
+
+
+def _pressed_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
+    positions = np.array(record["pressed"])
+    diameter = scene.grains.species[0].diameter
+    return {
+        "force": record["pressed_force"],
+        "greatest": record["greatest"],
+        "height_D": record["pressed_height"] / diameter,
+        "packing": _packing(scene, record["pressed_height"]),
+        **_order(positions, "pressed"),
+    }
+
+
+def _packing(scene: Scene, height: float) -> float:
+    area = np.pi / 4.0 * float(np.square(scene.grains.diameters()).sum())
+    return area / (scene.cell.width * height)
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, list | np.ndarray):
+        return [_rounded(one) for one in value]
+    if isinstance(value, int | np.integer):
+        return int(value)
+    return float(f"{float(value):.{DIGITS}g}") if np.isfinite(value) else None

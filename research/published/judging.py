@@ -1,0 +1,134 @@
+"""Entries, judged: the rows of the report and of the results file."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from research.campaign import Plain
+from research.published.catalogue import entries
+from research.published.entry import (
+    AGREES,
+    DIFFERS,
+    NOT_COMPARABLE,
+    VERDICTS,
+    Entry,
+    Verdict,
+)
+from research.published.entry import verdict as verdict_of
+from research.published.finding import Finding
+from research.published.protocols import PUBLISHED
+from research.published.results import Results
+from validation.published.values import published_value
+
+
+class Judged(NamedTuple):
+    """An entry with the published value, ours and the verdict."""
+
+    entry: Entry
+    published: float
+    published_spread: float | None
+    found: Finding | None
+    verdict: Verdict
+
+    @property
+    def source(self) -> str:
+        """The section's table or figure."""
+        return str(published_value(f"{self.entry.key.split('.')[0]}.source"))
+
+    @property
+    def note(self) -> str:
+        """Why ours differs or cannot be compared."""
+        return self.entry.note if self.verdict.words in (DIFFERS, NOT_COMPARABLE) else ""
+
+    @property
+    def by_the_sources_protocol(self) -> bool:
+        """Whether ours rests on runs of de Paula's own protocol."""
+        return self.found is not None and self.found.protocol == PUBLISHED.name
+
+    def to_plain(self) -> dict[str, Any]:
+        """For JSON."""
+        found = self.found
+        half = None if found is None else found.half_width()
+        return {
+            "key": self.entry.key,
+            "what": self.entry.what,
+            "source": self.source,
+            "unit": self.entry.unit,
+            "published": self.published,
+            "published_spread": self.published_spread,
+            "ours": None if found is None else _short(found.value),
+            "spread": None if found is None or found.spread is None else _short(found.spread),
+            "half_width": None if half is None else _short(half),
+            "starts": 0 if found is None else found.starts,
+            "protocol": None if found is None else found.protocol,
+            "step": None if found is None else found.step,
+            "verdict": self.verdict.words,
+            "allowed": None if self.verdict.allowed is None else _short(self.verdict.allowed),
+            "can_fail": self.verdict.can_fail,
+            "note": self.note,
+        }
+
+
+def judged(results: Results) -> list[Judged]:
+    """All entries."""
+    return [judge(entry, results) for entry in entries()]
+
+
+def counts(rows: Sequence[Judged]) -> dict[str, int]:
+    """How many entries have each verdict."""
+    kinds = Counter(row.verdict.words for row in rows)
+    return {name: kinds[name] for name in VERDICTS}
+
+
+def strength(rows: Sequence[Judged]) -> dict[str, int]:
+    """How many entries were judged by an interval that they could fail, and by whose protocol."""
+    return {
+        "could have failed": sum(row.verdict.can_fail for row in rows),
+        "rest on de Paula's own protocol": sum(row.by_the_sources_protocol for row in rows),
+    }
+
+
+def said(rows: Sequence[Judged]) -> str:
+    """Both in words."""
+    numbers = {**counts(rows), **strength(rows)}
+    return ", ".join(f"{number} {_PLURALS.get(name, name)}" for name, number in numbers.items())
+
+
+_PLURALS = {AGREES: "agree", DIFFERS: "differ"}
+
+
+def judge(entry: Entry, results: Results) -> Judged:
+    """One entry."""
+    published = float(published_value(entry.key))
+    spread = float(published_value(entry.spread_key)) if entry.spread_key else None
+    spread = None if spread is None or math.isnan(spread) else spread
+    found = entry.measure(results)
+    said = verdict_of(published, spread, found, entry.rule, entry.digits)
+    return Judged(entry, published, spread, found, said)
+
+
+class _Watched(dict[str, Plain]):
+    """The series of results, which remembers those that were asked for."""
+
+    def __init__(self, series: Mapping[str, Plain]) -> None:
+        super().__init__(series)
+        self.asked: list[str] = []
+
+    def get(self, key: str, default: Any = None) -> Any:
+        if key in self and key not in self.asked:
+            self.asked.append(key)
+        return super().get(key, default)
+
+
+def series_behind(entry: Entry, results: Results) -> list[str]:
+    """The keys of the series that an entry rests on."""
+    watched = _Watched(results.series)
+    entry.measure(Results(watched, results.calculations, results.made))
+    return watched.asked
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")

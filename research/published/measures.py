@@ -1,0 +1,349 @@
+"""How ours is found from the results: figures of one series, and of several together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+from granular.shared.errors import InputError
+from research.published.finding import Finding
+from research.published.results import Results, Sample
+
+Measure = Callable[[Results], Finding | None]
+
+
+def mean_of(name: str, figure: str, scale: float = 1.0) -> Measure:
+    """Mean and deviation of a figure of one series."""
+
+    def measure(results: Results) -> Finding | None:
+        sample = results.sample(name, figure)
+        if sample is None:
+            return None
+        return sample._replace(values=scale * sample.values).finding()
+
+    return measure
+
+
+def calculation(name: str, figure: str) -> Measure:
+    """A number that needs no bed."""
+
+    def measure(results: Results) -> Finding | None:
+        value = results.number(name, figure)
+        return None if value is None else Finding(value)
+
+    return measure
+
+
+def together(
+    names: Sequence[str], figure: str, results: Results, protocol: str | None = None
+) -> list[Sample] | None:
+    """A figure of several series under one protocol, the best that is planned for all."""
+    chosen = results.best(*names) if protocol is None else protocol
+    if chosen is None:
+        return None
+    found = [results.sample(name, figure, chosen) for name in names]
+    whole = [one for one in found if one is not None]
+    return whole if len(whole) == len(found) else None
+
+
+def percent_difference(count: int) -> Measure:
+    """Force with the list less that of the direct sum, in percent of the force with the list."""
+
+    def measure(results: Results) -> Finding | None:
+        found = together([f"direct {count}", f"list {count}"], "force", results)
+        if found is None:
+            return None
+        direct, listed = (one.finding() for one in found)
+        return _of_ratio(direct, listed, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
+
+    return measure
+
+
+def _of_ratio(
+    one: Finding, other: Finding, value: Callable[[float], float], slope: float
+) -> Finding:
+    """A function of one over the other, whose slope over the ratio is given."""
+    ratio = one.value / other.value
+
+    def both(first: float | None, second: float | None) -> float | None:
+        if first is None or second is None:
+            return None
+        return slope * ratio * math.hypot(first / one.value, second / other.value)
+
+    spread, error = both(one.spread, other.spread), both(one.error, other.error)
+    freedom = one.freedom + other.freedom if error is not None else 0.0
+    return Finding(
+        value(ratio), spread, one.starts + other.starts, one.protocol, one.step, error, freedom
+    )
+
+
+class Line:
+    """The line of the mean force over the number of grains, as in [D, Table 5.1]."""
+
+    def __init__(self, way: str, sizes: Sequence[int]) -> None:
+        self.way, self.sizes = way, tuple(sizes)
+
+    def slope(self, results: Results) -> Finding | None:
+        return self._coefficient(results, 0)
+
+    def intercept(self, results: Results) -> Finding | None:
+        return self._coefficient(results, 1)
+
+    def r_squared(self, results: Results) -> Finding | None:
+        """Share of the means' variance that the line explains."""
+        found = self._samples(results)
+        if found is None:
+            return None
+        means = np.array([one.values.mean() for one in found])
+        left = means - self._matrix() @ (np.linalg.pinv(self._matrix()) @ means)
+        value = 1.0 - float(left @ left) / float(np.square(means - means.mean()).sum())
+        return without_error(value, found)
+
+    def _samples(self, results: Results) -> list[Sample] | None:
+        return together([f"{self.way} {n}" for n in self.sizes], "force", results)
+
+    def _matrix(self) -> np.ndarray:
+        return np.stack([np.array(self.sizes, dtype=float), np.ones(len(self.sizes))], axis=1)
+
+    def _coefficient(self, results: Results, place: int) -> Finding | None:
+        found = self._samples(results)
+        if found is None:
+            return None
+        row = np.linalg.pinv(self._matrix())[place]
+        value = float(row @ [one.values.mean() for one in found])
+        errors = np.array([one.finding().error or 0.0 for one in found])
+        starts = sum(len(one.values) for one in found)
+        return Finding(
+            value, None, starts, found[0].protocol, found[0].step,
+            float(np.linalg.norm(row * errors)), float(starts - len(found)),
+        )  # fmt: skip
+
+
+def without_error(value: float, found: Sequence[Sample]) -> Finding:
+    """A number from samples whose error is not known."""
+    starts = sum(len(one.values) for one in found)
+    return Finding(value, None, starts, found[0].protocol, found[0].step)
+
+
+def asymptote(direct: Line, listed: Line) -> Measure:
+    """Percent by which the list falls short in a very large bed, by the two lines [D, eq. 5.5]."""
+
+    def measure(results: Results) -> Finding | None:
+        one, other = direct.slope(results), listed.slope(results)
+        if one is None or other is None:
+            return None
+        return _of_ratio(one, other, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
+
+    return measure
+
+
+def time_exponent(sizes: Sequence[int], way: str) -> Measure:
+    """The b of time per sum = a n^b, by the plain loops."""
+
+    def measure(results: Results) -> Finding | None:
+        times = [results.number("loop_times", f"{way} {n}") for n in sizes]
+        known = [one for one in times if one is not None]
+        if len(known) < len(times):
+            return None
+        slope, errors = np.polyfit(np.log(sizes), np.log(known), 1, cov=True)
+        error = float(np.sqrt(errors[0, 0]))
+        return Finding(float(slope[0]), protocol="timed", error=error, freedom=len(sizes) - 2.0)
+
+    return measure
+
+
+def time_saving(count: int) -> Measure:
+    """Share of the plain loop's time that the plain list saves."""
+
+    def measure(results: Results) -> Finding | None:
+        direct = results.number("loop_times", f"direct {count}")
+        listed = results.number("loop_times", f"list {count}")
+        if direct is None or listed is None:
+            return None
+        return Finding(1.0 - listed / direct, protocol="timed")
+
+    return measure
+
+
+def first_inside(radii: Sequence[float], reference: str) -> Measure:
+    """The least radius of the list whose mean force lies within a deviation of the direct sum's.
+
+    That is de Paula's own choice of its radius [D, Fig. 5.2]. A list that loses so many pairs that
+    its energy stops every start has no force, and lies outside.
+    """
+
+    def measure(results: Results) -> Finding | None:
+        protocol = results.best(reference, *(_listed(radius) for radius in radii))
+        if protocol is None:
+            return None
+        left = [radius for radius in radii if not results.stopped(_listed(radius), protocol)]
+        names = [_listed(radius) for radius in left]
+        found = together([reference, *names], "force", results, protocol)
+        if found is None:
+            return None
+        band = found[0].finding()
+        for radius, one in zip(left, found[1:], strict=True):
+            if abs(one.values.mean() - band.value) <= (band.spread or 0.0):
+                return without_error(radius, found)
+        return None
+
+    return measure
+
+
+def _listed(radius: float) -> str:
+    return f"list of radius {radius:g} D"
+
+
+def deviation_at_full(name: str) -> Measure:
+    """Standard deviation of the force at full compression over the starts [N]."""
+
+    def measure(results: Results) -> Finding | None:
+        sample = results.sample(name, "force")
+        if sample is None or len(sample.values) < 2:
+            return None
+        return _deviation(float(sample.values.std(ddof=1)), sample)
+
+    return measure
+
+
+def greatest_deviation(name: str) -> Measure:
+    """Greatest deviation of the force anywhere in the cycle, over the mean greatest force."""
+
+    def measure(results: Results) -> Finding | None:
+        sample = results.sample(name, "force")
+        courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
+        if sample is None or any(one.ndim != 2 or len(one) < 2 for one in courses):
+            return None
+        course = np.concatenate(courses, axis=1)
+        value = float(course.std(axis=0, ddof=1).max() / course.max(axis=1).mean())
+        return _deviation(value, sample)
+
+    return measure
+
+
+def _deviation(value: float, sample: Sample) -> Finding:
+    """A deviation, whose own standard error is that of normally distributed samples."""
+    free = len(sample.values) - 1
+    error = value / math.sqrt(2.0 * free)
+    return sample.finding()._replace(value=value, spread=None, error=error, freedom=float(free))
+
+
+def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float) -> Measure:
+    """Greatest speed [mm/s] up to which the force is that of the reference, within ``allowed``."""
+
+    def measure(results: Results) -> Finding | None:
+        names = [f"speed {v:g}" for v in speeds]
+        found = together([reference, *names], "force", results)
+        if found is None:
+            return None
+        base = found[0].values.mean()
+        reached = 0.0
+        for speed, one in zip(speeds, found[1:], strict=True):
+            if abs(one.values.mean() / base - 1.0) > allowed:
+                break
+            reached = speed
+        return without_error(reached, found)
+
+    return measure
+
+
+def order_correlation(names: Sequence[str]) -> Measure:
+    """Pearson's correlation of Psi6 and the share of hexagons over beds at full compression."""
+
+    def measure(results: Results) -> Finding | None:
+        from granular.observables import pearson_correlation
+
+        orders = together(names, "psi6_full", results)
+        shares = together(names, "hexagons_full", results)
+        if orders is None or shares is None:
+            return None
+        pairs = [np.concatenate([one.values for one in some]) for some in (orders, shares)]
+        try:
+            value = pearson_correlation(pairs[0], pairs[1]).coefficient
+        except InputError:
+            return None
+        # Fisher's standard error of a correlation.
+        free = len(pairs[0]) - 3.0
+        error = (1.0 - value**2) / math.sqrt(free)
+        return without_error(value, orders)._replace(error=error, freedom=free)
+
+    return measure
+
+
+def least_of(measures: Sequence[Measure]) -> Measure:
+    """The least finding; of those that are there."""
+
+    def measure(results: Results) -> Finding | None:
+        found = [one for one in (each(results) for each in measures) if one is not None]
+        return min(found, key=lambda one: one.value) if found else None
+
+    return measure
+
+
+def force_ratio(name: str, last: str) -> Measure:
+    """Force of a mixture over that of its small grains alone."""
+
+    def measure(results: Results) -> Finding | None:
+        found = together([name, last], "force", results)
+        if found is None:
+            return None
+        one, other = (each.finding() for each in found)
+        return _of_ratio(one, other, lambda ratio: ratio, 1.0)
+
+    return measure
+
+
+def biexponential(ratios: Sequence[float], names: Sequence[str], place: int) -> Measure:
+    """A parameter (A, lambda1, B, lambda2) of the fit to F_max(R)/F_max(1) over all starts.
+
+    Its standard error is half the half-width of its interval of 95 %.
+    """
+
+    def measure(results: Results) -> Finding | None:
+        found = together(names, "force", results)
+        if found is None:
+            return None
+        last = found[ratios.index(1.0)].values.mean()
+        pairs = [
+            (ratio, float(force / last))
+            for ratio, one in zip(ratios, found, strict=True)
+            for force in one.values
+        ]
+        value, low, high = _biexponential(tuple(pairs))[place]
+        error = (high - low) / 4.0 if np.isfinite(high - low) else None
+        return without_error(value, found)._replace(error=error, freedom=len(pairs) - 4.0)
+
+    return measure
+
+
+@cache
+def _biexponential(pairs: tuple[tuple[float, float], ...]) -> list[tuple[float, float, float]]:
+    """A, lambda1, B, lambda2 (lambda1 < lambda2, as in de Paula's table) with their intervals."""
+    from granular.observables import biexponential_fit
+
+    x, y = np.array(pairs).T
+    fit = biexponential_fit(x, y)
+    return [
+        (float(values[k]), float(intervals[k][0]), float(intervals[k][1]))
+        for k in (0, 1)
+        for values, intervals in (
+            (fit.amplitudes, fit.amplitude_intervals),
+            (fit.rates, fit.rate_intervals),
+        )
+    ]
+
+
+def greatest_pair_difference(names: Sequence[str]) -> Measure:
+    """Greatest difference of the forces of two starts of the same bed [N]."""
+
+    def measure(results: Results) -> Finding | None:
+        found = together(names, "force", results)
+        if found is None:
+            return None
+        value = max(float(np.ptp(one.values[:2])) for one in found)
+        return without_error(value, found)
+
+    return measure

@@ -1,0 +1,279 @@
+"""The report: first what matters, then what differs, then the rest."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+from granular.shared.html import Page
+from research.campaign import Plain
+from research.published import plots
+from research.published.causes import ChangedFigure, comparisons, verdict_on_hysteresis
+from research.published.entry import AGREES, DIFFERS
+from research.published.finding import Finding
+from research.published.judging import Judged, judged, said
+from research.published.results import (
+    Results,
+    counted,
+    is_stopped,
+    is_whole,
+    worst_residual,
+)
+from research.published.statements import counted_statements, statements
+
+TITLE = "Published results, reproduced"
+
+FIRST = (
+    "piston_force_direct_sum.mean[0]",
+    "piston_force_direct_sum.mean[4]",
+    "piston_force_direct_sum.mean[6]",
+    "piston_force_verlet.percent_difference[4]",
+    "half_mean_distance.minimum[3]",
+    "hysteresis_of_distance.hysteresis[3]",
+    "hysteresis_of_distance.hysteresis[7]",
+    "bidisperse_r_half.least_piston_distance[1]",
+    "fmax_over_r.at_half[1]",
+    "bidisperse_r_half.hexagon_regularity_end[1]",
+)
+"""The ten figures that matter most."""
+
+SECTIONS = {
+    "Force on the piston": ("piston_force_direct_sum", "piston_force_verlet", "mono_further",
+                            "algorithm"),
+    "Mean distance": ("half_mean_distance", "hysteresis_of_distance"),
+    "Independence of start and speed": ("independence_of_start", "velocity"),
+    "Polygons": ("voronoi_shares_direct_sum", "voronoi_shares_verlet"),
+    "Mixtures": ("bidisperse_r_half", "bidisperse_r_zero", "bidisperse_further",
+                 "bidisperse_all_r", "bidisperse_variants", "fmax_over_r", "biexponential_fmax"),
+    "Damper": ("damper", "damper_implied"),
+    "Experiment": ("experiment",),
+    "Constants and the method": ("default_grain", "walls", "single_particle", "final_height",
+                                 "oscillator"),
+}  # fmt: skip
+"""Sections of the report, with those of ``values.toml`` that they show."""
+
+
+def page(shown: Results, quick: Results | None = None) -> Page:
+    """The report as a page.
+
+    Parameters
+    ----------
+    shown : Results
+        Of the full run.
+    quick : Results, optional
+        Of a quick run, shown in columns of its own.
+    """
+    rows = judged(shown)
+    beside = [None] * len(rows) if quick is None else judged(quick)
+    found = comparisons(shown)
+    made = Page(TITLE, _lead(rows, shown, quick))
+    _first(made, rows)
+    made.text(verdict_on_hysteresis(found))
+    _how_to_read(made)
+    _differences(made, rows)
+    _statements(made, shown)
+    for title, sections in SECTIONS.items():
+        made.section(title)
+        chosen = [
+            (row, other)
+            for row, other in zip(rows, beside, strict=True)
+            if row.entry.key.split(".")[0] in sections
+        ]
+        _entries(made, chosen, quick is not None)
+        plots.add(made, title, shown)
+    _causes(made, found)
+    _state(made, shown)
+    _errors(made, shown)
+    _footer(made, shown, quick)
+    return made
+
+
+def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
+    series = counted(shown)
+    words = (
+        f"{len(rows)} published numbers: {said(rows)}. {series['whole']} of "
+        f"{series['planned']} series are run whole, by today's code; {series['stopped']} were "
+        f"stopped in every start, {series['stale']} are stale. "
+        f"Statements: {words_of(counted_statements(shown))}."
+    )
+    return words if quick is None else f"{words} This quick run: {said(judged(quick))}."
+
+
+def words_of(numbers: dict[str, int]) -> str:
+    """Counts as words."""
+    return ", ".join(f"{number} {name}" for name, number in numbers.items())
+
+
+def _first(made: Page, rows: Sequence[Judged]) -> None:
+    made.section("The ten figures that matter most")
+    chosen = [row for key in FIRST for row in rows if row.entry.key == key]
+    plots.beside(made, chosen)
+    _entries(made, [(row, None) for row in chosen], False, notes=False)
+
+
+def _how_to_read(made: Page) -> None:
+    made.text(
+        "Ours is the mean over starts with its interval of 95 % (Student); the number in brackets "
+        "says how many starts. Means agree unless Welch's interval of their difference, with both "
+        "standard errors and half of the last printed digit, leaves 0 out; where de Paula prints "
+        "no deviation its number counts as exact to its digits, and where ours has none the digits "
+        "decide. A comparison could fail if it allows less than a tenth of the published value. "
+        "By construction: ours was made from the published number. Protocols: published is the "
+        "de Paula's own (relaxation of 5 T; 8.33 or 5.63 mm/s, mixtures 1 mm/s); quick compresses "
+        "mixtures at 16 mm/s, and beds of equal grains at 33 mm/s after 5 s. An entry rests on the "
+        "longest protocol that is planned for it, and is not run until all of its starts are: no "
+        "shorter one stands in. What the quick one changes stands under Causes."
+    )
+
+
+def _differences(made: Page, rows: Sequence[Judged]) -> None:
+    made.section("Differences")
+    chosen = [row for row in rows if row.verdict.words == DIFFERS]
+    if not chosen:
+        made.text("None among the entries that were run.")
+        return
+    chosen.sort(key=_relative, reverse=True)
+    cells = [
+        (row.entry.what, published_of(row), ours_of(row.found, row.entry.unit),
+         f"{_relative(row):.1%}", f"{row.verdict.allowed or 0.0:.2g}", row.note)
+        for row in chosen
+    ]  # fmt: skip
+    header = ("what", "published", "ours", "difference", "allowed", "why")
+    made.table(header, cells)
+
+
+def _relative(row: Judged) -> float:
+    assert row.found is not None
+    return abs(row.found.value - row.published) / max(abs(row.published), 1e-12)
+
+
+def _entries(
+    made: Page, rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool, notes: bool = True
+) -> None:
+    header = ["what", "published", "ours", "verdict", "allowed", "protocol"]
+    header += ["quick run", "its verdict"] if with_quick else []
+    cells, told = [], []
+    for row, other in rows:
+        found, allowed = row.found, row.verdict.allowed
+        cells.append(
+            [row.entry.what, published_of(row), ours_of(found, row.entry.unit), _verdict(row),
+             "" if allowed is None else f"{allowed:.2g}", "" if found is None else found.protocol]
+        )  # fmt: skip
+        if other is not None:
+            cells[-1] += [ours_of(other.found, row.entry.unit), other.verdict.words]
+        if row.note and row.note not in told:
+            told.append(row.note)
+    made.table(header, cells)
+    if not notes:
+        return
+    sources = list(dict.fromkeys(row.source for row, _ in rows))
+    made.text("Source: " + "; ".join(sources) + ".")
+    for note in told:
+        made.note(note)
+
+
+def _verdict(row: Judged) -> str:
+    weak = row.verdict.words == AGREES and not row.verdict.can_fail
+    return row.verdict.words + (" (could hardly fail)" if weak else "")
+
+
+def published_of(row: Judged) -> str:
+    """The published value with its deviation."""
+    spread = row.published_spread
+    digits = row.entry.digits
+    value = f"{row.published:.{digits}f}" if digits < 7 else f"{row.published:.2g}"
+    return value + ("" if spread is None else f" ± {spread:g}") + _unit(row.entry.unit)
+
+
+def ours_of(found: Finding | None, unit: str) -> str:
+    """Value, half interval, unit and number of starts."""
+    if found is None:
+        return "—"
+    half = found.half_width()
+    interval = "" if half is None else f" ± {half:.2g}"
+    starts = f" ({found.starts})" if found.starts else ""
+    return f"{found.value:.4g}{interval}{_unit(unit)}{starts}"
+
+
+def _unit(unit: str) -> str:
+    return f" {unit}" if unit else ""
+
+
+def _statements(made: Page, results: Results) -> None:
+    made.section("Statements")
+    made.text("What de Paula says without a number, tested on the runs.")
+    rows = []
+    for one in statements():
+        check = one.check(results)
+        verdict = "not run" if check is None else "holds" if check.holds else "does not hold"
+        rows.append((one.words, one.source, verdict, "" if check is None else check.figures))
+    made.table(("statement", "section", "", "figures"), rows)
+
+
+def _causes(made: Page, found: Sequence[ChangedFigure]) -> None:
+    made.section("Causes")
+    made.text(
+        "The same bed with one thing changed, or with several: what matters moves a mean beyond "
+        "Student's interval of 95 % for the starts that were run; what explains brings it to the "
+        "published number, within the interval of its mean. A bed without dissipation is left out: "
+        "it stays a hot gas whose force depends on the start, so that no figure has a meaning. The "
+        "cell of 0.36 m contradicts the packing of 0.34 that de Paula prints."
+    )
+    if not found:
+        made.text("Not run.")
+        return
+    rows = [
+        (one.change, one.bed, one.figure,
+         "" if one.published is None else f"{one.published:g}{_unit(one.unit)}",
+         ours_of(one.without, one.unit), ours_of(one.with_it, ""), _mattering(one))
+        for one in found
+    ]  # fmt: skip
+    made.table(("change", "bed", "figure", "published", "without", "with", ""), rows)
+
+
+def _mattering(one: ChangedFigure) -> str:
+    if one.explains:
+        return "explains"
+    if one.matters is None:
+        return "one start each"
+    return "matters" if one.matters else "within scatter"
+
+
+def _state(made: Page, results: Results) -> None:
+    made.section("State of the series")
+    made.text(f"{words_of(counted(results))}.")
+    rows = [
+        (key, _word(one),
+         one["step"] + (" (de Paula's scheme)" if one["coarse"] else ""),
+         f"{worst_residual(one):.1e}" if one["done"] else "")
+        for key, one in results.series.items()
+        if not is_whole(one) or one["coarse"] or worst_residual(one) > 1e-4
+    ]  # fmt: skip
+    if rows:
+        made.text("Series that are not whole, or whose energy is off by more than 1e-4:")
+        made.table(("series", "state", "step", "energy residual"), rows)
+
+
+def _word(one: Plain) -> str:
+    if is_stopped(one):
+        return "every start stopped"
+    return "stale" if one.get("stale") else f"{len(one['done'])} of {len(one['seeds'])} starts"
+
+
+def _errors(made: Page, results: Results) -> None:
+    failed = {key: one["errors"] for key, one in results.series.items() if one["errors"]}
+    if failed:
+        made.section("Cases that failed")
+        made.table(("bed", "error"), [(k, e) for k, some in failed.items() for e in some])
+
+
+def _footer(made: Page, shown: Results, quick: Results | None) -> None:
+    for results in (shown, quick):
+        if results is not None and results.made:
+            versions = ", ".join(f"{k} {v}" for k, v in results.made.items() if k not in _OWN)
+            command, date = (html.unescape(str(results.made[name])) for name in _OWN[:2])
+            times = results.made.get("sittings", 1)
+            made.footer(f"Made by {command} on {date}, begun {times} times, with {versions}.")
+
+
+_OWN = ("command", "date", "sittings")

@@ -1,0 +1,334 @@
+"""What is run, group by group: the cheap and the most telling first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from research.published.protocols import PUBLISHED, QUICK, Protocol
+from research.published.series import Series, fall, mixture, mono, pressed
+from validation.published.values import duration
+
+SIZES = (92, 184, 276, 368, 460, 552, 644, 736)
+LISTED = (368, 460, 552, 644, 736)
+"""Sizes that de Paula ran three times both ways."""
+LARGE = (1472, 2208)
+ASPECTS = (0.75, 0.6, 0.5)
+RATIOS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+VARIANT_RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0)
+OWN_RATIOS = (0.25, 0.3, 0.4, 0.45, 0.55, 0.6, 0.7, 0.75)
+"""R of Table A.1 where de Paula's mixing rule makes another share than its R, or the next one."""
+SPEEDS = (5.63, 8.33, 16.0, 32.0, 64.0, 128.0)
+"""[mm/s]"""
+RADII = (6.26, 7.26, 8.26, 9.26, 10.26, 11.26, 12.26)
+"""Radii of de Paula's list in Fig. 5.2 [D]."""
+TEN = tuple(range(1, 11))
+CYCLE_SPEED = 5.63e-3
+"""Speed of the studies of start and friction [m/s]."""
+DRAG = {"coefficient": 0.1}
+MISPRINT = 42.0
+"""Factor of the load on 5 mm grains when the angle of [D, eq. 4.10] is taken as printed."""
+WIDE_CELL = 0.36
+"""Width that [D, Table 4.3] prints, where text and Table A.1 have 0.33 [m]."""
+WIDER = WIDE_CELL / 0.33
+"""The same change of width for beds of equal grains."""
+LOOSE = 1.35
+"""Height of a loose arrangement over that of the compression's start: its grains stand farther
+apart, and fall from higher. The thesis does not print the height of the grid."""
+MASSES = (7.5, 6.24)
+"""Pistons [kg]: that of the packaged damper, and the one that rests where de Paula's does."""
+GAMMAS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2)
+"""Drag of a grain [kg/s]."""
+SOURCE_DRAG = 1.0
+"""Drag with which de Paula's law fits [kg/s]; the thesis prints none for its damper."""
+NEAR_MASSES = (6.0, 6.5)
+"""Pistons beside the one that rests where de Paula's does [kg]."""
+MIXTURE_PERIOD = 400.0
+"""Duration of the compression of a mixture at 1 mm/s [s], within 7 % for every size ratio."""
+HYSTERESIS_SIZES = (92, 184, 368, 736)
+"""Sizes at which causes of the hysteresis were looked for."""
+SPREADS = (0.0, 0.1)
+"""Scatter of the grains' moments with which a bed is pressed."""
+VARIANTS: dict[str, dict[str, Any]] = {
+    "dry and viscous": {"effects__drag": DRAG},
+    "no gravity": {"effects__gravity": None},
+    "no gravity, dry and viscous": {"effects__gravity": None, "effects__drag": DRAG},
+}
+WALLS: dict[str, dict[str, Any]] = {
+    "infinite walls": {
+        f"effects__walls__{side}": "infinite" for side in ("left", "right", "bottom", "top")
+    },
+    "slabs": {
+        "effects__walls__left": {"law": "slab", "length": "100 D"},
+        "effects__walls__right": {"law": "slab", "length": "100 D"},
+        "effects__walls__bottom": "slab",
+        "effects__walls__top": "slab",
+    },
+}
+
+
+class Group(NamedTuple):
+    """Series that are run together."""
+
+    title: str
+    series: Sequence[Series]
+
+
+def mixture_name(aspect: float, ratio: float, big: float = 0.005) -> str:
+    """Name of a mixture's series; without small grains the aspect ratio is that of none."""
+    if big != 0.005:
+        return f"mixture {1e3 * aspect * big:g}:{1e3 * big:g} mm, R = {ratio:g}"
+    return "mixture, R = 0" if ratio == 0.0 else f"mixture a = {aspect:g}, R = {ratio:g}"
+
+
+def damper_name(mass: float, drag: float = 0.1) -> str:
+    """Name of a damper's series."""
+    return f"damper {mass:g} kg" + ("" if drag == 0.1 else f", {drag:g} kg/s")
+
+
+def quick_plan() -> list[Group]:
+    """What fits into a quarter of an hour on two cores."""
+    return [
+        Group("sizes", [*_direct(QUICK), _listed(368, QUICK), _listed(736, QUICK)]),
+        Group("damper", [fall(damper_name(MASSES[0]), MASSES[0], seeds=(1,))]),
+        Group("friction", _friction(QUICK)),
+        Group("mixtures at R = 0.5", _halves(QUICK)),
+    ]
+
+
+def full_plan() -> list[Group]:
+    """Everything: hours. What others are compared with, and what is cheap, comes first."""
+    return [
+        Group("dampers", _dampers()),
+        Group("sizes, quick protocol", _direct(QUICK)),
+        Group("small sizes", _direct(PUBLISHED, SIZES[:3])),
+        Group("mixtures, quick protocol", [*_halves(QUICK), *_ends(QUICK)]),
+        Group("causes of the hysteresis, 92 and 184 grains", _hysteresis_causes((92, 184))),
+        Group("368 grains", _direct(PUBLISHED, (368,))),
+        Group("loose starts", [*_loose_starts(QUICK), *_loose_starts(PUBLISHED, SIZES[:4])]),
+        Group("de Paula's friction and protocol, 92 and 184 grains", _source_cycle((92, 184))),
+        Group("causes of the hysteresis, 368 and 736 grains", _hysteresis_causes((368, 736))),
+        Group("large sizes", _direct(PUBLISHED, SIZES[4:])),
+        Group("large sizes, loose starts", _loose_starts(PUBLISHED, SIZES[4:])),
+        Group("mixtures at R = 0 and 0.5", _halves(PUBLISHED)),
+        Group("starts, speeds and friction", _cycle()),
+        Group("mixtures, de Paula's friction and the wide cell", _mixture_causes()),
+        Group("mixtures over R, quick protocol", _scan(QUICK)),
+        Group("drag and weightlessness, quick protocol", _variants(QUICK)),
+        Group("walls, quick protocol", _walls()),
+        Group("sizes, with the list", [_listed(n, PUBLISHED) for n in LISTED]),
+        Group("small grains alone, and 6 and 8 mm", _ends(PUBLISHED)),
+        Group("lists and cut-offs, quick protocol", _lists()),
+        Group("de Paula's mixing rule, quick protocol", _mixing_rule()),
+        Group("up to 110 N", _pressed()),
+        Group("shorter steps", _steps()),
+        Group("every pair by the mesh", _meshes()),
+        Group("de Paula's friction and protocol, 368 grains", _source_cycle((368,))),
+        Group("de Paula's friction and protocol, 736 grains", _source_cycle((736,), (1,))),
+        Group("large beds, with the list", [_listed(n, PUBLISHED) for n in LARGE]),
+    ]
+
+
+def _direct(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
+    return [mono(f"direct {n}", n, protocol) for n in sizes]
+
+
+def _listed(count: int, protocol: Protocol) -> Series:
+    return mono(f"list {count}", count, protocol, pairs__method="verlet-list")
+
+
+def _meshes() -> list[Series]:
+    """Beds that the direct sum would take hours for; and one that both ways can do."""
+    mesh: dict[str, Any] = {"pairs__method": "mesh"}
+    return [
+        mono("mesh 736", 736, PUBLISHED, **mesh),
+        *(mono(f"direct {n}", n, PUBLISHED, **mesh) for n in LARGE),
+    ]
+
+
+def _friction(protocol: Protocol, speed: float | None = None) -> list[Series]:
+    high = {"static": 0.8, "dynamic": 0.8, "torque": "second"}
+    drag: dict[str, Any] = {"effects__friction": None, "effects__drag": DRAG}
+    second = {"torque": "second"}
+    return [
+        mono("second order", 368, protocol, speed=speed, effects__friction=second),
+        # Rough grains slip in larger jumps, which longer steps do not follow.
+        mono(
+            "second order, 0.8", 368, protocol, speed=speed, step="auto/2", effects__friction=high
+        ),
+        mono("drag", 368, protocol, speed=speed, **drag),
+    ]
+
+
+def _cycle() -> list[Series]:
+    """The studies of start, speed and friction."""
+    return [
+        mono("starts", 368, PUBLISHED, seeds=TEN, speed=CYCLE_SPEED),
+        *_friction(PUBLISHED, CYCLE_SPEED),
+        *(mono(f"speed {v:g}", 368, PUBLISHED, speed=1e-3 * v) for v in SPEEDS[2:]),
+    ]
+
+
+def _halves(protocol: Protocol) -> list[Series]:
+    """R = 0.5 for every aspect ratio, and big grains alone."""
+    return [mixture(mixture_name(0.6, 0.0), 0.6, 0.0, protocol)] + [
+        mixture(mixture_name(a, 0.5), a, 0.5, protocol) for a in ASPECTS
+    ]
+
+
+def _ends(protocol: Protocol) -> list[Series]:
+    """Small grains alone, which forces are measured by; and the mixture of 6 and 8 mm."""
+    two = (1, 2)
+    alone = [mixture(mixture_name(a, 1.0), a, 1.0, protocol, seeds=two) for a in ASPECTS]
+    large = [
+        mixture(mixture_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two)
+        for r in (0.0, 0.5, 1.0)
+    ]
+    return alone + large
+
+
+def _scan(protocol: Protocol) -> list[Series]:
+    """All other R, two starts each, as in the thesis."""
+    two = (1, 2)
+    between = [r for r in reversed(RATIOS) if r not in (0.0, 0.5, 1.0)]
+    return [
+        mixture(mixture_name(a, r), a, r, protocol, seeds=two) for r in between for a in ASPECTS
+    ] + [
+        mixture(mixture_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two)
+        for r in between
+    ]
+
+
+def _variants(protocol: Protocol) -> list[Series]:
+    return [
+        mixture(f"{name}, R = {r:g}", 0.6, r, protocol, seeds=(1,), **changes)
+        for name, changes in VARIANTS.items()
+        for r in VARIANT_RATIOS
+    ] + [mixture(mixture_name(0.6, r), 0.6, r, protocol, seeds=(1,)) for r in (0.25, 0.75)]
+
+
+def _walls() -> list[Series]:
+    return [mono(name, 368, QUICK, **changes) for name, changes in WALLS.items()]
+
+
+def _lists() -> list[Series]:
+    return [
+        mono(f"list of radius {radius:g} D", 368, QUICK, pairs__method="verlet-list",
+             pairs__cut_off=f"{radius} D")
+        for radius in RADII
+    ] + [mono(f"cut-off {n}", n, QUICK, pairs__method="cut-off") for n in (368, 736)]  # fmt: skip
+
+
+def _steps() -> list[Series]:
+    return [
+        mono("direct 368, a third of the step", 368, QUICK, step="auto/2"),
+        mixture("mixture a = 0.6, R = 0.5, a third of the step", 0.6, 0.5, QUICK, step="auto/2"),
+    ]
+
+
+def _regularised(period: float, diameter: float) -> dict[str, Any]:
+    """De Paula's friction, with its threshold of 1e-6 D/T; its step is 1e-6 T."""
+    return {"scheme": "regularised", "threshold": 1e-6 * diameter / period}
+
+
+def _source_friction(count: int) -> dict[str, Any]:
+    """Step and friction of a bed of equal grains, as the thesis has them."""
+    period = duration(count, PUBLISHED.speed)
+    return {"step": 1e-6 * period, "effects__friction": _regularised(period, 0.006)}
+
+
+def _source_cycle(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> list[Series]:
+    """De Paula's friction at its own step, through the thesis's protocol."""
+    return [
+        mono(f"direct {n}, source's friction", n, PUBLISHED, seeds=seeds, **_source_friction(n))
+        for n in sizes
+    ]
+
+
+def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
+    """One thing changed, and all of them."""
+    made = []
+    for n in sizes:
+        name, two = f"direct {n}", (1, 2)
+        own = _source_friction(n)
+        wide: dict[str, Any] = {"cell__width": f"{60.0 * WIDER * (n / 368) ** 0.5!r} D"}
+        made += [
+            mono(f"{name}, wider cell", n, QUICK, seeds=two, **wide),
+            mono(f"{name}, half the friction", n, QUICK, seeds=two,
+                 effects__friction={"static": 0.3, "dynamic": 0.225}),
+            mono(f"{name}, source's friction", n, QUICK, seeds=two if n < 736 else (1,), **own),
+            mono(f"{name}, all together", n, QUICK, seeds=two if n < 736 else (1,),
+                 **own, **wide, **_loose(n)),
+        ]  # fmt: skip
+    return [*made, _rounded_184()] if 184 in sizes else made
+
+
+def _loose_starts(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
+    return [mono(f"direct {n}, loose start", n, protocol, **_loose(n)) for n in sizes]
+
+
+def _loose(count: int) -> dict[str, Any]:
+    """Grains that stand farther apart at first, under a piston that starts higher."""
+    scene = mono("", count, QUICK).scene(1)
+    start = scene.arrangement.height
+    assert start is not None
+    return {"arrangement__height": LOOSE * start, "piston__height": 1.1 * LOOSE * start}
+
+
+def _rounded_184() -> Series:
+    """184 grains in a cell whose scale, sqrt(1/2), is rounded to 0.70."""
+    scale, height = 0.7, 75.0
+    start, end = scale * height * 0.006, scale * 20.0 * 0.006
+    return mono("direct 184, scale 0.70", 184, QUICK, cell__width="42 D",
+                piston__height=1.2 * start, arrangement__height=start,
+                protocol__relax__to=start, protocol__compress__to=end,
+                protocol__expand__to=start)  # fmt: skip
+
+
+def _mixture_causes() -> list[Series]:
+    """De Paula's friction at its own step, the wide cell, both, and a misprint taken at its word.
+
+    The step is 1e-6 T of the thesis's own compression.
+    """
+    friction: dict[str, Any] = {
+        "step": 1e-6 * MIXTURE_PERIOD, "effects__friction": _regularised(MIXTURE_PERIOD, 0.005),
+    }  # fmt: skip
+    wide: dict[str, Any] = {"cell__width": WIDE_CELL}
+    beds = [(0.6, 0.0), *((a, 0.5) for a in ASPECTS), (0.6, 1.0)]
+    made = [
+        mixture(f"{words}, {mixture_name(a, r)}", a, r, QUICK, seeds=(1, 2), **changes)
+        for words, changes in (
+            ("source's friction", friction), ("wide cell", wide), ("both", friction | wide)
+        )
+        for a, r in beds
+    ]  # fmt: skip
+    rough = {"static": 0.6 * MISPRINT, "dynamic": 0.45 * MISPRINT}
+    return made + [
+        mixture(f"misprinted angle, a = {a:g}", a, 0.5, QUICK, effects__friction=rough)
+        for a in ASPECTS
+    ]
+
+
+def _mixing_rule() -> list[Series]:
+    return [
+        mixture(f"every k-th, a = 0.6, R = {r:g}", 0.6, r, QUICK, mixing="every-kth", seeds=(1, 2))
+        for r in OWN_RATIOS
+    ]
+
+
+def _pressed() -> list[Series]:
+    """Mixtures pressed until the experiment's force, with equal and with scattered moments."""
+    return [
+        pressed(f"pressed, R = {r:g}" + (f", moments ± {s:g}" if s else ""), 0.6, r, s)
+        for r in (0.0, 0.1, 0.5, 0.9, 1.0)
+        for s in SPREADS
+    ]
+
+
+def _dampers() -> list[Series]:
+    packaged = [fall(damper_name(mass), mass) for mass in MASSES]
+    scan = [fall(damper_name(MASSES[1], g), MASSES[1], drag=g, seeds=(1, 2)) for g in GAMMAS[1:]]
+    beside = [
+        fall(damper_name(m, SOURCE_DRAG), m, drag=SOURCE_DRAG, seeds=(1, 2)) for m in NEAR_MASSES
+    ]
+    return [*packaged, *scan, *beside]

@@ -1,0 +1,367 @@
+"""Pictures of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from granular.shared.html import Page
+from granular.shared.plotting import COLOURS, GREY, STYLES, figure
+from research.published.entry import half_width
+from research.published.finding import Finding
+from research.published.judging import Judged
+from research.published.measures import together
+from research.published.plan import (
+    ASPECTS,
+    GAMMAS,
+    LARGE,
+    LISTED,
+    MASSES,
+    RATIOS,
+    SIZES,
+    SPEEDS,
+    VARIANT_RATIOS,
+    VARIANTS,
+    damper_name,
+    mixture_name,
+)
+from research.published.results import Results
+from validation.published.values import published_value
+
+WIDTH = 6.4
+_PUBLISHED = {"marker": "x", "linestyle": "none", "markersize": 7.0, "markeredgewidth": 1.6}
+
+
+def add(page: Page, section: str, results: Results) -> None:
+    """Add the pictures of a section of the report."""
+    for draw in _PICTURES.get(section, ()):
+        draw(page, results)
+
+
+def beside(page: Page, rows: Sequence[Judged]) -> None:
+    """Draw figures over their published values, both with intervals of 95 % of the mean."""
+    there = [row for row in rows if row.found is not None]
+    if not there:
+        return
+    with figure(width=WIDTH, height=0.42 * len(there) + 1.0) as (drawing, axes):
+        for place, row in enumerate(reversed(there)):
+            found, size = row.found, abs(row.published)
+            assert found is not None
+            theirs = half_width(row.published_spread, Finding(0.0)) + 0.5 * 10.0**-row.entry.digits
+            axes.errorbar(1.0, place + 0.13, xerr=theirs / size, color=COLOURS[1], marker="x",
+                          label="published" if place == 0 else None, capsize=2.0)  # fmt: skip
+            ours, half = found.value / row.published, (found.half_width() or 0.0) / size
+            axes.errorbar(ours, place - 0.13, xerr=half, color=COLOURS[0], marker="o",
+                          markersize=4, label="ours" if place == 0 else None,
+                          capsize=2.0)  # fmt: skip
+        axes.axvline(1.0, color=GREY, linewidth=0.8)
+        axes.set_ylim(-0.6, len(there) - 0.4)
+        axes.set_yticks(range(len(there)), [row.entry.what for row in reversed(there)], fontsize=8)
+        axes.set(xlabel="over the published value")
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Ours and the published values, over the latter; bars are intervals "
+                    "of 95 % of the means, or half of the last printed digit.")  # fmt: skip
+
+
+def _points(
+    results: Results, names: Sequence[str], places: Sequence[float], name: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places, means and half intervals of the series that were run, under their best protocol."""
+    found = [
+        (place, sample.finding())
+        for place, series in zip(places, names, strict=True)
+        if (sample := results.sample(series, name)) is not None
+    ]
+    columns = np.array([(place, one.value, one.half_width() or 0.0) for place, one in found])
+    x, y, errors = columns.reshape(-1, 3).T
+    return x, y, errors
+
+
+def _force_over_size(page: Page, results: Results) -> None:
+    sizes = (*LISTED, *LARGE)
+    with figure(width=WIDTH) as (drawing, axes):
+        for k, (way, section, label) in enumerate((
+            ("direct", "piston_force_direct_sum", "every pair"),
+            ("list", "piston_force_verlet", "de Paula's list"),
+        )):  # fmt: skip
+            x, y, errors = _points(results, [f"{way} {n}" for n in sizes], sizes, "force")
+            axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=STYLES[k], marker="o",
+                          markersize=4, label=f"{label}, ours")  # fmt: skip
+            axes.plot(sizes, published_value(f"{section}.mean"), color=COLOURS[k],
+                      label=f"{label}, published", **_PUBLISHED)  # fmt: skip
+        axes.set(xlabel="number of grains", ylabel="piston force [N]")
+        axes.legend()
+        page.figure(drawing, "Piston force at full compression over the number of grains.")
+
+
+def _losses(page: Page, results: Results) -> None:
+    from research.published.measures import percent_difference
+
+    sizes = (*LISTED, *LARGE)
+    found = [(n, one) for n in sizes if (one := percent_difference(n)(results)) is not None]
+    if not found:
+        return
+    with figure(width=WIDTH) as (drawing, axes):
+        axes.errorbar([n for n, _ in found], [one.value for _, one in found],
+                      [one.half_width() or 0.0 for _, one in found], color=COLOURS[0], marker="o",
+                      markersize=4, label="ours")  # fmt: skip
+        axes.plot(sizes, published_value("piston_force_verlet.percent_difference"),
+                  color=COLOURS[1], label="published", **_PUBLISHED)  # fmt: skip
+        axes.set(xlabel="number of grains", ylabel="list less every pair [%]")
+        axes.legend()
+        page.figure(drawing, "What de Paula's list loses, in percent of its own force.")
+
+
+def _distance_over_size(page: Page, results: Results) -> None:
+    columns = (
+        ("start", "half_start_D", "start"),
+        ("end", "half_end_D", "end"),
+        ("minimum", "half_full_D", "full compression"),
+    )
+    with figure(width=WIDTH) as (drawing, axes):
+        for k, (column, name, label) in enumerate(columns):
+            x, y, errors = _points(results, [f"direct {n}" for n in SIZES], SIZES, name)
+            axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=STYLES[k], marker="o",
+                          markersize=4, label=f"{label}, ours")  # fmt: skip
+            axes.plot(SIZES, published_value(f"half_mean_distance.{column}"), color=COLOURS[k],
+                      label="published" if k == 0 else None, **_PUBLISHED)  # fmt: skip
+        axes.set(xlabel="number of grains", ylabel="half mean distance [D]")
+        axes.legend()
+        page.figure(drawing, "Half mean distance over the number of grains.")
+
+
+def _shares_over_size(page: Page, results: Results) -> None:
+    kinds = ("hexagons", "pentagons", "heptagons")
+    ways = (("direct", "direct_sum", "every pair"), ("list", "verlet", "de Paula's list"))
+    with figure(1, 2, width=WIDTH) as (drawing, both):
+        for k, kind in enumerate(kinds):
+            axes = both[0 if k == 0 else 1]
+            for m, (way, section, label) in enumerate(ways):
+                colour = COLOURS[2 * k + m]
+                names = [f"{way} {n}" for n in LISTED]
+                x, y, errors = _points(results, names, LISTED, f"{kind}_full")
+                axes.errorbar(x, y, errors, color=colour, linestyle=STYLES[m], marker="o",
+                              markersize=4, label=f"{kind}, {label}")  # fmt: skip
+                published = published_value(f"voronoi_shares_{section}.{kind}")
+                axes.plot(LISTED, published, color=colour, **_PUBLISHED)
+        for axes, limits in zip(both, ((0.8, 1.0), (0.0, 0.12)), strict=True):
+            axes.set(xlabel="number of grains", ylim=limits)
+            axes.legend(fontsize=8, loc="upper right")
+        both[0].set_ylabel("share of polygons")
+        page.figure(drawing, "Shares of polygons at full compression; crosses are published.")
+
+
+def _course(page: Page, results: Results) -> None:
+    courses = [np.array(results.lists("starts", way)) for way in ("down", "up")]
+    if any(one.ndim != 2 for one in courses):
+        return
+    stroke = np.linspace(0.0, 1.0, courses[0].shape[1])
+    with figure(width=WIDTH) as (drawing, axes):
+        for k, (course, label) in enumerate(zip(courses, ("down", "up"), strict=True)):
+            x = stroke if k == 0 else 1.0 - stroke
+            axes.plot(x, course.T, color=COLOURS[k], linewidth=0.6, alpha=0.6)
+            axes.plot(x, course.mean(axis=0), color=COLOURS[k], linestyle=STYLES[k], label=label)
+        axes.set(xlabel="stroke of the piston, over its greatest", ylabel="piston force [N]")
+        axes.legend()
+        page.figure(drawing, "The cycle from ten starts, and its mean (368 grains, 5.63 mm/s).")
+
+
+_CURVES = (*((f"{a:g}", a, 0.005) for a in ASPECTS), ("0.75 (6:8)", 0.75, 0.008))
+
+
+def _force_over_ratio(page: Page, results: Results) -> None:
+    x_fine = np.linspace(0.0, 1.0, 101)
+    with figure(width=WIDTH) as (drawing, axes):
+        for k, (label, aspect, big) in enumerate(_CURVES):
+            names = [mixture_name(aspect, r, big) for r in RATIOS]
+            found = together(names, "force", results)
+            if found is not None:
+                last = found[-1].values.mean()
+                means = [one.values.mean() / last for one in found]
+                errors = [(one.finding().half_width() or 0.0) / last for one in found]
+                axes.errorbar(RATIOS, means, errors, color=COLOURS[k], linestyle="none",
+                              marker="o", markersize=4, label=f"a = {label}, ours")  # fmt: skip
+            a, slow, b, fast = (
+                float(published_value(f"biexponential_fmax.{name}[{k}]"))
+                for name in ("A", "lambda1", "B", "lambda2")
+            )
+            axes.plot(
+                x_fine,
+                a * np.exp(slow * x_fine) + b * np.exp(fast * x_fine),
+                color=COLOURS[k],
+                linestyle=STYLES[k],
+                label=f"a = {label}, published fit",
+            )
+        axes.set(xlabel="share R of small grains", ylabel="F(R)/F(1)")
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Greatest force over the share of small grains, with the curves of "
+                    "the published fits.")  # fmt: skip
+
+
+def _order_over_ratio(page: Page, results: Results) -> None:
+    with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
+        for k, (label, aspect, big) in enumerate(_CURVES):
+            names = [mixture_name(aspect, r, big) for r in RATIOS]
+            for axes, name in zip(both, ("hexagons_full", "psi6_full"), strict=True):
+                x, y, errors = _points(results, names, RATIOS, name)
+                line = STYLES[k] if len(x) == len(RATIOS) else "none"
+                axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=line, marker="o",
+                              markersize=3.5, label=f"a = {label}")  # fmt: skip
+        for axes, label in zip(both, ("share of hexagons", "Ψ₆"), strict=True):
+            axes.set(xlabel="R", ylabel=label, ylim=(0.0, 1.0))
+        both[1].legend(fontsize=8)
+        page.figure(drawing, "Order at full compression over the share of small grains. De Paula "
+                    "draws these, and prints no numbers.")  # fmt: skip
+
+
+def _hysteresis(page: Page, results: Results) -> None:
+    names = [f"direct {n}" for n in SIZES]
+    x, y, errors = _points(results, names, SIZES, "hysteresis_D")
+    if not len(x):
+        return
+    with figure(width=WIDTH) as (drawing, axes):
+        axes.errorbar(x, y, errors, color=COLOURS[0], marker="o", markersize=4, label="ours")
+        published = published_value("hysteresis_of_distance.hysteresis")
+        axes.plot(SIZES, published, color=COLOURS[1], label="published", **_PUBLISHED)
+        together_names = [f"direct {n}, source's friction" for n in SIZES]
+        x, y, errors = _points(results, together_names, SIZES, "hysteresis_D")
+        if len(x):
+            axes.errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="s",
+                          markersize=4, label="de Paula's friction, ours")  # fmt: skip
+        axes.set(xlabel="number of grains", ylabel="hysteresis of the half mean distance [D]")
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Half mean distance at the start less that at the end of the cycle.")
+
+
+def _speed_courses(page: Page, results: Results) -> None:
+    names = {"8.33": "direct 368"} | {f"{v:g}": f"speed {v:g}" for v in SPEEDS[2:]}
+    courses = {
+        speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()
+    }
+    if any(one.ndim != 2 for one in courses.values()):
+        return
+    with figure(width=WIDTH) as (drawing, axes):
+        for k, (speed, course) in enumerate(courses.items()):
+            mean = course.mean(axis=0)
+            axes.plot(np.linspace(0.0, 3.0, len(mean)), mean, color=COLOURS[k],
+                      linestyle=STYLES[k % len(STYLES)], label=f"{speed} mm/s")  # fmt: skip
+        axes.set(xlabel="time [T]", ylabel="half mean distance [D]")
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Half mean distance over the cycle for several speeds (368 grains).")
+
+
+def _grain_forces(page: Page, results: Results) -> None:
+    names = [mixture_name(0.6, r) for r in RATIOS]
+    with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
+        for k, kind in enumerate(("big", "small")):
+            x, y, errors = _points(results, names, RATIOS, f"{kind}_compression")
+            both[0].errorbar(x, y, errors, color=COLOURS[k], linestyle="none",
+                             marker="os"[k], markersize=4, label=f"{kind} grains")  # fmt: skip
+        x, y, errors = _points(results, names, RATIOS, "fluctuation")
+        both[1].errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="o",
+                         markersize=4)  # fmt: skip
+        both[0].set(xlabel="R", ylabel="compressive force on a grain [N]", ylim=(0.0, None))
+        both[1].set(xlabel="R", ylabel="relative fluctuation", ylim=(0.0, None))
+        both[0].legend(fontsize=8)
+        page.figure(drawing, "Mean compressive force (sum of magnitudes) on the grains of each "
+                    "species at full compression (a = 0.6), and the mean fluctuation of the "
+                    "resulting force [D, eq. 4.35].")  # fmt: skip
+
+
+def _force_modes(page: Page, results: Results) -> None:
+    """Distributions pooled over the starts, over the greatest force, as de Paula draws them."""
+    beds = {f"R = {r:g}": mixture_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
+    found = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
+    known = {label: one.sum(axis=0) for label, one in found.items() if one.ndim == 2}
+    if not known:
+        return
+    with figure(1, len(known), width=WIDTH, height=2.2, sharey=True) as (drawing, row):
+        for k, (label, counts) in enumerate(known.items()):
+            axes = np.atleast_1d(row)[k]
+            edges = np.linspace(0.0, 1.0, len(counts) + 1)
+            density = counts / counts.sum() / np.diff(edges)
+            axes.stairs(density, edges, fill=True, color=COLOURS[k])
+            sample = results.sample(beds[label], "dip_p")
+            p = "" if sample is None else f", p {sample.values.max():.2g}"
+            axes.set_title(label + p, fontsize=8)
+            axes.set_xlabel("F/F_max", fontsize=8)
+        np.atleast_1d(row)[0].set_ylabel("density")
+        page.figure(drawing, "Compressive force of the grains at full compression over its "
+                    "greatest, both species together (a = 0.6), and the greatest p of the dip test "
+                    "for one mode.")  # fmt: skip
+
+
+def _dampers(page: Page, results: Results) -> None:
+    names = [damper_name(MASSES[1], g) for g in GAMMAS]
+    x, ratio, errors = _points(results, names, GAMMAS, "alpha_over_omega")
+    if not len(x):
+        return
+    with figure(1, 2, width=WIDTH) as (drawing, both):
+        both[0].errorbar(x, ratio, errors, color=COLOURS[0], marker="o", markersize=4,
+                         label="ours")  # fmt: skip
+        printed = float(published_value("damper_implied.alpha_over_omega"))
+        both[0].axhline(printed, color=COLOURS[1], linestyle="--", label="published")
+        for k, (figure_name, label) in enumerate(
+            (("free_misfit", "Van der Pol-like"), ("free_linear_misfit", "linear"))
+        ):
+            x, y, errors = _points(results, names, GAMMAS, figure_name)
+            both[1].errorbar(x, 100.0 * y, 100.0 * errors, color=COLOURS[k], marker="os"[k],
+                             markersize=4, label=label)  # fmt: skip
+        both[0].set(xlabel="drag of a grain [kg/s]", ylabel="alpha/omega", ylim=(0.0, None))
+        both[1].set(xlabel="drag of a grain [kg/s]", ylabel="left over of the swing [%]",
+                    ylim=(0.0, None))  # fmt: skip
+        both[0].legend(fontsize=8)
+        both[1].legend(fontsize=8)
+        page.figure(drawing, "De Paula's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
+                    "its alpha/omega in de Paula's scaling, and what it and the linear law leave "
+                    "over with shift and scale free.")  # fmt: skip
+
+
+def _pressed(page: Page, results: Results) -> None:
+    ratios = (0.0, 0.1, 0.5, 0.9, 1.0)
+    with figure(width=WIDTH) as (drawing, axes):
+        drawn = 0
+        for k, scatter in enumerate(("", ", moments ± 0.1")):
+            names = [f"pressed, R = {r:g}{scatter}" for r in ratios]
+            x, y, errors = _points(results, names, ratios, "hexagons_pressed")
+            drawn += len(x)
+            axes.errorbar(x, y, errors, color=COLOURS[k], marker="os"[k], markersize=4,
+                          linestyle=STYLES[k],
+                          label="scatter of 10 %" if scatter else "equal moments")  # fmt: skip
+        if not drawn:
+            return
+        axes.set(xlabel="R", ylabel="share of hexagons at 110 N", ylim=(0.0, 1.0))
+        axes.legend(fontsize=8)
+        page.figure(drawing, "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
+                    "numbers de Paula does not print.")  # fmt: skip
+
+
+def _variants(page: Page, results: Results) -> None:
+    beds = {"dry": [mixture_name(0.6, r) for r in VARIANT_RATIOS]}
+    beds |= {name: [f"{name}, R = {r:g}" for r in VARIANT_RATIOS] for name in VARIANTS}
+    if together([one for some in beds.values() for one in some], "force", results) is None:
+        return
+    with figure(1, 2, width=WIDTH) as (drawing, both):
+        for k, (label, names) in enumerate(beds.items()):
+            for axes, name in zip(both, ("force", "hexagons_full"), strict=True):
+                x, y, errors = _points(results, names, VARIANT_RATIOS, name)
+                scale = y[-1] if name == "force" else 1.0
+                axes.errorbar(x, y / scale, errors / scale, color=COLOURS[k],
+                              linestyle=STYLES[k], marker="o", markersize=3.5,
+                              label=label)  # fmt: skip
+        both[0].set(xlabel="R", ylabel="F(R)/F(1)")
+        both[1].set(xlabel="R", ylabel="share of hexagons", ylim=(0.0, 1.0))
+        both[0].legend(fontsize=8)
+        page.figure(drawing, "With drag, and without gravity (a = 0.6).")
+
+
+_PICTURES: dict[str, Sequence[Callable[[Page, Results], None]]] = {
+    "Independence of start and speed": (_course,),
+    "Force on the piston": (_force_over_size, _losses),
+    "Mean distance": (_distance_over_size, _hysteresis, _speed_courses),
+    "Polygons": (_shares_over_size,),
+    "Mixtures": (_force_over_ratio, _order_over_ratio, _force_modes, _grain_forces, _variants),
+    "Damper": (_dampers,),
+    "Experiment": (_pressed,),
+}

@@ -1,0 +1,212 @@
+"""`published`: run what is wanted, and write results and report."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from granular.shared.files import make_directory, write_json
+from research.campaign import RESULTS, Plain, write_results
+from research.published.calculations import calculated
+from research.published.causes import comparisons
+from research.published.collecting import checked, collected, former_of, missing, still_stale
+from research.published.judging import counts, judged, strength
+from research.published.plan import Group, full_plan, quick_plan
+from research.published.results import Results, committed, counted, read, sittings_of
+from research.published.running import forget, run_groups
+from research.published.statements import counted_statements, statements
+
+Length = Literal["quick", "full", "check"]
+
+COMMAND = "python -m research.published"
+
+
+def published(
+    directory: str | Path | None = None,
+    length: Length | None = None,
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Compare de Paula's published values with the toolkit's own.
+
+    Parameters
+    ----------
+    directory : str or Path, optional
+        Keeps every case as soon as it is done, so that an interrupted run goes on where it was;
+        ``results.json``, ``report.html`` and ``report.json`` are written there. Nothing is kept
+        or written without one.
+    length : "quick", "full", "check" or None
+        Minutes or hours; "full" goes on from the committed results, and runs what
+        they lack or what the code has changed since. "check" runs the short references of all
+        series alone, and shows which results are stale. None runs nothing and shows what
+        ``directory`` keeps of a full run, and the committed results for the rest.
+    workers : int, optional
+        How many processes; as many as there are processors if not given.
+    progress : bool
+        Show what is run, and the time left, on standard error.
+
+    Returns
+    -------
+    dict
+        What ``report.json`` holds: ``entries``, ``summary``, ``series``, ``statements``,
+        ``comparisons`` and ``made``; of a quick run its own ones under ``quick`` too.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be written, or a results file cannot be read.
+    """
+    if directory is None:
+        with tempfile.TemporaryDirectory() as place:
+            shown = compare(Path(place), length, workers=workers, progress=progress)
+    else:
+        shown = compare(Path(directory), length, workers=workers, progress=progress)
+    return shown.report or {}
+
+
+class Shown(NamedTuple):
+    """Results, and what ``report.json`` holds."""
+
+    results: Results
+    report: Plain | None = None
+
+
+def compare(
+    where: Path,
+    length: Length | None = None,
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Shown:
+    """Run and write as `published` does; the results too."""
+    make_directory(where)
+    quick: Results | None = None
+    if length == "quick":
+        calculated(where, full=False)
+        run_groups(quick_plan(), where, workers=workers, progress=progress)
+        quick, shown = collected(quick_plan(), where, f"{COMMAND} --quick"), committed()
+    elif length == "full":
+        shown = _full(where, workers, progress)
+    else:
+        shown = _kept(where)
+        if length == "check":
+            shown = checked(shown, full_plan(), _say)
+    if length != "quick":
+        _write_results(shown, where)
+    return Shown(shown, _write_report(shown, quick, where))
+
+
+def _kept(where: Path) -> Results:
+    """What a directory keeps of a full run, and the committed results for the rest."""
+    own = read(where / RESULTS)
+    if not own.series and not (where / "cases").exists():
+        return committed()
+    former = former_of(own, committed())
+    return still_stale(collected(full_plan(), where, f"{COMMAND} --full", former), own)
+
+
+def _full(where: Path, workers: int | None, progress: bool) -> Results:
+    """Run what is missing, and what today's code computes otherwise."""
+    plan, command = full_plan(), f"{COMMAND} --full"
+    own = read(where / RESULTS)
+    former = former_of(own, committed())
+    times = 1 + sittings_of(former)
+    before = still_stale(collected(plan, where, command, former, times), own)
+    known = checked(before, plan, _say)
+    stale = {key for key, one in known.series.items() if one.get("stale")}
+    for series in (one for group in plan for one in group.series if one.key in stale):
+        forget(series, where)
+    former = [known]
+    calculated(where, full=True)
+
+    def write() -> None:
+        _write_results(collected(plan, where, command, former), where)
+
+    write()
+    run_groups(_waiting(plan, where, former), where, workers=workers, progress=progress,
+               after=write)  # fmt: skip
+    return collected(plan, where, command, former)
+
+
+def _waiting(plan: Sequence[Group], where: Path, former: Sequence[Results]) -> list[Group]:
+    """The plan with those starts alone that were not run yet."""
+    return [
+        Group(group.title, [
+            series._replace(seeds=seeds)
+            for series in group.series
+            if (seeds := missing(series, where, former))
+        ])
+        for group in plan
+    ]  # fmt: skip
+
+
+def _say(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)
+
+
+def _write_results(results: Results, where: Path) -> None:
+    rows = [row.to_plain() for row in judged(results)]
+    write_results(results.to_plain() | {"entries": rows}, where / RESULTS)
+
+
+def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[str, Any]:
+    from research.published.page import page
+
+    found = summary(shown)
+    if quick is not None:
+        found["quick"] = summary(quick)
+    write_json(where / "report.json", found)
+    page(shown, quick).save(where / "report.html")
+    return found
+
+
+def summary(results: Results) -> dict[str, Any]:
+    """Entries with verdicts, statements and comparisons, as plain data."""
+    rows = judged(results)
+    checks = [(one, one.check(results)) for one in statements()]
+    return {
+        "made": dict(results.made),
+        "summary": counts(rows),
+        "strength": strength(rows),
+        "series": counted(results),
+        "entries": [row.to_plain() for row in rows],
+        "statements": [
+            {"source": one.source, "words": one.words,
+             "holds": None if check is None else check.holds,
+             "figures": None if check is None else check.figures}
+            for one, check in checks
+        ],
+        "statement_counts": counted_statements(results),
+        "comparisons": [
+            {"change": one.change, "bed": one.bed, "figure": one.figure, "unit": one.unit,
+             "published": one.published, "without": one.without._asdict(),
+             "with": one.with_it._asdict(), "matters": one.matters}
+            for one in comparisons(results)
+        ],
+    }  # fmt: skip
+
+
+def text(found: dict[str, Any]) -> str:
+    """The entries as a table for the console, and how many agree."""
+    from validation.table import table
+
+    shown = found.get("quick", found)
+    rows = [
+        (one["what"], _number(one["published"], one["unit"]), _number(one["ours"], one["unit"]),
+         one["protocol"] or "", one["verdict"])
+        for one in shown["entries"]
+        if one["ours"] is not None or shown is found
+    ]  # fmt: skip
+    both = shown["summary"] | shown["strength"]
+    numbers = ", ".join(f"{count} {name}" for name, count in both.items())
+    series = ", ".join(f"{count} {name}" for name, count in shown["series"].items())
+    shape = ("what", "published", "ours", "protocol", "verdict")
+    return f"{table(shape, rows).text()}\n{numbers}\nseries: {series}"
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{value:.4g} {unit}".rstrip()

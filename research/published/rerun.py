@@ -1,0 +1,110 @@
+"""`rerun`: one entry anew, from nothing, beside what the results file says."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from granular.scene.schema import unknown
+from granular.shared.errors import InputError
+from research.published.calculations import calculated
+from research.published.catalogue import entries
+from research.published.collecting import collected
+from research.published.entry import Entry
+from research.published.judging import judge, series_behind
+from research.published.plan import Group, full_plan
+from research.published.results import Results, committed
+from research.published.running import run_groups
+
+TIMED = ("seconds",)
+"""Figures that are no two times the same."""
+
+
+def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dict[str, Any]:
+    """Run all series behind an entry anew, and compare every figure with the committed file's.
+
+    Parameters
+    ----------
+    key : str
+        Of the entry, such as ``"piston_force_direct_sum.mean[0]"``.
+    workers, progress
+        As of `published`.
+
+    Returns
+    -------
+    dict
+        ``key``, ``series``; ``ours`` and ``committed`` values; ``timed``, whether these are times,
+        which are no two times the same; ``same``, whether every figure of every start, times
+        excepted, and the values themselves, unless timed, are the same to the last digit;
+        ``differences``, figures that are not; ``lacking``, series that the file does not hold
+        whole.
+
+    Raises
+    ------
+    InputError
+        If there is no such entry.
+    """
+    known = {one.key: one for one in entries()}
+    if key not in known:
+        raise InputError(unknown(key, tuple(known), "entry"))
+    entry, former = known[key], committed()
+    names = series_behind(entry, former)
+    chosen = [one for group in full_plan() for one in group.series if one.key in names]
+    with tempfile.TemporaryDirectory() as place:
+        where = Path(place)
+        groups = [Group(key, chosen)] if chosen else []
+        run_groups(groups, where, workers=workers, progress=progress)
+        if not chosen:
+            calculated(where, full=True)
+        found = collected(groups, where, f"python -m research.published --only {key}")
+    ours, before = (judge(entry, one).found for one in (found, former))
+    differences = [
+        f"{name}, {figure}, start {seed}: {new} and {old} in the file"
+        for name in names
+        for figure, values in found.series[name]["figures"].items()
+        if figure not in TIMED
+        for seed, new, old in zip(
+            found.series[name]["done"], values, former.series[name]["figures"].get(figure, []),
+            strict=False,
+        )
+        if new != old
+    ]  # fmt: skip
+    timed = _is_timed(entry, found)
+    equal = ours is not None and before is not None and (timed or ours.value == before.value)
+    return {
+        "key": key,
+        "series": names,
+        "ours": None if ours is None else ours.value,
+        "committed": None if before is None else before.value,
+        "timed": timed,
+        "same": equal and not differences,
+        "differences": differences,
+        "lacking": [
+            name for name in names if former.series[name]["done"] != found.series[name]["done"]
+        ],
+    }
+
+
+def text(found: dict[str, Any]) -> str:
+    """For the console."""
+    lines = [f"{found['key']}: {found['ours']} now, {found['committed']} in the file"]
+    lines += [f"the file lacks starts of {name}" for name in found["lacking"]]
+    lines += found["differences"]
+    if found["timed"]:
+        lines.append("timed: not comparable to the last digit")
+    else:
+        lines.append("same to the last digit" if found["same"] else "not the same")
+    return "\n".join(lines)
+
+
+def _is_timed(entry: Entry, results: Results) -> bool:
+    """Whether an entry's value is a time, or made of times."""
+    found = entry.measure(results)
+    if found is None or found.protocol == "timed":
+        return found is not None
+    without = {
+        key: {**one, "figures": {k: v for k, v in one["figures"].items() if k not in TIMED}}
+        for key, one in results.series.items()
+    }
+    return entry.measure(Results(without, results.calculations, results.made)) is None

@@ -1,0 +1,165 @@
+"""The series of a plan through `granular.sweep`: what is done is found again, also after a kill."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+from granular import sweep
+from granular.run.time_step import checked_step
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.shared.shelf import Shelf
+from granular.studies.cases import make_cases
+from granular.studies.work import Outcome, outcomes_in
+from research.published.plan import Group
+from research.published.series import Series
+
+METHOD = "stormer-verlet"
+
+
+def run_groups(
+    groups: Sequence[Group],
+    directory: Path,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    after: Callable[[], None] = lambda: None,
+) -> None:
+    """Run all groups, in their order.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    directory : Path
+        Keeps every outcome as soon as it is there.
+    executor, workers
+        As in `granular.sweep`.
+    progress : bool
+        Show groups, cases and the time left on standard error.
+    after : callable
+        Called after each group.
+    """
+    clock = _Clock(groups, directory, workers or 1)
+    for place, group in enumerate(groups):
+        if not group.series:
+            continue
+        if progress:
+            print(clock.words(place), file=sys.stderr, flush=True)
+        for measure in dict.fromkeys(one.measure for one in group.series):
+            sweep(
+                load_scene("bed"),
+                cases=_distinct(one for one in group.series if one.measure is measure),
+                measure=measure,
+                method=METHOD,
+                out=directory,
+                keep_runs=True,
+                executor=executor,
+                workers=workers,
+                progress=progress,
+            )
+        _drop_runs(directory)
+        after()
+
+
+def _drop_runs(directory: Path) -> None:
+    """Delete the runs whose outcome is kept: they were there to go on from, had it been cut off."""
+    shelf = outcomes_in(directory)
+    for run in (directory / "runs").glob("*"):
+        if shelf.path(run.name).exists():
+            shutil.rmtree(run, ignore_errors=True)
+
+
+def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
+    """What is kept of the starts of a series; those not yet run are left out."""
+    found = outcomes_in_order(case_keys(series), directory)
+    return [one for one in found if one is not None]
+
+
+def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[Outcome | None]:
+    """What is kept under each key, None where nothing is."""
+    shelf = outcomes_in(directory)
+    return [shelf.read(key) for key in keys]
+
+
+def references_in(directory: Path) -> Shelf:
+    """Where reference runs are kept, under the key of the first start."""
+    return Shelf(directory / "references")
+
+
+def forget(series: Series, directory: Path) -> None:
+    """Delete what is kept of a series, whose code has changed: outcomes and reference."""
+    shelf, keys = outcomes_in(directory), case_keys(series)
+    for key in keys:
+        shelf.path(key).unlink(missing_ok=True)
+    references_in(directory).path(keys[0]).unlink(missing_ok=True)
+
+
+def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
+    """The cases of all starts, each once."""
+    cases = {}
+    for one in series:
+        for seed in one.seeds:
+            scene = one.scene(seed)
+            cases[scene.digest(), one.step] = scene.to_plain() | {"dt": one.step}
+    return list(cases.values())
+
+
+def case_keys(series: Series) -> list[str]:
+    """Digests of what determines each start: scene, step and what is written down."""
+    settings = {"dt": series.step, "t_end": None, "method": METHOD}
+    cases = make_cases(load_scene("bed"), {}, _distinct([series]), settings, series.measure)
+    return [case.key for case in cases]
+
+
+class _Clock:
+    """The time that the groups will take, from what those before took."""
+
+    def __init__(self, groups: Sequence[Group], directory: Path, workers: int) -> None:
+        self._groups, self._begun = groups, time.monotonic()
+        self._costs = [sum(_left(one, directory) for one in group.series) for group in groups]
+        self._rate = _NOMINAL_RATE / workers
+
+    def words(self, place: int) -> str:
+        """Which group comes, and the time left."""
+        done, left = sum(self._costs[:place]), sum(self._costs[place:])
+        if done > 0.0:
+            self._rate = (time.monotonic() - self._begun) / done
+        title = self._groups[place].title
+        ahead = f"about {_time(self._rate * left)} left"
+        return f"group {place + 1} of {len(self._groups)}: {title}; {ahead}"
+
+
+_NOMINAL_RATE = 5e-10
+"""Seconds of one process for a pair of grains in one step."""
+_AUTOMATIC_STEP = 4e-4
+"""About, of a compressed bed [s]."""
+
+
+def _left(series: Series, directory: Path) -> float:
+    """Pairs times steps, about, of the starts of a series that were not run yet."""
+    waiting = len(series.seeds) - len(outcomes_of(series, directory))
+    return waiting * _pair_steps(series.scene(series.seeds[0]), series.step)
+
+
+def _pair_steps(scene: Scene, step: float | str) -> float:
+    seconds, height = 0.0, scene.piston.height if scene.piston is not None else 0.0
+    for stage in scene.protocol:
+        span = stage.span(height)
+        seconds += span if span is not None else 10.0
+        height = stage.final_height() or height
+    asked = checked_step(step)
+    length = asked.seconds or asked.factor * _AUTOMATIC_STEP
+    return scene.grains.count**2 * seconds / length
+
+
+def _time(seconds: float) -> str:
+    if seconds < 5400.0:
+        return f"{max(1, round(seconds / 60.0))} min"
+    return f"{seconds / 3600.0:.1f} h"

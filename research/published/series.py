@@ -1,0 +1,139 @@
+"""A series: one bed from several starts. What is measured in it is the scatter of the starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from granular.scene.beds import bidisperse, damper, mono_bed
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.studies.cases import Measure
+from research.published.protocols import QUICK, STEP, Protocol
+from research.published.records import bed_record, damper_record, pressed_record
+
+RECORDS, FRAMES = 400, 20
+"""Records and frames of a compression."""
+DEEPER = 0.6
+"""Height at which the pressing ends, over that of full compression."""
+
+
+class Series(NamedTuple):
+    """One bed from several starts.
+
+    Attributes
+    ----------
+    name : str
+        The same for the same bed under every protocol.
+    protocol : str
+        Name of the protocol.
+    words : str
+        The protocol in words.
+    scene : callable
+        The scene of a start, by its seed.
+    seeds : sequence of int
+    step : float or str
+        Time step, as in `simulate`.
+    measure : callable
+        What is written down of a run.
+    """
+
+    name: str
+    protocol: str
+    words: str
+    scene: Callable[[int], Scene]
+    seeds: Sequence[int] = (1, 2, 3)
+    step: float | str = STEP
+    measure: Measure = bed_record
+
+    @property
+    def key(self) -> str:
+        """Name and protocol, which no other series has."""
+        return f"{self.name} | {self.protocol}"
+
+
+def mono(
+    name: str,
+    count: int,
+    protocol: Protocol,
+    *,
+    seeds: Sequence[int] = (1, 2, 3),
+    speed: float | None = None,
+    step: float | str = STEP,
+    **changes: Any,
+) -> Series:
+    """A bed of equal grains through the whole cycle; ``speed`` [m/s] instead of the protocol's.
+
+    ``changes`` are those of `Scene.replace`, with ``__`` for dots.
+    """
+    chosen = protocol.speed if speed is None else speed
+    relaxation = protocol.relaxation(count, chosen)
+
+    def scene(seed: int) -> Scene:
+        made = mono_bed(count, speed=chosen, relaxation=relaxation, seed=seed)
+        return _recorded(made, 4, changes)
+
+    words = protocol._replace(speed=chosen).words(mixture=False)
+    return Series(name, protocol.name, words, scene, seeds, step)
+
+
+def mixture(
+    name: str,
+    aspect: float,
+    ratio: float,
+    protocol: Protocol,
+    *,
+    big: float = 0.005,
+    mixing: str = "interspersed",
+    seeds: Sequence[int] = (1, 2, 3),
+    step: float | str = STEP,
+    **changes: Any,
+) -> Series:
+    """A mixture up to full compression."""
+
+    def scene(seed: int) -> Scene:
+        made = bidisperse(
+            aspect, ratio, big=big, mixing=mixing, speed=protocol.mixture_speed, seed=seed
+        )
+        return _recorded(made, 2, changes)
+
+    return Series(name, protocol.name, protocol.words(mixture=True), scene, seeds, step)
+
+
+def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
+    """A mixture that is pressed beyond 110 N, with scattered moments.
+
+    The force of a bed grows as the height falls, to the power 5/2: 0.6 of the usual height is
+    enough for every mixture.
+    """
+
+    def scene(seed: int) -> Scene:
+        made = bidisperse(aspect, ratio, speed=QUICK.mixture_speed, seed=seed)
+        pressed_to = made.protocol[1].final_height()
+        if pressed_to is None:
+            raise InputError(f"{name}: the second stage ends at no height; give it one")
+        end = DEEPER * pressed_to
+        changes = {"protocol__compress__to": end, "grains__spread": spread, "grains__seed": seed}
+        return _recorded(made, 2, changes if spread else {"protocol__compress__to": end}, 200)
+
+    words = QUICK.words(mixture=True) + ", until 110 N"
+    return Series(name, QUICK.name, words, scene, (1, 2), STEP, pressed_record)
+
+
+def fall(name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1, 2, 3)) -> Series:
+    """The damper: dropped from 20 D, at rest, lifted by 0.2 D, released."""
+
+    def scene(seed: int) -> Scene:
+        return damper(mass, drag=drag, seed=seed)
+
+    words = "published: dropped from 20 D, at rest, lifted by 0.2 D, released for 6 s"
+    return Series(name, "published", words, scene, seeds, "auto", damper_record)
+
+
+def _recorded(scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES) -> Scene:
+    """The scene with its first stages, and as many records as the figures need."""
+    period = 2000.0 * scene.output.scalars
+    protocol = scene.to_plain()["protocol"][:stages]
+    output = {"scalars": period / RECORDS, "frames": period / frames}
+    dotted = {name.replace("__", "."): value for name, value in changes.items()}
+    return scene.replace(protocol=protocol, output=output, **dotted)

@@ -1,0 +1,73 @@
+"""What de Paula says without a number: a statement, its test, and what tests share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from research.published.measures import together
+from research.published.results import Results
+
+FULL_PACKING = 0.2409
+"""Packing fraction of equal grains at full compression: 368 (pi/4)/(60 20)."""
+LEVEL = 0.05
+"""Of tests."""
+
+
+class StatementCheck(NamedTuple):
+    """Whether a statement holds, and the figures that say so."""
+
+    holds: bool
+    figures: str
+
+
+class Statement(NamedTuple):
+    """A statement of de Paula.
+
+    Attributes
+    ----------
+    source : str
+    words : str
+    test : callable
+        None where its runs are not there.
+    """
+
+    source: str
+    words: str
+    test: Callable[[Results], StatementCheck | None]
+
+    def check(self, results: Results) -> StatementCheck | None:
+        """The test's outcome, with a plain truth value: comparisons of arrays make other ones."""
+        found = self.test(results)
+        return None if found is None else found._replace(holds=bool(found.holds))
+
+
+def packings(count: int, course: np.ndarray, stretch: float = 1.0) -> np.ndarray:
+    """Packing at even steps of the stroke, from the start's height to the end's."""
+    size = (count / 368.0) ** 0.5
+    start = max(75.0 * size, 50.0)
+    heights = np.linspace(start, 20.0 * size, len(course))
+    return np.asarray(FULL_PACKING * stretch * 20.0 * size / heights)
+
+
+def mean_course(results: Results, name: str, way: str) -> np.ndarray | None:
+    """Mean over the starts of a figure that is a list."""
+    courses = np.array(results.lists(name, way))
+    return courses.mean(axis=0) if courses.ndim == 2 else None
+
+
+def means_of(results: Results, figure: str, first: str, second: str) -> tuple[float, float] | None:
+    """Means of a figure of two series under one protocol."""
+    found = together([first, second], figure, results)
+    return None if found is None else (found[0].values.mean(), found[1].values.mean())
+
+
+def course_of(results: Results, name: str) -> np.ndarray | None:
+    """Force over the mean greatest one, down and up, of every start."""
+    courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
+    if any(one.ndim != 2 for one in courses):
+        return None
+    course = np.concatenate(courses, axis=1)
+    return np.asarray(course / course.max(axis=1).mean())

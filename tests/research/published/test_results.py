@@ -1,0 +1,335 @@
+"""Results made up in the test: which protocol counts, what is found from them, and the report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular.shared.errors import InputError
+from research.campaign import ROOT
+from research.published.__main__ import CAMPAIGN
+from research.published.causes import comparisons, gaps_at_the_end, verdict_on_hysteresis
+from research.published.judging import Judged, counts, judged, series_behind, strength
+from research.published.page import page
+from research.published.plan import (
+    LARGE,
+    LISTED,
+    RADII,
+    RATIOS,
+    full_plan,
+    mixture_name,
+    quick_plan,
+)
+from research.published.programme import summary
+from research.published.results import EMPTY, Results, committed, counted, read
+from validation.published.values import published_value
+
+
+def series(
+    name: str, protocol: str = "published", planned: int = 3, **figures: list[Any]
+) -> dict[str, dict[str, Any]]:
+    count = max((len(one) for one in figures.values()), default=0)
+    seeds = list(range(1, planned + 1))
+    plain = {
+        "name": name, "protocol": protocol, "words": protocol, "step": "auto*1.5", "coarse": False,
+        "seeds": seeds, "done": seeds[:count], "keys": [f"{k}" for k in seeds[:count]],
+        "figures": figures, "errors": [], "versions": [], "reference": {}, "stale": False,
+    }  # fmt: skip
+    return {f"{name} | {protocol}": plain}
+
+
+def results(*some: dict[str, dict[str, Any]]) -> Results:
+    return Results({key: one for each in some for key, one in each.items()}, {}, {})
+
+
+def row(found: Results, key: str) -> Judged:
+    return next(one for one in judged(found) if one.entry.key == key)
+
+
+KEY = "piston_force_direct_sum.mean[0]"
+
+
+def test_nothing_is_not_run() -> None:
+    rows = judged(EMPTY)
+    assert {one.verdict.words for one in rows} == {"not run"}
+    assert counts(rows)["not run"] == len(rows)
+    assert comparisons(EMPTY) == []
+    assert "not done" in verdict_on_hysteresis([])
+
+
+def test_mean_and_error_of_the_starts() -> None:
+    found = row(results(series("direct 368", force=[15.0, 15.3, 15.6])), KEY)
+    assert found.found is not None
+    assert found.found.value == pytest.approx(15.3)
+    assert found.found.error == pytest.approx(0.3 / 3**0.5)
+    assert found.found.half_width() == pytest.approx(4.3027 * 0.3 / 3**0.5, rel=1e-4)
+    assert found.found.starts == 3
+    assert found.verdict.words == "agrees"
+
+
+def test_nothing_stands_in_for_the_planned_protocol() -> None:
+    """Neither another protocol nor a part of the starts nor what other code gave."""
+    quick = series("direct 368", "quick", force=[14.0, 14.0, 14.0])
+    none, part = series("direct 368"), series("direct 368", force=[15.0])
+    whole = series("direct 368", force=[15.0, 15.1, 15.2])
+    stale = {key: one | {"stale": True} for key, one in whole.items()}
+    for some in (none, part, stale):
+        assert row(results(quick, some), KEY).verdict.words == "not run"
+    finding = row(results(quick, whole), KEY).found
+    assert finding is not None
+    assert finding.value == pytest.approx(15.1)
+    numbers = counted(results(quick, series("a"), part, {"b": stale["direct 368 | published"]}))
+    assert numbers["whole"] == numbers["begun"] == numbers["stale"] == numbers["not run"] == 1
+
+
+def stopped(name: str, protocol: str) -> dict[str, dict[str, Any]]:
+    (plain,) = series(name, protocol).values()
+    return {f"{name} | {protocol}": plain | {"errors": ["EnergyError"] * len(plain["seeds"])}}
+
+
+def test_a_list_whose_starts_are_all_stopped_is_counted_and_lies_outside() -> None:
+    direct = series("direct 368", "quick", force=[15.0, 15.1, 15.2])
+    lists = [
+        series(f"list of radius {radius:g} D", "quick", force=[force] * 3)
+        for radius, force in zip(RADII, (14.0, 14.1, 14.2, 14.3, 14.4, 15.05, 15.1), strict=True)
+    ]
+    key = "algorithm.first_radius_inside"
+
+    def found(*first: dict[str, dict[str, Any]]) -> float | None:
+        one = row(results(direct, *first, *lists[1:]), key).found
+        return None if one is None else one.value
+
+    assert found(lists[0]) == found(stopped("list of radius 6.26 D", "quick")) == 11.26
+    assert found(series("list of radius 6.26 D", "quick")) is None
+    numbers = counted(results(direct, stopped("a", "quick"), series("b")))
+    assert numbers["stopped"] == numbers["whole"] == numbers["not run"] == 1
+
+
+def test_residuals_of_the_energy_are_counted() -> None:
+    good = series("a", ledger=[1e-5, 1e-4, 1e-6])
+    bad = series("b", ledger=[1e-5, 2e-3, 1e-6])
+    (plain,) = series("c", ledger=[0.1] * 3).values()
+    own = {"c | published": plain | {"coarse": True}}
+    assert counted(results(good, bad, own))["residual above 1e-3"] == 1
+
+
+def test_figures_of_several_beds_are_of_one_protocol() -> None:
+    direct = series("direct 368", force=[16.0] * 3)
+    both = [
+        series(f"{way} 368", "quick", force=[f, f + 0.1, f - 0.1])
+        for way, f in (("direct", 15.3), ("list", 15.0))
+    ]
+    key = "piston_force_verlet.percent_difference[0]"
+    assert row(results(direct, *both, series("list 368")), key).found is None
+    finding = row(results(direct, *both), key).found
+    assert finding is not None
+    assert finding.value == pytest.approx(100.0 * (15.0 - 15.3) / 15.0)
+    assert finding.protocol == "quick"
+    assert finding.error == pytest.approx(102.0 * 0.1 / 15.15 * (2.0 / 3.0) ** 0.5, rel=1e-2)
+
+
+def test_lines_of_the_published_forces_are_the_published_lines() -> None:
+    names = {"direct": "piston_force_direct_sum", "list": "piston_force_verlet"}
+    some = [
+        series(
+            f"{way} {n}",
+            force=[published_value(f"{section}.mean[{k}]") + d for d in (0, 0.1, -0.1)],
+        )
+        for way, section in names.items()
+        for k, n in enumerate((*LISTED, *LARGE))
+    ]
+    wanted = (
+        "linear_fit_direct.slope", "linear_fit_direct.intercept", "linear_fit_verlet.slope",
+        "linear_fit_verlet.intercept",
+    )  # fmt: skip
+    found = results(*some)
+    for name in wanted:
+        one = row(found, f"piston_force_verlet.{name}")
+        assert one.found is not None
+        assert one.found.value == pytest.approx(one.published, rel=5e-3), name
+        assert one.verdict.agrees
+    assert row(found, "mono_further.asymptote_percent").verdict.agrees
+    for k in range(len(LISTED) + len(LARGE)):
+        one = row(found, f"piston_force_verlet.percent_difference[{k}]")
+        assert one.found is not None
+        assert one.found.value == pytest.approx(one.published, abs=0.06)
+
+
+def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
+    """Forces on the published curve, and orders that go together."""
+    a, slow, b, fast = (
+        published_value(f"biexponential_fmax.{name}[{place}]")
+        for name in ("A", "lambda1", "B", "lambda2")
+    )
+    made = []
+    for r in RATIOS:
+        force = 100.0 * (a * np.exp(slow * r) + b * np.exp(fast * r))
+        order = 1.0 - r * (1.0 - r)
+        made.append(
+            series(mixture_name(aspect, r), planned=2, force=[force - 0.01, force + 0.01],
+                   hexagons_full=[order, order + 0.01], psi6_full=[order, order - 0.01])
+        )  # fmt: skip
+    return made
+
+
+def test_the_published_curve_is_found_again() -> None:
+    found = results(*scan(0.6, 1))
+    for name, rel in (("A", 0.05), ("lambda1", 0.2), ("B", 0.3), ("lambda2", 0.05)):
+        one = row(found, f"biexponential_fmax.{name}[1]")
+        assert one.found is not None
+        assert one.found.value == pytest.approx(one.published, rel=rel)
+    for name in ("at_zero", "at_half"):
+        one = row(found, f"fmax_over_r.{name}[1]")
+        assert one.found is not None
+        # The printed curve is not quite 1 at R = 1.
+        assert one.found.value == pytest.approx(one.published, rel=0.01)
+    correlation = row(found, "bidisperse_all_r.psi6_n6_correlation[1]")
+    assert correlation.verdict.agrees
+    assert correlation.found is not None
+    assert correlation.found.starts == 2 * len(RATIOS)
+
+
+def test_deviations_anywhere_in_the_cycle() -> None:
+    down = [[0.0, 2.5, 5.0, 7.5, 10.0], [0.0, 2.5, 6.0, 7.5, 10.0]]
+    found = results(series("starts", planned=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
+    one = row(found, "independence_of_start.std_over_mean_anywhere")
+    assert one.found is not None
+    assert one.found.value == pytest.approx(np.sqrt(0.5) / 10.0)
+
+
+def test_a_change_matters_beyond_the_error_of_the_means() -> None:
+    name = "direct 184"
+    usual = series(name, "quick", force=[15.0, 15.2, 15.4])
+    for shift, matters in ((0.1, False), (2.0, True)):
+        values = [15.0 - shift, 15.2 - shift, 15.4 - shift]
+        changed = series(f"{name}, wider cell", "quick", force=values)
+        (one,) = comparisons(results(usual, changed))
+        assert one.matters is matters
+        assert one.explains is None
+
+
+def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
+    """One size is not enough, and what met it without the change explains nothing."""
+
+    def beds(*hits: bool) -> Results:
+        some = []
+        for n, printed, hit in zip((92, 184, 368), (0.48, 0.70, 0.99), hits, strict=True):
+            value = printed if hit else 1.3 * printed
+            some += [
+                series(f"direct {n}", "quick",
+                       hysteresis_D=[1.4 * printed + d for d in (0.0, 0.01, -0.01)]),
+                series(f"direct {n}, wider cell", "quick",
+                       hysteresis_D=[value + d for d in (0.0, 0.01, -0.01)]),
+            ]  # fmt: skip
+        return results(*some)
+
+    found = verdict_on_hysteresis(comparisons(beds(True, True, False)))
+    assert "A cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
+    assert "It does not at 1: 1.29 D (0.99) at N = 368." in found
+    assert "no explanation" not in found
+    for hits in ((True, False, False), (False, False, False)):
+        assert "Not explained" in verdict_on_hysteresis(comparisons(beds(*hits)))
+    assert "0.67 D here and 0.48 D published at N = 92" in found
+
+
+def test_results_survive_their_file(tmp_path: Path) -> None:
+    path = tmp_path / "results.json"
+    whole = results(*scan(0.6, 1))
+    path.write_text(json.dumps(whole.to_plain()), encoding="utf-8")
+    assert summary(read(path)) == summary(whole)
+    assert read(tmp_path / "none.json") == EMPTY
+    path.write_text("[]", encoding="utf-8")
+    with pytest.raises(InputError, match="holds no results"):
+        read(path)
+
+
+def test_the_report_says_what_was_not_run() -> None:
+    some = results(*scan(0.6, 1), series("direct 368", force=[17.0, 17.01, 17.02]))
+    html = page(some, some).render()
+    assert "not run" in html
+    assert "differs" in html
+    assert html.index("ten figures that matter most") < html.index(">Differences<")
+    assert page(EMPTY).render()
+
+
+def test_series_behind_an_entry_are_known() -> None:
+    both = results(series("direct 368", force=[15.0] * 3), series("list 368", force=[15.0] * 3))
+    entry = row(both, "piston_force_verlet.percent_difference[0]").entry
+    assert series_behind(entry, both) == ["direct 368 | published", "list 368 | published"]
+
+
+def test_committed_results_hold_their_own_verdicts() -> None:
+    """The rows of the file are those that the package finds from the file's series."""
+    plain = json.loads(CAMPAIGN.file.read_text(encoding="utf-8"))
+    assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
+    rows = {one["key"]: one["verdict"] for one in plain["entries"]}
+    assert rows == {one.entry.key: one.verdict.words for one in judged(committed())}
+
+
+def test_committed_series_are_those_of_the_plan() -> None:
+    """Every series of the plan is in the file, run or not; each start has its place in it."""
+    plan = {one.key: one for group in full_plan() for one in group.series}
+    found = committed().series
+    assert set(found) == set(plan)
+    for key, one in found.items():
+        assert one["seeds"] == list(plan[key].seeds), key
+        assert len(one["keys"]) == len(one["done"]), key
+        assert set(one["done"]) <= set(one["seeds"]), key
+        assert one["reference"] or not one["done"], key
+        assert one["versions"] or not one["done"], key
+        assert all(len(values) == len(one["done"]) for values in one["figures"].values()), key
+
+
+def test_a_cause_that_mostly_misses_is_no_explanation() -> None:
+    """It is told of with every size at which it was run."""
+    some = []
+    for place, n in enumerate((92, 184, 276, 368, 460)):
+        printed = published_value(f"hysteresis_of_distance.hysteresis[{place}]")
+        value = printed if place < 2 else 1.2 * printed
+        for name, middle in ((f"direct {n}", 1.4 * printed), (f"direct {n}, loose start", value)):
+            some.append(series(name, "quick", hysteresis_D=[middle, middle + 0.01, middle - 0.01]))
+    found = verdict_on_hysteresis(comparisons(results(*some)))
+    assert "gives it within scatter at 2" in found
+    for n in (276, 368, 460):
+        assert f"at N = {n}" in found.partition("It does not at 3:")[2]
+    assert "So it is no explanation" in found
+
+
+def test_beds_that_are_off_after_the_cycle_are_told_of() -> None:
+    def bed(shift: float) -> Results:
+        values = [18.82 + shift + one for one in (0.0, 0.01, -0.01)]
+        return results(series("direct 736", "quick", half_end_D=values))
+
+    assert "18.40 D (18.82) at N = 736, quick" in gaps_at_the_end(bed(-0.42))
+    assert gaps_at_the_end(bed(0.0)) == gaps_at_the_end(EMPTY) == ""
+
+
+def test_committed_file_holds_what_was_run() -> None:
+    """No series is lost, and no entry that rests on the source's protocol."""
+    found = committed()
+    assert counted(found)["whole"] >= 61
+    assert strength(judged(found))["rest on de Paula's own protocol"] >= 74
+
+
+def test_committed_series_keep_the_energy() -> None:
+    assert counted(committed())["residual above 1e-3"] == 0
+
+
+def test_plans_have_no_series_twice() -> None:
+    for plan in (quick_plan(), full_plan()):
+        names = [series.key for group in plan for series in group.series]
+        assert len(set(names)) == len(names)
+
+
+def test_the_guide_says_what_the_file_says() -> None:
+    """`python -m research.published --guide` writes it anew."""
+    found = CAMPAIGN.committed()
+    for name, block in CAMPAIGN.blocks(found).items():
+        text = (ROOT / block.page).read_text(encoding="utf-8")
+        assert [text.count(mark) for mark in CAMPAIGN.marks(name)] == [1, 1], name
+    assert CAMPAIGN.different(found) == []
+    assert len(CAMPAIGN.different(found._replace(results=EMPTY))) == 5

@@ -1,0 +1,72 @@
+"""Verdicts: Welch's interval, printed digits, bounds, and what is not judged."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from research.published.entry import Rule, Verdict, half_width, verdict
+from research.published.finding import Finding
+from research.published.results import Sample
+
+
+def found(values: list[float]) -> Finding:
+    return Sample(np.array(values), "published", "auto").finding()
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.2, 0.35, 0.45, 0.6, 1.0])
+def test_means_are_judged_as_by_welch(shift: float, random: np.random.Generator) -> None:
+    """As scipy's test of two samples does it, whose p is below 5 % where they differ."""
+    theirs = np.array([15.02, 15.26, 15.5])
+    ours = theirs.mean() + shift + np.array([-0.1, 0.05, 0.05, 0.1, -0.1])
+    said = verdict(theirs.mean(), theirs.std(ddof=1), found(list(ours)), Rule(), 12)
+    p = stats.ttest_ind(theirs, ours, equal_var=False).pvalue
+    assert said.words == ("differs" if p < 0.05 else "agrees")
+    assert said.agrees is bool(p >= 0.05)
+
+
+def test_the_deviation_of_single_starts_allows_nothing() -> None:
+    """Ten starts that scatter widely have a mean that is well known."""
+    ours = [15.6 + 0.3 * (-1) ** k for k in range(10)]
+    assert verdict(15.26, None, found(ours), Rule(), 2).words == "differs"
+    assert abs(15.6 - 15.26) < 2.0 * np.std(ours, ddof=1)
+
+
+def test_half_of_the_last_digit_is_rounding() -> None:
+    assert verdict(0.92, None, found([0.9249, 0.9249]), Rule(), 2).agrees
+    assert not verdict(0.92, None, found([0.9251, 0.9251]), Rule(), 2).agrees
+    assert verdict(0.920, None, Finding(0.9206), Rule(), 3).agrees is False
+    assert verdict(0.920, None, Finding(0.9204), Rule(), 3).agrees is True
+
+
+def test_bounds_are_bounds() -> None:
+    least = Rule(limit="least")
+    assert verdict(0.97, None, Finding(0.99), least, 2).agrees
+    assert verdict(0.97, None, Finding(0.96), least, 2).agrees is False
+    assert verdict(0.02, None, Finding(0.03), Rule(limit="most"), 2).agrees is False
+
+
+def test_what_is_not_judged_says_why() -> None:
+    assert verdict(1.0, None, None, Rule(), 2) == Verdict("not run")
+    assert verdict(1.0, None, Finding(math.nan), Rule(), 2).words == "not run"
+    assert verdict(18.0, None, Finding(0.01), Rule(comparable=False), 1).words == "not comparable"
+    assert verdict(14.0, None, Finding(14.0), Rule(constructed=True), 4).words == "by construction"
+    assert verdict(14.0, None, None, Rule(constructed=True), 4).words == "not run"
+
+
+def test_wide_intervals_are_said_to_hardly_fail() -> None:
+    """Two starts far apart agree with anything, and say so."""
+    wide, sharp = found([10.0, 20.0]), found([15.1, 15.2, 15.3])
+    assert verdict(15.26, 0.24, wide, Rule(), 2).words == "agrees"
+    assert not verdict(15.26, 0.24, wide, Rule(), 2).can_fail
+    assert verdict(15.26, 0.24, sharp, Rule(), 2).can_fail
+    assert not verdict(-0.5, None, found([-0.4, -0.6, -0.2]), Rule(), 2).can_fail
+    assert verdict(-0.5, None, found([-0.4, -0.6, -0.2]), Rule(scale=100.0), 2).can_fail
+
+
+def test_a_single_start_has_no_interval() -> None:
+    assert half_width(None, found([3.0])) == 0.0
+    assert found([3.0]).half_width() is None
