@@ -279,8 +279,8 @@ def _frame(path: Path, rows: Sequence[Line], form: Form) -> Any:
     exact = {} if int(pandas.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
     try:
         return pandas.read_csv(
-            io.StringIO("\n".join(line.text.strip() if form.separator == " " else line.text
-                                  for line in rows)),
+            io.BytesIO("\n".join(line.text.strip() if form.separator == " " else line.text
+                                 for line in rows).encode()),
             sep=r"\s+" if form.separator == " " else form.separator,
             decimal=form.decimal, header=None, names=range(form.width), index_col=False,
             usecols=range(form.width), skipinitialspace=True, keep_default_na=False,
