@@ -10,6 +10,9 @@ from granular.scene.parts import Cell, Grains, Piston
 from granular.scene.schema import FieldError, Section, points, quantity, whole
 from granular.shared.errors import SceneError
 
+GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
+"""What is said of the grid, and says nothing where positions are given; with the usual values."""
+
 
 class Arrangement(Section):
     """The initial arrangement.
@@ -27,7 +30,8 @@ class Arrangement(Section):
     seed : int
         Seed of the random numbers.
     positions, velocities : pairs of float, or None
-        One pair a grain [m], [m/s], instead of the grid; velocities are zero if not given.
+        One pair a grain [m], [m/s], instead of the grid and all of the above; velocities are zero
+        if not given.
     """
 
     height: float | None = quantity("m", above=0.0, default=None, optional=True)
@@ -46,6 +50,10 @@ class Arrangement(Section):
                     f"holds {len(self.velocities)} pairs for {len(self.positions)} positions",
                     "velocities",
                 )
+        for name, usual in GRID.items():
+            if self.positions is not None and getattr(self, name) != usual:
+                instead = "give velocities" if name == "speed" else "leave it away"
+                raise FieldError(f"is of the grid, and positions are given; {instead}", name)
 
 
 def grid_shape(count: int, width: float, height: float) -> tuple[int, int]:

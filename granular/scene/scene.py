@@ -14,7 +14,7 @@ from granular.effects.effect import Effect
 from granular.effects.registry import find, names
 from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
-from granular.scene.arrangement import Arrangement, initial_motion
+from granular.scene.arrangement import GRID, Arrangement, initial_motion
 from granular.scene.parts import Cell, Grains, Output, Piston
 from granular.scene.schema import FieldError, Many, One, Section, declare, one, text, unknown
 from granular.scene.units import si_value
@@ -280,7 +280,8 @@ class Scene(Section):
         ----------
         **changes
             Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. An item of a
-            list is named by its index or its ``name``. None takes an optional part away.
+            list is named by its index or its ``name``. None takes an optional part away, and
+            ``arrangement.positions`` what was said of the grid, which they stand instead of.
 
         Raises
         ------
@@ -295,6 +296,9 @@ class Scene(Section):
         (92, 0.18)
         """
         plain = self.to_plain()
+        if "arrangement.positions" in changes:
+            for name in GRID:
+                plain["arrangement"].pop(name, None)
         for key, value in changes.items():
             _put(plain, key.split("."), value)
         return Scene.from_plain(plain)

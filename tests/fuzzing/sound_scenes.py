@@ -149,7 +149,7 @@ def sound_scene(random: Random, names: set[str], common: bool) -> Plain:
     if not piston:
         plain["protocol"] = [{"kind": "hold", "name": "p0", "duration": 3.0 * record}]
     if some(random, 0.15):
-        plain["arrangement"] |= {
+        plain["arrangement"] = {
             "positions": (random.uniform(0.1, 0.9, (count, 2)) * [width, height]).tolist(),
             "velocities": random.normal(0.0, 0.1, (count, 2)).tolist(),
         }

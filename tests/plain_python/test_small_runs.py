@@ -73,7 +73,6 @@ TOUCHING = {
     "effects.contact.modulus": 1e6,
     "arrangement": {
         "positions": [[0.007 + 0.0057 * i, 0.007 + 0.0055 * k] for i in range(3) for k in range(3)],
-        "speed": 0.1,
     },
 }
 """Grains of 6 mm that overlap a little."""

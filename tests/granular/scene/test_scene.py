@@ -176,6 +176,28 @@ def test_bad_scenes(damper: Scene, changes: dict, words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+PLACES = {"grains.count": 2, "arrangement.positions": [[0.1, 0.05], [0.2, 0.05]]}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "remedy"),
+    [
+        ("speed", 0.1, "give velocities"),
+        ("jitter", 0.15, "leave it away"),
+        ("height", 0.1, "leave it away"),
+        ("seed", 2, "leave it away"),
+    ],
+)
+def test_what_is_said_of_the_grid_beside_positions_is_told(
+    damper: Scene, name: str, value: float, remedy: str
+) -> None:
+    with pytest.raises(SceneError, match=f"arrangement.{name}: is of the grid.*{remedy}"):
+        damper.replace(**PLACES, **{f"arrangement.{name}": value})
+    assert damper.replace(**{f"arrangement.{name}": value}).replace(**PLACES) == damper.replace(
+        **PLACES
+    )
+
+
 @pytest.mark.parametrize(
     ("positions", "words"),
     [
