@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.console import (
@@ -21,7 +20,6 @@ from granular.shared.console import (
     launch,
 )
 from granular.shared.errors import InputError
-from validation.benchmark import PARTS
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
@@ -54,7 +52,6 @@ examples:
   %(prog)s mine.toml bed -o out/mine
   %(prog)s --full -o out/validation      # goes on where it was stopped""",
     **dict.fromkeys(_PARTS, "example:\n  %(prog)s --quick"),
-    "benchmark": "parts:\n" + "\n".join(f"  {name:10}{words}" for name, words in PARTS.items()),
     "method": """\
 example:
   %(prog)s mclachlan-2 --import mine.py --scene bed.toml --quantity energy
@@ -63,7 +60,6 @@ mine.py:
   from granular import Method
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
-    "prices": "example:\n  %(prog)s -o prices.toml     # long",
     "cheapest": "example:\n  %(prog)s damper 'rest height' 0.01",
 }
 
@@ -80,7 +76,6 @@ def parser(prog: str = PROG) -> Parser:
     _add_measuring(whole, REPORT)
     for name, words in _PARTS.items():
         _add_measuring(add(name, words), None)
-    _add_benchmark(add("benchmark", "speed, side by side"))
     _add_method(add("method", "methods of your own: order, energy, and error against wall time"))
     one = add("cheapest", "the setting that reaches a tolerance in the least time")
     add_scene(one)
@@ -92,15 +87,7 @@ def parser(prog: str = PROG) -> Parser:
         "--t-end", type=in_unit("s"), metavar="T", help="stop each run at this time [s]"
     )
     add_output(one)
-    _add_prices(add("prices", "measure anew the table that accuracies are promised from"))
     return top
-
-
-def _add_prices(one: argparse.ArgumentParser) -> None:
-    one.add_argument(
-        "-o", "--out", metavar="FILE", help="write it here; into the package if not given"
-    )
-    add_output(one)
 
 
 def _add_method(one: argparse.ArgumentParser) -> None:
@@ -122,19 +109,6 @@ def _add_method(one: argparse.ArgumentParser) -> None:
     add_output(one)
 
 
-def _add_benchmark(one: argparse.ArgumentParser) -> None:
-    one.add_argument(
-        "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
-        help="measure this part only; see below (repeatable)",
-    )  # fmt: skip
-    one.add_argument(
-        "--history", metavar="FILE",
-        help="measure a few kernels only, add them to this file as ratios to a plain loop, and "
-        "show the last entries",
-    )  # fmt: skip
-    _add_measuring(one, None)
-
-
 def _add_measuring(one: argparse.ArgumentParser, out: str | None) -> None:
     where = f" ({out} if not given)" if out else ""
     one.add_argument(
@@ -154,10 +128,6 @@ def main(arguments: Sequence[str], prog: str = PROG) -> None:
         _cheapest(options)
     elif options.command == "method":
         _method(options)
-    elif options.command == "benchmark":
-        _benchmark(options)
-    elif options.command == "prices":
-        _prices(options)
     else:
         _measure(options)
 
@@ -217,42 +187,6 @@ def _method(options: Any) -> None:
         until=options.t_end, progress=not options.quiet,
     )  # fmt: skip
     emit(found, _text(found, options.out), options.json)
-
-
-def _benchmark(options: Any) -> None:
-    from validation.benchmark.page import benchmark_text
-    from validation.benchmark.programme import benchmark
-
-    if options.history is not None:
-        _history(options)
-        return
-    found = benchmark(
-        options.out,
-        parts=options.parts or tuple(PARTS),
-        full=options.full,
-        progress=not options.quiet,
-    )
-    where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
-    emit(found, benchmark_text(found) + where, options.json)
-
-
-def _history(options: Any) -> None:
-    from validation.benchmark.history import add, history_table, measured, read
-
-    if options.parts or options.out is not None or options.full:
-        raise InputError("--history measures what it does; leave --part, --out and --full out")
-    path = Path(options.history)
-    read(path)  # before minutes are spent
-    entries = add(path, measured())
-    emit(entries[-1], history_table(entries).text(), options.json)
-
-
-def _prices(options: Any) -> None:
-    from validation.prices import prices, prices_text
-
-    path = None if options.out is None else Path(options.out)
-    found = prices(path, progress=not options.quiet)
-    emit(found, prices_text(found), options.json)
 
 
 def _cheapest(options: Any) -> None:

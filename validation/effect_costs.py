@@ -15,7 +15,7 @@ import numpy as np
 from granular.run.summary import effect_names
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
-from validation.benchmark.engine import EngineSteps
+from validation.engine_steps import EngineSteps
 
 STILL = 1e-5
 """Time step [tau]: so short that grains stay in the cell, also without walls."""

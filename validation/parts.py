@@ -111,11 +111,8 @@ def _key(part: Part, piece: Piece) -> str:
 _SHOWING = ("printing.py", "report.py", "table.py", "html.py", "plotting.py", "picture.py")
 """Files that only show what was measured."""
 
-_OWN = ("benchmark", "discovery", "published", "recovery", "sections")
-"""Folders with measurements of their own, on which no part depends, or that only show."""
-
-_NEEDED = ("engine.py",)
-"""Files of those folders that a part times steps with."""
+_OWN = ("published", "sections")
+"""Folders on which no part depends, or that only show."""
 
 
 @cache
@@ -128,7 +125,7 @@ def sources() -> str:
     for package in (granular, validation):
         assert package.__file__ is not None
         for path in sorted(Path(package.__file__).parent.rglob("*.py")):
-            own = path.parent.name in _OWN and path.name not in _NEEDED
+            own = path.parent.name in _OWN
             if path.name not in _SHOWING and not own:
                 found.update(path.read_bytes())
     return found.hexdigest()

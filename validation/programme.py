@@ -221,8 +221,8 @@ SUMS: tuple[dict[str, Any], ...] = (
 
 def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[Any], dict[str, Any]]:
     """The piston's force on 1472 grains as they settle, by ways of summing pairs."""
-    from validation.benchmark.rest import lattice
     from validation.cost import Setting
+    from validation.lattice import lattice
 
     scene = lattice(1472).replace(name="1472 grains, by sum over pairs")
     settings = [Setting("stormer-verlet", "auto", sums) for sums in SUMS]

@@ -1,6 +1,6 @@
 """The stored table of prices: what steps err in a few measured scenes, and what they take.
 
-``prices.toml`` is made by ``python -m validation prices``. A scene is looked up by what damps it
+``prices.toml`` is made by ``python -m benchmarks --prices``. A scene is looked up by what damps it
 and by its number of grains; an error, by the step over the period of the stiffest mode.
 """
 

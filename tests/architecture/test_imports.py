@@ -13,10 +13,11 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 FORBIDDEN = {
-    "granular": {"reduced_models", "validation", "research"},
-    "reduced_models": {"validation", "research"},
-    "validation": {"research"},
-    "research": set(),
+    "granular": {"reduced_models", "validation", "research", "benchmarks"},
+    "reduced_models": {"validation", "research", "benchmarks"},
+    "validation": {"research", "benchmarks"},
+    "research": {"benchmarks"},
+    "benchmarks": {"research"},
 }
 HEAVY = ("numba", "jax", "matplotlib", "pandas", "xarray", "zarr", "sympy", "scipy")
 

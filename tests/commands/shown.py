@@ -16,7 +16,8 @@ CAMPAIGNS = sorted(path.parent.name for path in (ROOT / "research").glob("*/__ma
 PARSERS: dict[str, Parser] = {
     name: importlib.import_module(f"{name}.__main__").parser()
     for name in (
-        "granular", "reduced_models", "validation", *(f"research.{one}" for one in CAMPAIGNS),
+        "granular", "reduced_models", "validation", "benchmarks",
+        *(f"research.{one}" for one in CAMPAIGNS),
     )
 }  # fmt: skip
 
@@ -24,7 +25,7 @@ PARSERS: dict[str, Parser] = {
 def commands() -> list[str]:
     """All commands of the toolkit, each once, in the order in which a reader meets them."""
     parts = (part.strip() for line in (*of_pages(), *of_help()) for part in line.split("&&"))
-    ours = re.compile(r"python -m (granular|reduced_models|validation|research\.\w+)\b")
+    ours = re.compile(r"python -m (granular|reduced_models|validation|benchmarks|research\.\w+)\b")
     return list(dict.fromkeys(filter(ours.match, parts)))
 
 

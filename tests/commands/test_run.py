@@ -27,7 +27,7 @@ LONGEST = 1200.0
 
 HOURS = re.compile(
     r"recovery --full|report --full|validation report( |$)(?!.*--quick)|maps --simulate"
-    r"|validation prices|published --quick|discovery --full|disorder \w+ --full"
+    r"|benchmarks --prices|published --quick|disorder \w+ --full"
     r"|research\.\w+ --full"
 )
 """Commands that take many minutes or hours: begun as they stand, and stopped by Ctrl-C."""

@@ -114,7 +114,7 @@ def _effects(page: Page, plain: Mapping[str, Any]) -> None:
         f"runs: {plain['step']:.3g} with all effects, {plain['nothing']:.2g} with none. An effect "
         "that is added to others may share their work: both prices stand where they differ by "
         "more than a fifth. What a scene does not name leaves nothing in its step; "
-        '"python -m validation benchmark --part absent" times that beside steps written by hand.'
+        '"python -m benchmarks --part absent" times that beside steps written by hand.'
     )
     tabulate(page, effect_table(plain))
     sums = ", ".join(f"{name} {value:.3g}" for name, value in plain["sums"].items())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-FOLDER = "validation.benchmark.other_engines"
+FOLDER = "benchmarks.other_engines"
 
 NAMES = {"openmm": "OpenMM", "lammps": "LAMMPS"}
 
@@ -16,7 +16,7 @@ def why_not(name: str) -> str | None:
     if module is None:
         return (
             f"{NAMES[name]} is timed from the sources only, which a wheel leaves out; run "
-            "python -m validation benchmark in a checkout, with pip install '.[peers]'"
+            "python -m benchmarks in a checkout, with pip install '.[peers]'"
         )
     reason: str | None = module.missing()
     return reason

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.process import finished
 from granular.effects import dipole
-from validation.benchmark.process import finished
 
 TABLE, EXACT = "LAMMPS, table", "LAMMPS, exact dipoles"
 

@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from validation.benchmark import others
-from validation.benchmark.other_engines import lammps, openmm
-from validation.benchmark.process import ProcessError, finished
-from validation.benchmark.sums import arrangement, exact_forces
+from benchmarks import others
+from benchmarks.other_engines import lammps, openmm
+from benchmarks.process import ProcessError, finished
+from benchmarks.sums import arrangement, exact_forces
 
 TOLERANCES = {lammps.TABLE: 1e-4, lammps.EXACT: 1e-13}
 SINGLE = 1e-4

@@ -9,6 +9,17 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from benchmarks import c_kernel
+from benchmarks.others import engine
+from benchmarks.peers import (
+    PlainVerletList,
+    jax_forces,
+    plain_loop,
+    plain_loop_with_load,
+    plain_verlet_list,
+    verlet_list_room,
+)
+from benchmarks.timing import least_seconds
 from granular.compiled import entry
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.direct import (
@@ -20,17 +31,6 @@ from granular.pairs.direct import (
 )
 from granular.pairs.stripes import Stripes, stripes_room
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
-from validation.benchmark import c_kernel
-from validation.benchmark.others import engine
-from validation.benchmark.peers import (
-    PlainVerletList,
-    jax_forces,
-    plain_loop,
-    plain_loop_with_load,
-    plain_verlet_list,
-    verlet_list_room,
-)
-from validation.benchmark.timing import least_seconds
 
 _direct_sum = entry(direct_sum)
 

@@ -27,7 +27,7 @@ def compression(seed: int, speed: float = SPEED) -> list[dict[str, Any]]:
 
     At the automatic step, with far pairs at every step and at every eighth.
 
-    ``python -m validation benchmark --part protocol`` is the command. At a ``speed`` above the
+    ``python -m benchmarks --part protocol`` is the command. At a ``speed`` above the
     published one the bed has less time to settle.
     """
     return [_compressed(seed, speed, every) for every in FAR_EVERY]

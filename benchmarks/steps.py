@@ -10,13 +10,14 @@ from typing import Any
 import numba
 import numpy as np
 
+from benchmarks.engine import PAIR_METHODS, bed_of
+from benchmarks.timing import least_seconds
 from granular import evaluate, simulate
 from granular.pairs.direct import PARTED_FROM
 from granular.scene.scales import Scales
 from granular.scene.scene import Scene
 from granular.shared.errors import EnergyError
-from validation.benchmark.engine import PAIR_METHODS, EngineSteps, bed_of
-from validation.benchmark.timing import least_seconds
+from validation.engine_steps import EngineSteps
 
 STEPS = 32
 """Steps timed together, so that they share what is done once in several steps."""

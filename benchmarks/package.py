@@ -10,11 +10,11 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-from validation.benchmark.process import finished
+from benchmarks.process import finished
 
 PACKAGES = ("granular", "reduced_models", "validation")
 
-LEFT_OUT = ("__pycache__", "other_engines")
+LEFT_OUT = ("__pycache__",)
 """Folders that a wheel does not hold."""
 
 IMPORTS = (

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from validation.benchmark import c_kernel
-from validation.benchmark.peers import plain_verlet_list, verlet_list_room
-from validation.benchmark.sums import (
+from benchmarks import c_kernel
+from benchmarks.peers import plain_verlet_list, verlet_list_room
+from benchmarks.sums import (
     PaddedGrains,
     arrangement,
     by_cut_off,

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks import prices as module
+from benchmarks.prices import Priced, priced_scenes, prices, prices_text, rounded
 from granular import Scene
 from granular.run import prices as stored
-from validation import prices as module
 from validation.parts import Plain
-from validation.prices import Priced, priced_scenes, prices, prices_text, rounded
 
 NAMES = ("piston force", "energy")
 

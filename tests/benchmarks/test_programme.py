@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
+from benchmarks import PARTS, programme
+from benchmarks.__main__ import parser
+from benchmarks.engine import PAIR_METHODS
+from benchmarks.page import SHEETS, benchmark_text, growth
+from benchmarks.process import ProcessError
 from granular.pairs.section import METHODS
 from granular.shared.errors import InputError
-from validation.__main__ import parser
-from validation.benchmark import PARTS, programme
-from validation.benchmark.engine import PAIR_METHODS
-from validation.benchmark.page import SHEETS, benchmark_text, growth
-from validation.benchmark.process import ProcessError
 
 ROWS: dict[str, dict[str, Any]] = {
     "sums": {"sum": "direct sum", "grains": 368, "seconds": 3e-5, "ns per pair": 0.44,
@@ -122,8 +122,8 @@ def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -
 
 
 def test_command_line_chooses_parts() -> None:
-    options = parser().parse_args(["benchmark", "--part", "sums", "--part", "start", "--full"])
+    options = parser().parse_args(["--part", "sums", "--part", "start", "--full"])
     assert options.parts == ["sums", "start"]
     assert options.full
     with pytest.raises(InputError, match="invalid choice: 'nothing'"):
-        parser().parse_args(["benchmark", "--part", "nothing"])
+        parser().parse_args(["--part", "nothing"])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from validation.benchmark.fits import TRUTHS, fits, measured_here
-from validation.benchmark.process import ProcessError
+from benchmarks.fits import TRUTHS, fits, measured_here
+from benchmarks.process import ProcessError
 
 
 def test_a_measured_fit_is_a_good_one() -> None:

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from benchmarks import history
+from benchmarks.__main__ import main
 from granular.shared.console import launch
 from granular.shared.errors import InputError
-from validation.__main__ import main
-from validation.benchmark import history
 
 
 def entry(ratio: float, **more: Any) -> dict[str, Any]:
@@ -59,11 +59,11 @@ def test_command_adds_an_entry_and_refuses_what_it_does_not_heed(
     monkeypatch.setattr(history, "measured", lambda: entry(0.5))
     path = tmp_path / "speed.jsonl"
     for _ in range(2):
-        assert launch(main, ["benchmark", "--history", str(path)]) == 0
+        assert launch(main, ["--history", str(path)]) == 0
     assert len(history.read(path)) == 2
     assert "newest over the median before" in capsys.readouterr().out
-    assert launch(main, ["benchmark", "--history", str(path), "--full"]) == 2
-    assert launch(main, ["benchmark", "--history", str(tmp_path)]) == 2
+    assert launch(main, ["--history", str(path), "--full"]) == 2
+    assert launch(main, ["--history", str(tmp_path)]) == 2
     assert len(history.read(path)) == 2
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from validation.benchmark.compression import PUBLISHED, compression
-from validation.benchmark.engine import PAIR_METHODS
-from validation.benchmark.fresh import peak_memory, starts
-from validation.benchmark.rest import FORCES, forces_at_rest
-from validation.benchmark.steps import EFFECTS, effect_steps, method_errors, method_steps
+from benchmarks.compression import PUBLISHED, compression
+from benchmarks.engine import PAIR_METHODS
+from benchmarks.fresh import peak_memory, starts
+from benchmarks.rest import FORCES, forces_at_rest
+from benchmarks.steps import EFFECTS, effect_steps, method_errors, method_steps
 
 
 @pytest.mark.long

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.compression import PUBLISHED
+from benchmarks.sums import exponent
 from granular.shared.html import Page
 from granular.shared.plotting import figure
-from validation.benchmark.compression import PUBLISHED
-from validation.benchmark.sums import exponent
 from validation.parts import FAILED, Plain
 from validation.table import TextTable, table
 

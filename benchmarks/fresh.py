@@ -1,6 +1,6 @@
 """Measurements that need a process of their own: peak memory, and starts with and without a cache.
 
-``python -m validation.benchmark.fresh GRAINS METHOD`` prints the peak memory of a few steps.
+``python -m benchmarks.fresh GRAINS METHOD`` prints the peak memory of a few steps.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from validation.benchmark.process import finished
+from benchmarks.process import finished
 
 WORDS = ("-m", "granular", "run", "bed", "--t-end", "0.01", "--dt", "2.5e-5", "--quiet")
 """A short run of the packaged bed on the command line: 400 steps."""
@@ -27,7 +27,7 @@ simulate(load_scene(sys.argv[1]), t_end=1e-6, progress=False)
 
 def peak_memory(count: int, method: str) -> list[dict[str, Any]]:
     """Largest memory [bytes] of a process that makes and advances a bed."""
-    command = [sys.executable, "-m", "validation.benchmark.fresh", str(count), method]
+    command = [sys.executable, "-m", "benchmarks.fresh", str(count), method]
     return [{"method": method, "grains": count, **json.loads(finished(command))}]
 
 
@@ -65,7 +65,8 @@ def _peak() -> int:
 
 
 def _measure(count: int, method: str) -> dict[str, int]:
-    from validation.benchmark.engine import EngineSteps, bed_of
+    from benchmarks.engine import bed_of
+    from validation.engine_steps import EngineSteps
 
     small = EngineSteps(bed_of(92, {"pairs.method": method}))
     small.make(16)

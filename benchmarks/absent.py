@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from validation.benchmark.engine import STEP, EngineSteps, bed_of
-from validation.benchmark.hand import KERNELS, Bed
-from validation.benchmark.timing import least_seconds
+import numpy as np
+
+from benchmarks.engine import bed_of
+from benchmarks.hand import KERNELS, Bed
+from benchmarks.timing import least_seconds
+from validation.engine_steps import STEP, EngineSteps
 
 
 def hand_and_engine(
@@ -16,7 +19,7 @@ def hand_and_engine(
     """A bed by hand, the same by the engine, and the calls that advance each."""
     kernel, changes = KERNELS[scenery]
     engine = EngineSteps(bed_of(count, changes))
-    system, bed = engine.run.system, engine.bed()
+    system, bed = engine.run.system, bed_by_hand(engine)
     rate = sum(one.decay_rate(system.scales) for one in system.effects)
     calls = {
         "by hand": lambda: kernel(bed, system.pull, rate, STEP, steps),
@@ -40,3 +43,21 @@ def cost_of_absence(
                  "ratio": engine / hand}
             )  # fmt: skip
     return rows
+
+
+def bed_by_hand(engine: EngineSteps) -> Bed:
+    """A copy of the state for the steps by hand."""
+    state, constants = engine.run.state, engine.run.constants
+    return Bed(
+        x=state.x.copy(),
+        y=state.y.copy(),
+        vx=state.vx.copy(),
+        vy=state.vy.copy(),
+        fx=state.fx.copy(),
+        fy=state.fy.copy(),
+        push=np.zeros_like(state.x),
+        totals=np.zeros(5),
+        grains=constants.grains,
+        width=constants.width,
+        height=float(state.piston[0]),
+    )

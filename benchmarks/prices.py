@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.prices import TABLE, kind_of
+from granular.run.prices import kind_of
 from granular.run.time_step import checked_step
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
@@ -78,7 +78,7 @@ def priced_scenes() -> tuple[Priced, ...]:
     )  # fmt: skip
 
 
-def prices(path: Path | None = None, progress: bool = True) -> dict[str, Any]:
+def prices(path: Path, progress: bool = True) -> dict[str, Any]:
     """Measure the table, and write it where `granular` reads it, or to another file.
 
     What is finished is kept in a folder of the file's name (``out/prices`` without a file), and is
@@ -94,7 +94,7 @@ def prices(path: Path | None = None, progress: bool = True) -> dict[str, Any]:
     import tomli_w
 
     scenes = priced_scenes()
-    kept = Path("out", "prices") if path is None else path.with_suffix("")
+    kept = path.with_suffix("")
     known = measured(_references(scenes), kept, progress=progress)
     failed = next((one for one in known if FAILED in one), None)
     if failed is not None:
@@ -106,8 +106,8 @@ def prices(path: Path | None = None, progress: bool = True) -> dict[str, Any]:
     ]
     made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
     found = {"made": made, "scenes": rows}
-    head = "# Measured by: python -m validation prices. See granular/run/prices.py.\n\n"
-    write_text(TABLE if path is None else path, head + tomli_w.dumps(found))
+    head = "# Measured by: python -m benchmarks --prices. See granular/run/prices.py.\n\n"
+    write_text(path, head + tomli_w.dumps(found))
     return found
 
 

@@ -1,7 +1,7 @@
 """How long a fit takes: with nothing compiled, in a later process, and again in the same one.
 
 Each law is fitted to records of its own motion with noise, in processes of its own
-(``python -m validation.benchmark.fits``), the first of which finds an empty store of compiled code.
+(``python -m benchmarks.fits``), the first of which finds an empty store of compiled code.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from validation.benchmark.process import finished
+from benchmarks.process import finished
 
 DURATION = 40.0
 """Of a record, in the laws' own time unit: about seven periods."""
@@ -80,7 +80,7 @@ def fits(law: str, samples: int, rounds: int = 7) -> list[dict[str, Any]]:
 
 
 def _measured(law: str, samples: int, rounds: int, store: str) -> dict[str, Any]:
-    command = [sys.executable, "-m", "validation.benchmark.fits", law, str(samples), str(rounds)]
+    command = [sys.executable, "-m", "benchmarks.fits", law, str(samples), str(rounds)]
     found: dict[str, Any] = json.loads(finished(command, {"JAX_COMPILATION_CACHE_DIR": store}))
     return found
 

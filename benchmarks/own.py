@@ -8,6 +8,9 @@ import time
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
+from benchmarks.engine import bed_of
+from benchmarks.process import finished
+from benchmarks.timing import least_seconds
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.registry import register
@@ -15,9 +18,7 @@ from granular.engine.constants import Constants
 from granular.engine.state import State
 from granular.own import import_own
 from granular.scene.schema import quantity
-from validation.benchmark.engine import EngineSteps, bed_of
-from validation.benchmark.process import finished
-from validation.benchmark.timing import least_seconds
+from validation.engine_steps import EngineSteps
 
 CLASS = '''
 from granular import effect, quantity

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.absent import hand_and_engine
+from benchmarks.hand import KERNELS
+from benchmarks.timing import least_seconds
 from granular.engine.state import LOSSES
-from validation.benchmark.absent import hand_and_engine
-from validation.benchmark.hand import KERNELS
-from validation.benchmark.timing import least_seconds
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from benchmarks import PARTS, c_kernel
+from benchmarks.others import NAMES, why_not
 from granular.shared.files import make_directory, write_json
-from validation.benchmark import PARTS, c_kernel
-from validation.benchmark.others import NAMES, why_not
 from validation.parts import Part, Piece, machine, measured
 
 _Rows = list[dict[str, Any]]
@@ -24,21 +24,21 @@ def _rounds(full: bool) -> int:
 
 
 def _sums(full: bool) -> _Work:
-    from validation.benchmark.sums import direct_sums
+    from benchmarks.sums import direct_sums
 
     for count in (92, 368, 1472, 5888) if full else (92, 368, 1472):
         yield {"grains": count}, partial(direct_sums, count, _rounds(full))
 
 
 def _lists(full: bool) -> _Work:
-    from validation.benchmark.sums import cut_off_sums
+    from benchmarks.sums import cut_off_sums
 
     for count in (368, 1472, 5888, 23552, 94208) if full else (368, 1472, 5888):
         yield {"grains": count}, partial(cut_off_sums, count, _rounds(full) // 4)
 
 
 def _methods(full: bool) -> _Work:
-    from validation.benchmark.steps import method_steps
+    from benchmarks.steps import method_steps
 
     for count in COUNTS:
         yield {"grains": count}, partial(method_steps, count, _rounds(full) // 4)
@@ -47,41 +47,41 @@ def _methods(full: bool) -> _Work:
 
 
 def _errors(full: bool) -> _Work:
-    from validation.benchmark.steps import method_errors
+    from benchmarks.steps import method_errors
 
     for count in (368, 2208, 5888) if full else (368, 2208):
         yield {"grains": count}, partial(method_errors, count)
 
 
 def _rest(full: bool) -> _Work:
-    from validation.benchmark.rest import forces_at_rest
+    from benchmarks.rest import forces_at_rest
 
     for count in (736, 2208, 5888) if full else (368,):
         yield {"grains": count}, partial(forces_at_rest, count)
 
 
 def _threads(full: bool) -> _Work:
-    from validation.benchmark.steps import thread_steps
+    from benchmarks.steps import thread_steps
 
     for count in (368, 1472, 5888, 23552) if full else (368, 1472, 5888):
         yield {"grains": count}, partial(thread_steps, count, _rounds(full) // 4)
 
 
 def _effects(full: bool) -> _Work:
-    from validation.benchmark.steps import effect_steps
+    from benchmarks.steps import effect_steps
 
     for count in (92, 368) if full else (368,):
         yield {"grains": count}, partial(effect_steps, count, _rounds(full) // 4)
 
 
 def _absent(full: bool) -> _Work:
-    from validation.benchmark.absent import cost_of_absence
+    from benchmarks.absent import cost_of_absence
 
     yield {}, partial(cost_of_absence, rounds=_rounds(full) // 2)
 
 
 def _own(full: bool) -> _Work:
-    from validation.benchmark.own import own_starts, own_steps
+    from benchmarks.own import own_starts, own_steps
 
     for count in (92, 368):
         yield {"grains": count}, partial(own_steps, count, 4 * _rounds(full))
@@ -89,8 +89,8 @@ def _own(full: bool) -> _Work:
 
 
 def _memory(full: bool) -> _Work:
-    from validation.benchmark.engine import PAIR_METHODS
-    from validation.benchmark.fresh import peak_memory
+    from benchmarks.engine import PAIR_METHODS
+    from benchmarks.fresh import peak_memory
 
     for method in PAIR_METHODS:
         for count in (5888, *LARGE_COUNTS) if full else (5888, 23552):
@@ -100,19 +100,19 @@ def _memory(full: bool) -> _Work:
 
 
 def _start(full: bool) -> _Work:
-    from validation.benchmark.fresh import starts
+    from benchmarks.fresh import starts
 
     yield {}, starts
 
 
 def _package(full: bool) -> _Work:
-    from validation.benchmark.package import package_figures
+    from benchmarks.package import package_figures
 
     yield {}, package_figures
 
 
 def _protocol(full: bool) -> _Work:
-    from validation.benchmark.compression import SPEED, compression
+    from benchmarks.compression import SPEED, compression
 
     # Twelve times the published speed takes a twelfth of the time.
     speed = SPEED if full else 0.1
@@ -121,14 +121,14 @@ def _protocol(full: bool) -> _Work:
 
 
 def _study(full: bool) -> _Work:
-    from validation.benchmark.study import study_times
+    from benchmarks.study import study_times
 
     cases = 200 if full else 20
     yield {"cases": cases}, partial(study_times, cases)
 
 
 def _fits(full: bool) -> _Work:
-    from validation.benchmark.fits import TRUTHS, fits
+    from benchmarks.fits import TRUTHS, fits
 
     for law in TRUTHS if full else ("van-der-pol-like",):
         for samples in (1_000, 100_000):
@@ -200,7 +200,7 @@ def benchmark(
     InputError
         If the directory cannot be written.
     """
-    from validation.benchmark.page import growth
+    from benchmarks.page import growth
 
     where = None if out is None else Path(out)
     if where is not None:
@@ -218,7 +218,7 @@ def benchmark(
 
 
 def _save(found: dict[str, Any], where: Path) -> None:
-    from validation.benchmark.page import page
+    from benchmarks.page import page
 
     page(found).save(where / "benchmark.html")
     write_json(where / "benchmark.json", found)

@@ -15,9 +15,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks.timing import least_seconds
 from granular.shared.errors import InputError
 from granular.shared.version import versions
-from validation.benchmark.timing import least_seconds
 from validation.table import TextTable, table
 
 GRAINS, MANY = 368, 1472
@@ -46,8 +46,8 @@ class Kernel(NamedTuple):
 
 
 def _kernels() -> dict[str, Kernel]:
-    from validation.benchmark.engine import EngineSteps, bed_of
-    from validation.benchmark.sums import (
+    from benchmarks.engine import bed_of
+    from benchmarks.sums import (
         BATCH,
         PaddedGrains,
         arrangement,
@@ -55,6 +55,7 @@ def _kernels() -> dict[str, Kernel]:
         direct,
         plain,
     )
+    from validation.engine_steps import EngineSteps
 
     def step(count: int, changes: dict[str, Any]) -> Kernel:
         engine = EngineSteps(bed_of(count, changes))
@@ -75,7 +76,7 @@ def _kernels() -> dict[str, Kernel]:
 
 def measured(rounds: int = 40) -> dict[str, Any]:
     """One entry: seconds of the reference, and the ratio of every other time to it."""
-    from validation.benchmark.fits import measured_here
+    from benchmarks.fits import measured_here
 
     kernels = _kernels()
     calls = {name: kernel.call for name, kernel in kernels.items()}

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from validation.benchmark import package
-from validation.benchmark.package import IMPORTS, packed_size
+from benchmarks import package
+from benchmarks.package import IMPORTS, packed_size
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 
 
 def test_size_is_that_of_the_files_packed() -> None:

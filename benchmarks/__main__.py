@@ -1,0 +1,103 @@
+"""Command line: ``python -m benchmarks``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks import PARTS
+from granular.shared.console import Parser, add_output, add_version, emit, launch
+from granular.shared.errors import InputError
+
+EXAMPLES = "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
+
+
+def parser() -> Parser:
+    """The command line's grammar."""
+    one = Parser(
+        prog="python -m benchmarks",
+        description="Speed, side by side.",
+        epilog=f"parts:\n{EXAMPLES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_version(one)
+    one.add_argument(
+        "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
+        help="measure this part only; see below (repeatable)",
+    )  # fmt: skip
+    one.add_argument(
+        "--history", metavar="FILE",
+        help="measure a few kernels only, add them to this file as ratios to a plain loop, and "
+        "show the last entries",
+    )  # fmt: skip
+    one.add_argument(
+        "--prices", metavar="FILE",
+        help="measure anew the table that accuracies are promised from, and write it here; "
+        "granular/run/prices.toml is the one that is read",
+    )  # fmt: skip
+    one.add_argument(
+        "-o",
+        "--out",
+        metavar="DIR",
+        help="directory for the report; what is measured is kept there and found again",
+    )
+    length = one.add_mutually_exclusive_group()
+    length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
+    length.add_argument("--full", action="store_true", help="everything, an hour or so")
+    add_output(one)
+    return one
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parser().parse_args(arguments)
+    if options.history is not None:
+        _history(options)
+    elif options.prices is not None:
+        _prices(options)
+    else:
+        _benchmark(options)
+
+
+def _benchmark(options: Any) -> None:
+    from benchmarks.page import benchmark_text
+    from benchmarks.programme import benchmark
+
+    found = benchmark(
+        options.out, parts=options.parts or tuple(PARTS), full=options.full,
+        progress=not options.quiet,
+    )  # fmt: skip
+    where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
+    emit(found, benchmark_text(found) + where, options.json)
+
+
+def _history(options: Any) -> None:
+    from benchmarks.history import add, history_table, measured, read
+
+    _alone(options, "--history")
+    path = Path(options.history)
+    read(path)  # before minutes are spent
+    entries = add(path, measured())
+    emit(entries[-1], history_table(entries).text(), options.json)
+
+
+def _prices(options: Any) -> None:
+    from benchmarks.prices import prices, prices_text
+
+    _alone(options, "--prices")
+    found = prices(Path(options.prices), progress=not options.quiet)
+    emit(found, prices_text(found), options.json)
+
+
+def _alone(options: Any, name: str) -> None:
+    both = options.history is not None and options.prices is not None
+    if both or options.parts or options.out is not None or options.full:
+        others = "--part, --out, --full and " + ("--prices" if name == "--history" else "--history")
+        raise InputError(f"{name} measures what it does; leave {others} out")
+
+
+if __name__ == "__main__":
+    sys.exit(launch(main))

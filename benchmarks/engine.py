@@ -1,0 +1,25 @@
+"""Beds that the benchmark times steps of."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from granular.pairs.section import METHODS
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+
+PAIR_METHODS = tuple(name for name in METHODS if name != "auto")
+"""Every way of summing pairs that a scene can name."""
+
+
+def bed_of(count: int, changes: dict[str, Any]) -> Scene:
+    """The packaged bed with that many grains, scaled to the same packing."""
+    scale = math.sqrt(count / 368.0)
+    shape = {
+        "grains.count": count,
+        "cell.width": f"{60.0 * scale} D",
+        "piston.height": f"{20.0 * scale} D",
+        "arrangement.height": f"{20.0 * scale - 1.0} D",
+    }
+    return load_scene("bed").replace(**shape, **changes)

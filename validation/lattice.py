@@ -1,0 +1,39 @@
+"""A bed of many grains that starts from a disturbed lattice."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+
+
+def lattice(count: int) -> Scene:
+    """A disturbed hexagonal lattice that fills the packaged bed's cell, scaled to the grains."""
+    scale = math.sqrt(count / 368.0)
+    width, height = 60.0 * scale, 20.0 * scale
+    apart = math.sqrt(2.0 / math.sqrt(3.0) * width * height / count)
+    rows = round(height / (apart * math.sqrt(0.75)))
+    shares = [count // rows + (row < count % rows) for row in range(rows)]
+    places = np.array(
+        [
+            ((i + 0.5 + 0.25 * (-1) ** row) * width / many, (row + 0.5) * height / rows)
+            for row, many in enumerate(shares)
+            for i in range(many)
+        ]
+    )
+    places += 0.05 * apart * np.random.default_rng(1).standard_normal(places.shape)
+    places = np.clip(places, 0.6, np.array([width, height]) - 0.6)
+    scene = load_scene("bed")
+    diameter = scene.grains.species[0].diameter
+    return scene.replace(
+        **{
+            "grains.count": count,
+            "cell.width": width * diameter,
+            "piston.height": height * diameter,
+            "arrangement": {"positions": (diameter * places).tolist(), "speed": 0.0},
+            "output": {"scalars": 0.01, "frames": 1.0},
+        }
+    )
