@@ -22,6 +22,8 @@ pytestmark = pytest.mark.skipif(
 )
 
 MOST_MEGABYTES, MOST_SECONDS, MOST_AFTER_A_STOP = 2048, 60, 10
+"""Seconds are of the processor, which other work does not lengthen; after a stop by the clock."""
+MOST_WAIT = 600
 PROGRAM = """
 import json, re, resource, sys, time
 from granular.shared.console import launch
@@ -30,11 +32,12 @@ from reduced_models.__main__ import main
 resource.setrlimit(resource.RLIMIT_AS, (8 * 2**30, 8 * 2**30))
 print("ready", flush=True)
 for path in sys.argv[1:]:
-    start = time.monotonic()
+    start = time.process_time()
     code = launch(main, ["look", path])
     with open("/proc/self/status") as status:
         most = int(re.search(r"VmHWM:\\s+(\\d+)", status.read())[1]) / 1024
-    print(json.dumps({"code": code, "seconds": time.monotonic() - start, "MB": most}), flush=True)
+    took = time.process_time() - start
+    print(json.dumps({"code": code, "seconds": took, "MB": most}), flush=True)
 """
 """The command ``look`` on some files; RLIMIT_AS spares the machine where a bomb bursts."""
 
@@ -53,7 +56,7 @@ def begun(paths: Sequence[Path]) -> subprocess.Popen[str]:
 def check(paths: Sequence[Path]) -> None:
     """Each is read or refused, by a process that needs little memory and time for each."""
     process = begun(paths)
-    said, told = process.communicate(timeout=MOST_SECONDS * len(paths))
+    said, told = process.communicate(timeout=MOST_WAIT)
     found = [json.loads(line) for line in said.splitlines() if line.startswith('{"code"')]
     assert "Traceback" not in told
     assert len(found) == len(paths), (process.returncode, told[-500:])
@@ -83,6 +86,6 @@ def test_a_bomb_ends_by_itself_and_by_ctrl_c(name: str, tmp_path: Path) -> None:
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     start = time.monotonic()
-    _said, told = process.communicate(timeout=MOST_SECONDS)
+    _said, told = process.communicate(timeout=MOST_WAIT)
     assert time.monotonic() - start < MOST_AFTER_A_STOP
     assert "Traceback" not in told
