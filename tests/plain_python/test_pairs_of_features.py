@@ -31,7 +31,7 @@ pytestmark = [
 STEP, STEPS = 4e-5, 8
 PERIODIC = {name for name, one in effects().items() if one.periodic}
 LAW = {"energy": "a*q1*q2*exp(-r/l)", "a": "30 uJ", "l": "3 mm"}
-REACH = {"pair law below a spacing": 0.8, "pair law above spacings": 4.0}
+REACH = {"pair law below a spacing": 0.8, "pair law above spacings": 6.0}
 """[D]"""
 ACTING = EXAMPLES | {name: [LAW | {"reach": f"{reach} D"}] for name, reach in REACH.items()}
 METHODS: dict[str, dict[str, Any]] = {
