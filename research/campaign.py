@@ -141,10 +141,10 @@ class Campaign(Generic[Results]):
         if (other := self.instead(options)) is not None:
             emit(*other, options.json)
         elif options.guide:
-            pages = [str(path) for path in self.write_pages(self.committed())]
+            pages = [str(path) for path in self.write_pages(self.committed(), ROOT)]
             emit({"pages": pages}, f"written: {', '.join(pages)}", options.json)
         elif options.check:
-            stale, off = list(self.stale(options)), self.different(self.committed())
+            stale, off = list(self.stale(options)), self.different(self.committed(), ROOT)
             words = [f"{len(stale)} stale", *stale, f"{len(off)} blocks of pages differ", *off]
             emit({"stale": stale, "pages": off}, "\n".join(words), options.json)
         elif options.quick or options.full:

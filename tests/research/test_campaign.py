@@ -1,0 +1,135 @@
+"""What all campaigns share: blocks of pages, rows that are kept, and a command that edits no page
+unless it is asked to.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from granular.shared.console import launch
+from granular.shared.errors import InputError
+from granular.shared.shelf import Shelf
+from research import campaign
+from research.campaign import (
+    Block,
+    Campaign,
+    committed_file,
+    kept_rows,
+    markdown_table,
+    read_results,
+    rounded,
+    write_results,
+)
+
+ROOT = Path(__file__).parents[2]
+NAMES = ("disorder", "discovery", "melting", "published", "recovery")
+INSTALLED = ("granular", "reduced_models", "validation")
+
+Plain = dict[str, Any]
+
+
+def blocks(found: Plain) -> Mapping[str, Block]:
+    return {"sum": Block("page.md", f"{sum(found['rows'])} in all")}
+
+
+def made(**changes: Any) -> Campaign[Plain]:
+    settings: Plain = {
+        "name": "made", "purpose": "Nothing.", "quick": "a little", "full": "all",
+        "run": lambda options: {"rows": [1, 2] if options.quick else [1, 2, 3]},
+        "from_plain": dict, "empty": {"rows": []}, "text": lambda found: f"{found['rows']}",
+        "summary": dict, "blocks": blocks,
+    }  # fmt: skip
+    return Campaign(**(settings | changes))
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with committed results and a page."""
+    monkeypatch.setattr(campaign, "ROOT", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "research" / "made").mkdir(parents=True)
+    write_results({"rows": [4, 5]}, committed_file("made"))
+    begin, end = made().marks("sum")
+    (tmp_path / "page.md").write_text(f"before\n{begin}\nold\n{end}\nafter\n")
+    return tmp_path
+
+
+def test_blocks_are_written_between_their_marks_alone(checkout: Path) -> None:
+    one = made()
+    assert one.different(one.committed(), checkout) == ["page.md: sum"]
+    assert one.write_pages(one.committed(), checkout) == [checkout / "page.md"]
+    begin, end = one.marks("sum")
+    assert (checkout / "page.md").read_text() == f"before\n{begin}\n9 in all\n{end}\nafter\n"
+    assert one.different(one.committed(), checkout) == []
+    assert one.different({"rows": [1]}, checkout) == ["page.md: sum"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"), [((), "[4, 5]"), (("--quick",), "[1, 2]"), (("--full",), "[1, 2, 3]")]
+)
+def test_the_command_runs_what_it_is_asked_to(
+    words: tuple[str, ...], said: str, checkout: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (checkout / "page.md").read_text()
+    assert launch(made().main, list(words)) == 0
+    assert capsys.readouterr().out.startswith(f"{said}\n")
+    assert (checkout / "page.md").read_text() == before
+
+
+def test_what_is_stale_is_named(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(made(stale=lambda _: ["row 4"]).main, ["--check", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == {"stale": ["row 4"], "pages": ["page.md: sum"]}
+
+
+def test_rows_are_kept_and_found_again(tmp_path: Path) -> None:
+    def stops(case: int) -> Plain:
+        if case == 2:
+            raise KeyboardInterrupt
+        return {"case": case}
+
+    shelf = Shelf(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        kept_rows([0, 1, 2], str, stops, shelf, what="rows", progress=False)
+    rows = kept_rows([0, 1, 2], str, lambda case: {"new": case}, shelf, what="r", progress=False)
+    assert rows == [{"case": 0}, {"case": 1}, {"new": 2}]
+
+
+def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
+    path = tmp_path / "results.json"
+    plain = {"made": {"command": "c"}, "rows": [{"x": 1.5}, {"x": None}]}
+    assert read_results(path, dict, {}) == {}
+    write_results(plain, path)
+    assert read_results(path, dict, {}) == plain
+    assert path.read_text().count("\n") == 3  # a line a row
+    path.write_text("[1,")
+    with pytest.raises(InputError, match="holds no results"):
+        read_results(path, dict, {})
+
+
+def test_numbers_and_tables_for_pages() -> None:
+    assert rounded({"a": [1 / 3, 2, ("b", 2 / 3)]}, 2) == {"a": [0.33, 2, ["b", 0.67]]}
+    assert markdown_table(("a", "b"), [("1", "2")]) == "| a | b |\n|---|---|\n| 1 | 2 |"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_campaign_has_committed_results(name: str) -> None:
+    one: Campaign[Any] = importlib.import_module(f"research.{name}.__main__").CAMPAIGN
+    assert one.name == name
+    assert one.committed() != one.empty
+    if name != "disorder":  # its draws take seconds
+        assert one.blocks(one.committed())
+
+
+def test_installed_packages_hold_no_results_and_no_campaign() -> None:
+    found = [path.name for one in INSTALLED for path in (ROOT / one).rglob("results.json")]
+    assert found == []
+    for one in INSTALLED:
+        commands = set(importlib.import_module(f"{one}.__main__").parser().commands)
+        assert not commands & {*NAMES, "benchmark", "prices", "silverbox"}
