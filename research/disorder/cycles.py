@@ -60,7 +60,7 @@ def cycle_scene(count: int, seed: int, annealed: Trajectory) -> Scene:
     half = 0.5 * CYCLE
     changes: dict[str, Any] = {
         "effects.drag.coefficient": DRAG,
-        "arrangement.positions": places.tolist(),
+        "arrangement": {"positions": places.tolist()},
         "protocol": [
             {"name": "cool", "kind": "hold", "duration": COOL},
             {"name": "compress", "kind": "move", "to": _diameters(height * (1.0 - STROKE)),

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from granular import simulate
+from granular import Trajectory, simulate
 from granular.observables import voronoi_cells
 from granular.shared.console import launch
 from research.disorder import text
@@ -26,7 +28,7 @@ from research.disorder.candidates import (
 from research.disorder.carried import carried
 from research.disorder.collapse import collapse, rank_correlation, rising_curve, unseen_skill
 from research.disorder.crossing import seen_share
-from research.disorder.cycles import plastic_by_law
+from research.disorder.cycles import annealing_scene, cycle_scene, plastic_by_law
 from research.disorder.forces import interval, of_field
 from research.disorder.results import STUDIES, run_studies
 from research.disorder.uneven import QUIET, SHELLS, ForceField, shells, shuffled
@@ -254,3 +256,11 @@ def test_rows_are_kept_and_found_again(tmp_path: Path, monkeypatch: pytest.Monke
     written = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert {name: len(one["rows"]) for name, one in written.items()} == {"forces": 2, "slip": 1}
     assert "forces: 2 of 24 beds are run" in text.text(written)
+
+
+def test_a_cycle_starts_from_the_bed_that_was_annealed() -> None:
+    places = annealing_scene(184, 3).initial_motion()[0]
+    annealed = SimpleNamespace(dataset={"position": SimpleNamespace(values=places[None])})
+    begun, speeds = cycle_scene(184, 3, cast("Trajectory", annealed)).initial_motion()
+    np.testing.assert_allclose(begun, places)
+    assert not speeds.any()
