@@ -163,7 +163,7 @@ def _scenes(options: Any) -> list[Scene]:
 
 
 def _text(found: dict[str, Any], out: str | None) -> str:
-    from validation.printing import part_text
+    from validation.report import part_text
 
     lines = [part_text(name, results) for name, results in found["parts"].items()]
     lines += [f"{name}: {verdict}" for name, verdict in found["verdicts"].items()]

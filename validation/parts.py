@@ -108,7 +108,7 @@ def _key(part: Part, piece: Piece) -> str:
     return f"{part.name}-{digest(content, KEY_LENGTH)}"
 
 
-_SHOWING = ("printing.py", "report.py", "table.py", "html.py", "plotting.py", "picture.py")
+_SHOWING = ("report.py", "table.py", "html.py", "plotting.py", "picture.py")
 """Files that only show what was measured."""
 
 _OWN = ("published", "sections")

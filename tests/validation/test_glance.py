@@ -15,8 +15,7 @@ from validation.cost import Point, Setting, WorkPrecision
 from validation.effect_costs import NOTHING, agree, effect_costs
 from validation.glance import glance_part, planned, quantities_of
 from validation.parts import Part, measured
-from validation.printing import part_text
-from validation.report import page, summary
+from validation.report import page, part_text, summary
 from validation.sections.glance import advice_table, effect_table, glance_section
 
 

@@ -12,7 +12,7 @@ from validation.cost import Point, Setting, WorkPrecision
 from validation.energy import EnergyStudy
 from validation.outcomes import ACCURATE, Outcome
 from validation.parts import FAILED, Plain
-from validation.printing import part_text
+from validation.report import part_text
 from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExperiment, SourceRun
 from validation.trend import Trend
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 from granular.shared.html import Page
 from validation.parts import FAILED, Plain
@@ -17,6 +17,27 @@ WIDTH = 5.6
 
 LONGEST_NUMBER = 16
 """Letters of a number with its unit; what is longer is words."""
+
+
+class Shown(NamedTuple):
+    """How the results of a part are shown.
+
+    Attributes
+    ----------
+    text : callable
+        Tables for the console, of the results that did not fail.
+    verdict : callable
+        Words on these results, and whether they hold.
+    section : callable
+        Adds all results to a page.
+    measurements : callable or None
+        Adds the tables behind the pictures, which few will read.
+    """
+
+    text: Callable[[Sequence[Plain]], str]
+    verdict: Callable[[Sequence[Plain]], tuple[str, bool]]
+    section: Callable[[Page, Sequence[Plain]], None]
+    measurements: Callable[[Page, Sequence[Plain]], None] | None = None
 
 
 def sound(results: Sequence[Plain]) -> list[Plain]:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from granular.shared.html import Page
 from granular.shared.plotting import COLOURS, STYLES, figure
-from validation.convergence_result import CLEAR, ConvergenceResult
+from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
 from validation.order import HIGH_ORDER
 from validation.outside import ORDERS
 from validation.parts import Plain
-from validation.sections.common import WIDTH, legend, note_failures, sound, tabulate
+from validation.sections.common import WIDTH, Shown, legend, note_failures, sound, tabulate
 from validation.table import TextTable, table
 
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
@@ -92,3 +92,21 @@ def convergence_holds(one: ConvergenceResult) -> bool:
 
 def _tolerance(order: int) -> float:
     return next(room for highest, room in TOLERANCES.items() if order <= highest)
+
+
+def _text(results: Sequence[Plain]) -> str:
+    return convergence_table([ConvergenceResult.from_plain(one) for one in results]).text()
+
+
+def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    found = [ConvergenceResult.from_plain(one) for one in results]
+    right = sum(map(convergence_holds, found))
+    return f"{right} of {len(found)} slopes are as declared", right == len(found)
+
+
+def _measurements(page: Page, results: Sequence[Plain]) -> None:
+    page.text("Orders of convergence.")
+    tabulate(page, convergence_table([ConvergenceResult.from_plain(one) for one in results]))
+
+
+CONVERGENCE = Shown(_text, _verdict, convergence_section, _measurements)

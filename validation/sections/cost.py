@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from granular.shared.html import Page
 from granular.shared.plotting import figure
-from validation.cost import LEVELS, WorkPrecision
+from validation.cost import LEVELS, USUAL, WorkPrecision
 from validation.parts import Plain
-from validation.sections.common import WIDTH, legend, note_failures, sound, tabulate
+from validation.sections.common import WIDTH, Shown, legend, note_failures, sound, tabulate
 from validation.table import TextTable, table
 
 
@@ -71,3 +71,29 @@ def _chosen(one: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
         take, best.setting.fineness, f"{best.error:.2g}", f"{advice.starts:.3g}",
         f"{advice.seconds:.3g}", "" if math.isnan(ratio) else f"{ratio:.3g}",
     )  # fmt: skip
+
+
+def _text(results: Sequence[Plain]) -> str:
+    found = studies(results)
+    tables = [f"{one.quantity} of {one.scene}\n{one.table().text()}\n" for one in found]
+    return "\n".join([*tables, choices(found).text()])
+
+
+def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    found = studies(results)
+    usual = [one for one in found if any(each.setting[:2] == USUAL for each in one.points)]
+    right = sum(one.usual() is not None for one in usual)
+    words = (
+        f"cost of accuracy shown for {len(found)} quantities; the default setting runs in "
+        f"{right} of {len(usual)}"
+    )
+    return words, right == len(usual)
+
+
+def _measurements(page: Page, results: Sequence[Plain]) -> None:
+    for one in studies(results):
+        page.text(f"Cost of the {one.quantity} of {one.scene}; a star marks the best of all.")
+        tabulate(page, one.table())
+
+
+WORK_PRECISION = Shown(_text, _verdict, work_precision_section, _measurements)

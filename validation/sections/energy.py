@@ -12,7 +12,7 @@ from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.energy import EnergyStudy
 from validation.energy import summary as energy_table
 from validation.parts import Plain
-from validation.sections.common import WIDTH, legend, note_failures, sound, tabulate
+from validation.sections.common import WIDTH, Shown, legend, note_failures, sound, tabulate
 from validation.trend import SIGNIFICANCE
 
 if TYPE_CHECKING:
@@ -124,3 +124,17 @@ def _zoom(axes: Axes, one: EnergyStudy) -> None:
     axes.set_xlim(0.98 * top, 1.02 * top)
     axes.set_ylim(-0.25 * fastest, 0.25 * fastest)
     axes.axvline(top, color=GREY, linewidth=0.8)
+
+
+def _text(results: Sequence[Plain]) -> str:
+    return energy_table([EnergyStudy.from_plain(one) for one in results]).text()
+
+
+def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    found = [EnergyStudy.from_plain(one) for one in results]
+    right = sum(map(energy_holds, found))
+    words = f"{right} of {len(found)} energy runs are of their kind (no trend, or a control's)"
+    return words, right == len(found)
+
+
+ENERGY = Shown(_text, _verdict, energy_section)

@@ -14,7 +14,9 @@ from validation.effect_costs import agree
 from validation.glance import digit
 from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome
 from validation.parts import Plain
-from validation.sections.common import WIDTH, legend, note_failures, sound, tabulate
+from validation.sections.common import WIDTH, Shown, legend, note_failures, sound, tabulate
+from validation.sections.cost import studies
+from validation.sections.stability import stability_verdict
 from validation.table import TextTable, table
 
 if TYPE_CHECKING:
@@ -150,3 +152,34 @@ def hard_row(found: Sequence[Outcome]) -> TextTable:
     header = ("hard cases", "accurate", "degraded and said so", "stopped by a typed error",
               "ended as they must not")  # fmt: skip
     return table(header, [row])
+
+
+def _text(results: Sequence[Plain]) -> str:
+    lines = []
+    for one in results:
+        if "studies" in one:
+            found = studies([one])
+            lines += [f"{found[0].scene}: what accuracy costs", advice_table(found).text(), ""]
+        elif "effects" in one:
+            plain = one["effects"]
+            lines += [f"{plain['scene']}: what its effects cost", effect_table(plain).text(), ""]
+        else:
+            outcomes = [Outcome.from_plain(row) for row in one["outcomes"]]
+            lines.append(hard_row(outcomes).text())
+    return "\n".join(lines)
+
+
+def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    fresh = [row for one in results for row in one.get("fresh", ())]
+    hard = [Outcome.from_plain(row) for one in results for row in one.get("outcomes", ())]
+    missed = [f"{row['quantity']} of {row['scene']} to {row['level']} by {row['setting']}"
+              for row in fresh if not row["holds"]]  # fmt: skip
+    words = f"{len(fresh) - len(missed)} of {len(fresh)} advised settings hold for a fresh start"
+    if missed:
+        words += f", not {'; '.join(missed)}"
+    if hard:
+        words += f"; {stability_verdict(hard).rstrip('.')}"
+    return words, not missed and all(one.allowed for one in hard)
+
+
+GLANCE = Shown(_text, _verdict, glance_section)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from granular.shared.html import Page
 from granular.shared.plotting import figure
 from validation.parts import Plain
-from validation.sections.common import WIDTH, legend, note_failures, sound, tabulate
+from validation.sections.common import WIDTH, Shown, legend, note_failures, sound, tabulate
 from validation.source_experiment import COMPENSATED, PLAIN, PRINTED_PEAKS, SourceExperiment
 
 
@@ -55,3 +55,16 @@ def source_section(page: Page, results: Sequence[Plain]) -> None:
                 "height.",
             )
         tabulate(page, one.table())
+
+
+def _text(results: Sequence[Plain]) -> str:
+    return "\n".join(SourceExperiment.from_plain(one).table().text() for one in results)
+
+
+def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    slopes = [SourceExperiment.from_plain(one).slope(COMPENSATED) for one in results]
+    words = f"de Paula's test has the slope {', '.join(f'{one:.4f}' for one in slopes)}"
+    return words, all(abs(one - 2.0) <= 0.01 for one in slopes)
+
+
+SOURCE = Shown(_text, _verdict, source_section)

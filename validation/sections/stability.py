@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from granular.shared.html import Page
 from validation.outcomes import ACCURATE, STOPPED, Outcome
 from validation.parts import Plain
-from validation.sections.common import note_failures, sound, tabulate
+from validation.sections.common import Shown, note_failures, sound, tabulate
 from validation.table import TextTable, table
 
 
@@ -96,3 +96,23 @@ def case_table(names: Collection[str]) -> TextTable:
 
     rows = [(one.name, one.what, one.accurate) for one in catalogue() if one.name in names]
     return table(("case", "what is hard", "error"), rows)
+
+
+def _text(results: Sequence[Plain]) -> str:
+    return stability_table([Outcome.from_plain(one) for one in results]).text()
+
+
+def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    found = [Outcome.from_plain(one) for one in results]
+    return stability_verdict(found).rstrip("."), all(one.allowed for one in found)
+
+
+def _measurements(page: Page, results: Sequence[Plain]) -> None:
+    found = [Outcome.from_plain(one) for one in results]
+    page.text("Hard cases.")
+    tabulate(page, stability_table(found))
+    page.text("What is hard, and what is measured.")
+    tabulate(page, case_table({one.case for one in found}))
+
+
+STABILITY = Shown(_text, _verdict, stability_section, _measurements)
