@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import PARTS
-from granular.shared.console import Parser, add_output, add_version, emit, launch
+from granular.commands.console import Parser, add_output, add_version, emit, launch
 from granular.shared.errors import InputError
 
 EXAMPLES = "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())

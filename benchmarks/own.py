@@ -17,7 +17,7 @@ from granular.effects.registry import register
 from granular.engine.constants import Constants
 from granular.engine.state import State
 from granular.own import import_own
-from granular.scene.schema import quantity
+from granular.schema.sections import quantity
 from validation.engine_steps import EngineSteps
 
 CLASS = '''

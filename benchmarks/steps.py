@@ -14,8 +14,8 @@ from benchmarks.engine import PAIR_METHODS, bed_of
 from benchmarks.timing import least_seconds
 from granular import evaluate, simulate
 from granular.pairs.direct import PARTED_FROM
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from granular.shared.errors import EnergyError
 from validation.engine_steps import EngineSteps
 

@@ -19,7 +19,7 @@ HEADER = re.compile(r"^(?P<names>\w+(?:, \w+)*) : ")
 
 
 class SectionKeys(griffe.Extension):
-    """Extend the docstrings of all classes derived from `granular.scene.schema.Section`."""
+    """Extend the docstrings of all classes derived from `granular.schema.sections.Section`."""
 
     def on_class(self, *, cls: griffe.Class, **_: Any) -> None:
         if cls.docstring is None:

@@ -9,7 +9,7 @@ from .run.trajectory import Trajectory, load_trajectory
 from .scene.beds import bidisperse, damper, mono_bed
 from .scene.loading import load_scene, scene_names
 from .scene.scene import Scene
-from .scene.schema import quantity
+from .schema.sections import quantity
 from .shared.citing import cite
 from .shared.errors import GranularError, InputError
 from .shared.version import __version__

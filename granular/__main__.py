@@ -20,7 +20,7 @@ from granular.commands import (
     sweep,
     warm_up,
 )
-from granular.shared.console import Parser, command_parser, launch
+from granular.commands.console import Parser, command_parser, launch
 
 PROG = "python -m granular"
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from granular.shared.console import (
+from granular.commands.console import (
     Parser,
     add_output,
     add_run,

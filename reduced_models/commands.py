@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.commands.console import changes_from, emit, time_step
 from granular.run.record import PistonRecord
-from granular.shared.console import changes_from, emit, time_step
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.messages import quoted
@@ -61,7 +61,7 @@ def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
 
 def _bound(words: str, missing: float, unit: str) -> float:
     """A number in the unit of the law, or a quantity of that dimension."""
-    from granular.scene.units import si_value
+    from granular.schema.units import si_value
 
     try:
         return float(words) if words.strip() else missing
@@ -84,7 +84,7 @@ def list_laws(options: Any) -> None:
 def identify_source(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
     from granular.own import import_own
-    from granular.scene.units import si_value
+    from granular.schema.units import si_value
     from reduced_models.identification.identification import identify
 
     import_own(options.own_files)
@@ -182,7 +182,7 @@ def _why_no_model(found: Discovery) -> str:
 
 def _height_map(text: str) -> HeightMap:
     """Of "SHIFT:SCALE", two lengths."""
-    from granular.scene.units import si_value
+    from granular.schema.units import si_value
     from reduced_models.laws.height_map import HeightMap
 
     parts = text.split(":")
@@ -337,7 +337,7 @@ def _saying_what_is_kept(out: str | None) -> Iterator[None]:
 
 def simulate_model(options: Any) -> None:
     """Predict a motion by a saved model."""
-    from granular.scene.units import si_value
+    from granular.schema.units import si_value
     from reduced_models.models.model import load_model
 
     model = load_model(options.model)

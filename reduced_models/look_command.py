@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from granular.commands.console import add_output, emit
 from granular.readers.description import is_description, read_description, write_description
 from granular.readers.reading import Reading
-from granular.shared.console import add_output, emit
 from reduced_models.reading_options import add_reading, reading_from
 
 EXAMPLES = """\

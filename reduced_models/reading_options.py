@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from granular.readers.reading import Reading
-from granular.scene.units import si_value
+from granular.schema.units import si_value
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quoted
 

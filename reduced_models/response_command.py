@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from granular.shared.console import add_output, emit
+from granular.commands.console import add_output, emit
 
 WHAT = "set the law of the bed beside a machine's simulated response, and write a report"
 EXAMPLES = """\

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-from granular.shared.console import Parser, add_output, add_version, emit
+from granular.commands.console import Parser, add_output, add_version, emit
 from granular.shared.errors import InputError
 from granular.shared.files import finite, write_text
 from granular.shared.shelf import Shelf

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene
-from granular.shared.console import launch
+from granular.commands.console import launch
 
 ROOT = Path(__file__).parent.parent
 

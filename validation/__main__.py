@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.console import (
+from granular.commands.console import (
     Parser,
     add_changes,
     add_import,

@@ -10,8 +10,8 @@ import importlib
 from collections.abc import Sequence
 from types import ModuleType
 
-from granular.scene.schema import unknown
-from granular.shared.console import Parser, add_version, launch
+from granular.commands.console import Parser, add_version, launch
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 
 PROG = "granular-damper"

@@ -16,8 +16,8 @@ import numpy as np
 from granular.methods import METHODS, method_named
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from granular.shared.errors import RunError
 from validation.table import TextTable, table
 from validation.trend import BLOCKS, Trend, energy_trend

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.protocol import Hold
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from validation.exact.problem import Moment, Problem
 

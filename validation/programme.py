@@ -232,7 +232,7 @@ def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[Any], dict[str, Any]]
 
 def _exact_grain() -> list[Any]:
     """The lone grain's exact energy error and position [D] after 1 s."""
-    from granular.scene.scales import Scales
+    from granular.schema.scales import Scales
     from validation.exact import exact_problem
 
     problem = exact_problem("bounce")

@@ -9,8 +9,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.run.trajectory import Trajectory
-from granular.scene.scales import Scales
-from granular.scene.schema import unknown
+from granular.schema.scales import Scales
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError, RecordError
 
 _LEAST_SWINGS = 3

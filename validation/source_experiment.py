@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from granular.effects.wall_experimental import force
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from validation.exact import bounce
 from validation.table import TextTable, table
 

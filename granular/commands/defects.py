@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.console import Parser, add_output, emit, in_unit
+from granular.commands.console import Parser, add_output, emit, in_unit
 from granular.shared.files import make_directory, write_text
 
 if TYPE_CHECKING:

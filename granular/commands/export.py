@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from granular.commands.console import Parser, add_import, add_output, add_scene, emit, time_step
 from granular.commands.given_scene import scene_of
-from granular.shared.console import Parser, add_import, add_output, add_scene, emit, time_step
 from granular.shared.errors import InputError
 
 WHAT = "write a run for other programs"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.console import changes_from
+from granular.commands.console import changes_from
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene

@@ -6,8 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.given_scene import scene_of
-from granular.shared.console import (
+from granular.commands.console import (
     Parser,
     add_import,
     add_output,
@@ -16,6 +15,7 @@ from granular.shared.console import (
     in_unit,
     time_step,
 )
+from granular.commands.given_scene import scene_of
 from granular.shared.files import make_directory, write_text
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from granular.shared.console import Parser, add_import, add_output, emit
+from granular.commands.console import Parser, add_import, add_output, emit
 
 WHAT = "list the integration methods"
 EXAMPLES = "example:\n  %(prog)s"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from granular.shared.console import Parser, add_import, add_output, emit
+from granular.commands.console import Parser, add_import, add_output, emit
 from granular.shared.files import write_text
 
 WHAT = "observables of every frame of a run, as a table"

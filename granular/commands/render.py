@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from granular.shared.console import Parser, add_import, add_output, emit, in_unit
+from granular.commands.console import Parser, add_import, add_output, emit, in_unit
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quoted
 
@@ -74,7 +74,7 @@ def carry_out(options: Any) -> None:
 
 def _render_still(options: Any) -> None:
     from granular.render import save, still
-    from granular.scene.units import si_value
+    from granular.schema.units import si_value
 
     if (options.stage, options.fps, options.speed, options.width) != (None, None, None, None):
         raise InputError(
@@ -113,7 +113,7 @@ def _render_movie(options: Any) -> None:
 def _speed(words: str | None) -> float | None:
     if words == "frames":
         return None
-    from granular.scene.units import si_value
+    from granular.schema.units import si_value
 
     try:
         return 1.0 if words is None else si_value(words, "1")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.given_scene import scene_of
-from granular.shared.console import (
+from granular.commands.console import (
     Parser,
     add_import,
     add_output,
@@ -15,6 +14,7 @@ from granular.shared.console import (
     in_unit,
     time_step,
 )
+from granular.commands.given_scene import scene_of
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_text
 from granular.shared.messages import quoted

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.given_scene import scene_of
-from granular.shared.console import (
+from granular.commands.console import (
     Parser,
     add_accuracy,
     add_output,
@@ -15,6 +14,7 @@ from granular.shared.console import (
     in_unit,
     time_step,
 )
+from granular.commands.given_scene import scene_of
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory

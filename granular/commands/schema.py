@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from granular.shared.console import Parser
+from granular.commands.console import Parser
 
 WHAT = "print the JSON schema of scene or study files, for editors"
 EXAMPLES = """examples:

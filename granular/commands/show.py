@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from granular.commands.console import Parser, add_import, add_output, add_scene, emit
 from granular.commands.given_scene import scene_of
-from granular.shared.console import Parser, add_import, add_output, add_scene, emit
 
 WHAT = "tell what a scene holds, in SI and in natural units"
 EXAMPLES = """\

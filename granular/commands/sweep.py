@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.console import Parser, add_import, add_output, emit
+from granular.commands.console import Parser, add_import, add_output, emit
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import write_text
 

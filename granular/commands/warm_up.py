@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from granular.shared.console import Parser, add_changes, add_import, add_output, changes_from, emit
+from granular.commands.console import (
+    Parser,
+    add_changes,
+    add_import,
+    add_output,
+    changes_from,
+    emit,
+)
 from granular.shared.errors import InputError
 
 WHAT = "compile what scenes need, once and for all later starts"

@@ -29,9 +29,9 @@ from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants, value_of
 from granular.engine.state import LOSSES, STEPS, State
 from granular.pairs.vector import lane_sum
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, quantity, whole
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, quantity, whole
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _FIRST, _SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)

@@ -23,7 +23,7 @@ from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants, value_of
 from granular.engine.state import LOSSES, State
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_room, find_close_pairs
-from granular.scene.schema import quantity
+from granular.schema.sections import quantity
 
 
 class Contact(Effect):

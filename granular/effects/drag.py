@@ -26,8 +26,8 @@ from granular.engine.compensation import speed_up
 from granular.engine.constants import Constants, value_of
 from granular.engine.state import LOSSES, VX, VY, State
 from granular.pairs.vector import lane_sum
-from granular.scene.scales import Scales
-from granular.scene.schema import quantity
+from granular.schema.scales import Scales
+from granular.schema.sections import quantity
 
 
 class Drag(Effect):

@@ -18,8 +18,8 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import LOSSES, VX, VY, State
-from granular.scene.scales import Scales
-from granular.scene.schema import quantity, whole
+from granular.schema.scales import Scales
+from granular.schema.sections import quantity, whole
 
 
 class Eddy(Effect):

@@ -56,9 +56,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.scales import Scales
-from granular.scene.schema import Section
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.scales import Scales
+from granular.schema.sections import Section
 
 
 class Record(NamedTuple):

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import compiled
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, Section, choice, numbers, quantity, text, whole
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, Section, choice, numbers, quantity, text, whole
 from granular.shared.errors import RecordError
 from granular.shared.messages import quoted
 

@@ -15,18 +15,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.dimensions import Dimension
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.formula import LENGTH, MASS, MOMENT, TIME, Formula, Functions
 from granular.effects.listed import Listed
 from granular.effects.own_definition import Grain, Kind
 from granular.effects.own_law import OwnLaw
+from granular.formulas import names, parse
+from granular.formulas.dimensions import Dimension
 from granular.pairs.direct import padded_values
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, Many, declare, quantity, unknown
-from granular.scene.schema import Kind as FieldKind
-from granular.shared.grammar import names, parse
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, Many, declare, quantity, unknown
+from granular.schema.sections import Kind as FieldKind
 from granular.shared.messages import quoted
 
 

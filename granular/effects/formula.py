@@ -1,6 +1,6 @@
 """Energies that are written as formulas, and what is derived from them.
 
-A text is read by `granular.shared.grammar`, never run. Its names are variables, which the kind of
+A text is read by `granular.formulas`, never run. Its names are variables, which the kind of
 formula fixes, and parameters, which stand beside it with their units; the units must make joules.
 Force, stiffness and the rate of change in time are derived from it, so that the force is minus the
 gradient of the energy.
@@ -18,11 +18,11 @@ import numba
 
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.own_definition import DEFINITIONS, Definition
-from granular.effects.parameters import Parametric
-from granular.scene.scales import Scales
-from granular.scene.schema import text
+from granular.formulas import parse
+from granular.schema.parameters import Parametric
+from granular.schema.scales import Scales
+from granular.schema.sections import text
 from granular.shared.errors import InputError
-from granular.shared.grammar import parse
 from granular.shared.messages import quoted
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
     def _functions(self) -> Functions:
         import sympy
 
-        from granular.shared.algebra import expression, function_of
+        from granular.formulas.algebra import expression, function_of
 
         symbols = {name: sympy.Symbol(name, real=True) for name in self.kind.variables}
         given = {

@@ -30,8 +30,8 @@ from granular.effects.effect import Effect, Record, Setting, in_joules
 from granular.effects.friction_law import FrictionLaw
 from granular.engine.state import LOSSES, State
 from granular.pairs.direct import padded_values
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.schema import FieldError, choice, quantity
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.sections import FieldError, choice, quantity
 
 SCHEMES = ("velocity", "regularised")
 

@@ -12,7 +12,7 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import State
-from granular.scene.schema import quantity
+from granular.schema.sections import quantity
 
 
 class Gradient(Effect):

@@ -8,8 +8,8 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants
 from granular.engine.state import State
-from granular.scene.scales import Scales
-from granular.scene.schema import quantity
+from granular.schema.scales import Scales
+from granular.schema.sections import quantity
 
 
 class Gravity(Effect):

@@ -18,9 +18,9 @@ from granular.effects.effect import Effect, Record, Setting, in_joules
 from granular.effects.excitation import Excitation
 from granular.effects.host_chain import CELL, FIXED, PISTON_MOUNT, Chain
 from granular.effects.host_law import HostLaw
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, Section, choice, many, one, quantity, whole
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, Section, choice, many, one, quantity, whole
 
 RESOLVED = 4.0
 """How much better than the bed's stiffest mode the host is resolved: its energy is most of all."""

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 from granular.effects.effect import Effect
-from granular.scene.schema import FieldError
+from granular.schema.sections import FieldError
 
 if TYPE_CHECKING:
-    from granular.scene.parts import Cell, Grains, Piston
+    from granular.schema.parts import Cell, Grains, Piston
 
 
 class Listed(Effect):

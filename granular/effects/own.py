@@ -61,7 +61,7 @@ from granular.effects.own_definition import FUNCTIONS, Kind
 from granular.effects.own_law import OwnLaw
 from granular.effects.own_section import OwnSection, define, functions_in, name_of, natural_values
 from granular.effects.registry import register
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 
 

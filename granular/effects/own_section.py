@@ -12,8 +12,8 @@ import numba
 
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.own_definition import DEFINITIONS, Definition, functions_digest
-from granular.scene.scales import Scales
-from granular.scene.schema import Quantity, Section, Whole, unknown
+from granular.schema.scales import Scales
+from granular.schema.sections import Quantity, Section, Whole, unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.shared.own_file import OwnFile, contents

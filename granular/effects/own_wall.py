@@ -34,12 +34,12 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import compiled
-from granular.effects.dimensions import Dimension
 from granular.effects.formula import LENGTH, Formula, Functions
 from granular.effects.own_definition import Definition, Kind
 from granular.effects.own_law import by_kind
 from granular.effects.own_section import OwnSection, define, natural_values
-from granular.scene.scales import Scales
+from granular.formulas.dimensions import Dimension
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from granular.shared.offered import offered
 

@@ -12,15 +12,15 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from granular.effects.dimensions import NONE, Dimension
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.formula import LENGTH, Formula, Functions
 from granular.effects.listed import Listed
 from granular.effects.own_check import check
 from granular.effects.own_definition import Grain, Kind
 from granular.effects.own_law import OwnLaw
-from granular.scene.schema import Many, declare, quantity
-from granular.shared.grammar import names, parse
+from granular.formulas import names, parse
+from granular.formulas.dimensions import NONE, Dimension
+from granular.schema.sections import Many, declare, quantity
 
 
 class PairText(Formula, Effect):

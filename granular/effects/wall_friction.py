@@ -19,8 +19,8 @@ from granular.effects import drag
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.engine.constants import Constants, moments_of, value_of
 from granular.engine.state import LOSSES, State
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.schema import FieldError, quantity
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.sections import FieldError, quantity
 
 _SIDES = ("left", "right")
 

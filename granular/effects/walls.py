@@ -19,9 +19,9 @@ from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_side import SIDES
 from granular.effects.wall_slab import SlabWall
 from granular.effects.walls_law import WallLaws
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, Kind, Section, declare, one, quantity, unknown
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, Kind, Section, declare, one, quantity, unknown
 
 LAWS = ("experimental", "infinite", "slab")
 FORMULA = "formula"

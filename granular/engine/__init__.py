@@ -1,7 +1,7 @@
 """The engine: one compiled loop, specialised to the effects that a scene names.
 
 This page says what its words mean; read it before the code. All numbers in here are in natural
-units (`granular.scene.scales`): lengths in diameters D of the first species, times in tau.
+units (`granular.schema.scales`): lengths in diameters D of the first species, times in tau.
 
 A protocol is a row of stages, and the loop advances one stage at a time::
 

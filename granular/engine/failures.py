@@ -6,7 +6,7 @@ import numpy as np
 
 from granular.engine.constants import Constants
 from granular.engine.state import HEIGHT, State
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from granular.shared.errors import (
     EnergyError,
     NotAtRestError,

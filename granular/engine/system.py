@@ -16,8 +16,8 @@ from granular.pairs.direct import padded_values
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
 from granular.pairs.section import SPLIT_RADIUS
 from granular.pairs.stripes import CutOff
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8

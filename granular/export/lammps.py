@@ -26,8 +26,8 @@ from granular.export.lammps_tables import NEAREST_PAIR, NEAREST_WALL, pair_table
 from granular.run.directory import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from granular.shared.files import check_target, make_directory, replacing
 

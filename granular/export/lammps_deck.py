@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from granular.export.lammps_stages import Leg
 from granular.export.lammps_tables import FARTHEST_WALL
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 
 PAIR_BITS, WALL_ROWS = 16, 100_000
 """Size of the tables that LAMMPS looks up: 2^16 rows spaced as floating-point numbers are, read by

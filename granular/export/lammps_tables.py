@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.effects import dipole, wall_experimental, wall_infinite
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 
 ROWS = 5000
 """Rows of a table, in geometric steps: LAMMPS draws a cubic spline through them, which is exact to

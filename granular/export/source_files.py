@@ -38,7 +38,7 @@ from granular.observables import compressive_forces, source_pair_distance
 from granular.observables.interactions import foreign_effects
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from granular.shared.files import replacing_together
 
 STEPS_PER_TIME = 10**6

@@ -8,7 +8,7 @@ from typing import Any
 
 from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.listing import Listing
 from granular.shared.messages import quoted

@@ -65,7 +65,7 @@ def dipole_strength(moment: float) -> float:
     moment : float
         Magnetic moment of each [A m^2].
     """
-    from granular.scene.scales import MAGNETIC_CONSTANT
+    from granular.schema.scales import MAGNETIC_CONSTANT
 
     return MAGNETIC_CONSTANT * moment**2 / (4.0 * math.pi)
 
@@ -239,7 +239,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
 
 
 def _first_moment(scene: Scene) -> float:
-    from granular.scene.scales import Scales
+    from granular.schema.scales import Scales
 
     scales = Scales.of(scene.grains)
     return scales.current * scales.length**2

@@ -13,7 +13,7 @@ from granular.observables.grain_stress import grain_pressures
 from granular.observables.of_frames import Frame, Observable, observable
 from granular.observables.packing import packing_fraction
 from granular.observables.temperature import kinetic_temperature
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.shared.offered import offered

@@ -18,7 +18,7 @@ import numpy as np
 from granular.observables.forces import grain_masses
 from granular.observables.frames import frame_array
 from granular.scene.scene import Scene
-from granular.scene.units import unit_size
+from granular.schema.units import unit_size
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 

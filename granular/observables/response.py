@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:

@@ -190,7 +190,7 @@ def _check(scene: Scene, known: tuple[str, ...]) -> None:
 
 def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
     """Forces, and the Laplacian of C/r^3, which is 9 C/r^5."""
-    from granular.scene.scales import Scales
+    from granular.schema.scales import Scales
 
     scales = Scales.of(scene.grains)
     strength = dipole_strength(scales.current * scales.length**2)

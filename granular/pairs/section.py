@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from granular.pairs.verlet_list import RADIUS, SKIN, Listing
-from granular.scene.schema import FieldError, Section, choice, quantity, whole
+from granular.schema.sections import FieldError, Section, choice, quantity, whole
 
 ROOM = 0.39
 """Greatest radius of mesh and cut-off over the shorter side of a periodic cell: a pair is met in

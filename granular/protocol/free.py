@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-from granular.effects.dimensions import Dimension
 from granular.effects.formula import TIME
+from granular.formulas.dimensions import Dimension
 from granular.protocol.motion import SPLINE, Motion
 from granular.protocol.stage import Course, Timed
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, quantity, text
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, quantity, text
 
 
 class Free(Timed):

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from granular.effects.dimensions import Dimension
 from granular.effects.formula import LENGTH, TIME
+from granular.formulas.dimensions import Dimension
 from granular.protocol.motion import DESCENT, SINE, SPLINE, TABLE, Motion
 from granular.protocol.stage import Course, Stage, Timed
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, numbers, quantity, text
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, numbers, quantity, text
 
 
 class Hold(Timed):

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.parameters import Parametric
+from granular.formulas import parse
 from granular.protocol.motion import Motion, tabled
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError, Section, choice, quantity, text
-from granular.shared.grammar import parse
+from granular.schema.parameters import Parametric
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError, Section, choice, quantity, text
 from granular.shared.messages import quoted
 
 REST_LIMIT = 60.0
@@ -156,7 +156,7 @@ def _functions(
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     import sympy
 
-    from granular.shared.algebra import expression, function_of
+    from granular.formulas.algebra import expression, function_of
 
     symbols = {name: sympy.Symbol(name, real=True) for name in variables}
     given = {

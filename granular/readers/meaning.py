@@ -17,8 +17,8 @@ from granular.readers.names import (
 from granular.readers.reading import Reading
 from granular.readers.roles import SI, columns_by_role
 from granular.readers.sheet import Column, Sheet
-from granular.scene.schema import unknown
-from granular.scene.units import unit_size
+from granular.schema.sections import unknown
+from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.messages import quoted
 

@@ -42,7 +42,7 @@ UNITS = {
     "radian": "rad", "radians": "rad",
     "m/sec": "m/s", "mm/sec": "mm/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2",
 }  # fmt: skip
-"""How people write units that `granular.scene.units` calls otherwise."""
+"""How people write units that `granular.schema.units` calls otherwise."""
 
 KNOWN = {
     *UNITS.values(), "s", "ms", "us", "ns", "min", "h", "m", "mm", "cm", "um", "nm", "km", "in",
@@ -64,7 +64,7 @@ _BEHIND = re.compile(r"\s*(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)\s*")
 
 
 def plain_unit(unit: str) -> str:
-    """A unit as `granular.scene.units` writes it, where it is known; else as it is."""
+    """A unit as `granular.schema.units` writes it, where it is known; else as it is."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
     return UNITS.get(bare, UNITS.get(bare.lower(), bare))
 

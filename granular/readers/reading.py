@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import RecordError
 from granular.shared.messages import quoted
 

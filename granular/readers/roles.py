@@ -19,8 +19,8 @@ from granular.readers.names import (
 )
 from granular.readers.reading import OWN, Reading
 from granular.readers.sheet import Column, Sheet
-from granular.scene.schema import unknown
-from granular.scene.units import unit_size
+from granular.schema.sections import unknown
+from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.messages import quoted
 

@@ -14,7 +14,7 @@ from granular.readers.opening import open_sheet
 from granular.readers.reading import Reading
 from granular.readers.roles import is_of, time_of
 from granular.readers.sheet import Column, Sheet
-from granular.scene.units import unit_size
+from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.messages import quoted, visible
 

@@ -18,7 +18,7 @@ from granular.observables.forces import compressive_forces, force_magnitudes
 from granular.observables.grain_stress import grain_pressures
 from granular.observables.voronoi import VoronoiCells, hexagon_regularity
 from granular.scene.scene import Scene
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.plotting import SIDES
 

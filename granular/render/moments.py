@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames
 from granular.run.trajectory import Trajectory
-from granular.scene.parts import Cell
+from granular.schema.parts import Cell
 
 FARTHEST = 0.25
 """How far [diameters] a grain's path may bend away from a straight line between two frames."""

@@ -13,7 +13,7 @@ from granular.run.allowed import is_allowed
 from granular.run.prices import Prices, Rung, prices_of, table
 from granular.run.time_step import checked_step
 from granular.scene.scene import Scene
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 

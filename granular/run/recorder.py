@@ -23,8 +23,8 @@ from granular.run.variables import (
     scalar_variables,
     si_column,
 )
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 
 
 @dataclasses.dataclass

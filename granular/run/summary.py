@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from granular.run.trajectory import Trajectory
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
-from granular.scene.wording import words_of
+from granular.schema.scales import Scales
+from granular.schema.wording import words_of
 
 
 def packing_fraction(scene: Scene, height: float) -> float:

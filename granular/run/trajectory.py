@@ -15,7 +15,7 @@ from granular.run.drive import base_motion, outer_force
 from granular.run.record import PistonRecord
 from granular.run.ties import joined, parted
 from granular.scene.scene import Scene
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import RecordError
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 from granular.effects.effect import Record
 from granular.effects.wall_side import SIDES
 from granular.engine.columns import all_columns, energy_column, loss_column, own_column
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 
 
 @dataclasses.dataclass(frozen=True)

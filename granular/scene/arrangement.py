@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from granular.scene.parts import Cell, Grains, Piston
-from granular.scene.schema import FieldError, Section, points, quantity, whole
+from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.sections import FieldError, Section, points, quantity, whole
 from granular.shared.errors import SceneError
 
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}

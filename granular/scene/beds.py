@@ -10,8 +10,8 @@ import math
 from collections.abc import Sequence
 
 from granular.scene.loading import load_scene
-from granular.scene.parts import Species
 from granular.scene.scene import Scene
+from granular.schema.parts import Species
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 

@@ -12,13 +12,13 @@ import re
 from typing import Any
 
 from granular.effects.listed import Listed
-from granular.effects.parameters import Parametric, Values
 from granular.effects.registry import find, names
 from granular.effects.walls import Wall
 from granular.methods.tables import METHODS
 from granular.scene.loading import scene_names
 from granular.scene.scene import Effects, Scene
-from granular.scene.schema import (
+from granular.schema.parameters import Parametric, Values
+from granular.schema.sections import (
     Kind,
     Many,
     Numbers,

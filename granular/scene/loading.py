@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from granular.scene.scene import Scene
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import SceneError
 from granular.shared.messages import quoted
 from granular.shared.toml import read_toml

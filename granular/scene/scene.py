@@ -15,9 +15,9 @@ from granular.effects.registry import find, names
 from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_motion
-from granular.scene.parts import Cell, Grains, Output, Piston
-from granular.scene.schema import FieldError, Many, One, Section, declare, one, text, unknown
-from granular.scene.units import si_value
+from granular.schema.parts import Cell, Grains, Output, Piston
+from granular.schema.sections import FieldError, Many, One, Section, declare, one, text, unknown
+from granular.schema.units import si_value
 from granular.shared.citing import words_of_module
 from granular.shared.errors import SceneError
 from granular.shared.files import write_text

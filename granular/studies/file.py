@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.scene.loading import load_scene, scene_names
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.toml import read_toml
 from granular.studies.cases import Measure

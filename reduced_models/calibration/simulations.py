@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
-from granular.scene.schema import Quantity, Section
+from granular.schema.sections import Quantity, Section
 from granular.shared.errors import InputError
 from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.formulas.algebra import function_of
 from granular.run.record import PistonRecord
-from granular.shared.algebra import function_of
 from granular.shared.errors import InputError
 from reduced_models.discovery.julia import ELLIPTIC
 from reduced_models.discovery.polishing import parametrised

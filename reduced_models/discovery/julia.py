@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.formulas import Function
 from granular.shared.errors import InputError
-from granular.shared.grammar import Function
 from granular.shared.messages import quoted
 from reduced_models.discovery.julia_probe import missing
 from reduced_models.discovery.scaled import scaled

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.shared import algebra, grammar
+from granular import formulas
+from granular.formulas import algebra
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.discovery.symbols import INPUT, symbols, text_of
@@ -150,14 +151,14 @@ def _read(text: str, column: str | None) -> sympy.Expr:
         named |= {INPUT: u, column: u}
     term = f"the term {quoted(text)}"
     try:
-        tree = grammar.parse(text)
-        strange = [one.text for one in grammar.names(tree) if one.text not in named]
+        tree = formulas.parse(text)
+        strange = [one.text for one in formulas.names(tree) if one.text not in named]
         if strange:
             known = "z, z' and the input's column" if column is None else f"z, z', u and {column}"
             more = "; name the input's column with input=" if column is None else ""
             raise InputError(f"{term} names {strange[0]}; terms are of {known}{more}")
         found = algebra.expression(tree, named)
-    except grammar.FormulaError as error:
+    except formulas.FormulaError as error:
         raise InputError(f"{term} cannot be read: {error}") from None
     exact = found.xreplace({one: sympy.Rational(str(one)) for one in found.atoms(sympy.Float)})
     if exact == 0:

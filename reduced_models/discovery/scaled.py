@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.shared.algebra import expression
-from granular.shared.grammar import FUNCTIONS, FormulaError, Function, names, parse
+from granular.formulas import FUNCTIONS, FormulaError, Function, names, parse
+from granular.formulas.algebra import expression
 
 if TYPE_CHECKING:
     import sympy

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.shared.algebra import function_of
+from granular.formulas.algebra import function_of
 from reduced_models.discovery.symbols import symbols
 from reduced_models.discovery.terms import AnyTerm
 

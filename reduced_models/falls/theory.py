@@ -165,7 +165,7 @@ def parameters_of(scene: Scene) -> dict[str, float]:
             f"{grains.count} grains; what is known of the law holds from {FEWEST} on: fit it to a "
             "fall instead"
         )
-    from granular.scene.scales import Scales
+    from granular.schema.scales import Scales
 
     scales, width = Scales.of(grains), scene.cell.width
     moment, mass = _means(scene)

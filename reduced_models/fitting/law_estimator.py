@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from reduced_models.fitting.fitting import fit
 from reduced_models.fitting.options import HOLDOUT, STARTS

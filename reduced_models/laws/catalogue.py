@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.listing import Listing
 from reduced_models.laws.annealing_bed import ANNEALING_BED

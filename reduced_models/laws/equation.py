@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.shared import algebra, grammar
+from granular import formulas
+from granular.formulas import algebra
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.records.inputs import TIME
@@ -59,18 +60,18 @@ class Trees(NamedTuple):
     Whatever the coordinate is called, it is z in them.
     """
 
-    left: grammar.Node
-    right: grammar.Node
-    hidden: dict[str, grammar.Node]
+    left: formulas.Node
+    right: formulas.Node
+    hidden: dict[str, formulas.Node]
 
     @property
-    def all(self) -> tuple[grammar.Node, ...]:
+    def all(self) -> tuple[formulas.Node, ...]:
         return self.left, self.right, *self.hidden.values()
 
     @property
     def names(self) -> tuple[str, ...]:
         """As they are written, without primes, each once."""
-        return tuple(dict.fromkeys(one.name for one in grammar.names(*self.all)))
+        return tuple(dict.fromkeys(one.name for one in formulas.names(*self.all)))
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -98,7 +99,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     try:
         left, right, *rates = (algebra.expression(tree, symbols) for tree in trees.all)
         difference = sympy.expand(left - right)
-    except grammar.FormulaError as error:
+    except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
     factor = difference.coeff(a, 1)
     rest = sympy.expand(difference - factor * a)
@@ -108,7 +109,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     try:
         for each in (acceleration, *rates):
             algebra.check_numbers(each)
-    except grammar.FormulaError as error:
+    except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be reckoned with: {error}") from None
     known = {"z", *trees.hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in known)
@@ -121,9 +122,9 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
 def trees_of(equation: str) -> Trees:
     """The formulas of a law; names and primes mean something in each of them."""
     law = f"the law {quoted(equation)}"
-    if len(equation) > grammar.MOST_SIGNS:
+    if len(equation) > formulas.MOST_SIGNS:
         raise InputError(
-            f"{law} has {len(equation)} characters; at most {grammar.MOST_SIGNS} are read"
+            f"{law} has {len(equation)} characters; at most {formulas.MOST_SIGNS} are read"
         )
     first, *others = equation.split(";")
     if len(others) > _MOST_HIDDEN:
@@ -132,9 +133,9 @@ def trees_of(equation: str) -> Trees:
     if len(sides) != 2:
         raise InputError(f"{law} must have one equals sign")
     try:
-        left, right = map(grammar.parse, sides)
+        left, right = map(formulas.parse, sides)
         hidden = [_hidden(law, text) for text in others]
-    except grammar.FormulaError as error:
+    except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
     coordinate = _coordinate(law, left, right)
     if coordinate != "z":
@@ -146,7 +147,7 @@ def trees_of(equation: str) -> Trees:
     if len(found.hidden) < len(hidden):
         raise InputError(f"{law} has two equations for one hidden state; write one")
     for place, tree in enumerate(found.all):
-        for one in grammar.names(tree):
+        for one in formulas.names(tree):
             if one.primes > (2 if place < 2 else 1) or (one.primes and one.name != "z"):
                 raise InputError(
                     f"{law} has a prime that does not follow {coordinate}, {one.text}; write "
@@ -158,9 +159,9 @@ def trees_of(equation: str) -> Trees:
     return found
 
 
-def _coordinate(law: str, *trees: grammar.Node) -> str:
+def _coordinate(law: str, *trees: formulas.Node) -> str:
     """The name that has two primes; z where there is none."""
-    found = tuple(dict.fromkeys(one.name for one in grammar.names(*trees) if one.primes == 2))
+    found = tuple(dict.fromkeys(one.name for one in formulas.names(*trees) if one.primes == 2))
     if not found or found == ("z",):
         return "z"
     if len(found) > 1:
@@ -168,33 +169,33 @@ def _coordinate(law: str, *trees: grammar.Node) -> str:
             f"{law} has two coordinates, {' and '.join(found[:2])}; a law has one: write the other "
             "as a column of the record, or as a hidden state"
         )
-    if "z" in (one.name for one in grammar.names(*trees)):
+    if "z" in (one.name for one in formulas.names(*trees)):
         raise InputError(f"{law} names z beside its coordinate {found[0]}; take another name for z")
     if found[0] == TIME:
         raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
     return found[0]
 
 
-def _renamed(tree: grammar.Node, coordinate: str) -> grammar.Node:
+def _renamed(tree: formulas.Node, coordinate: str) -> formulas.Node:
     """A formula with z for its coordinate."""
-    if isinstance(tree, grammar.Name) and tree.name == coordinate:
-        return grammar.Name("z", tree.primes)
-    if isinstance(tree, grammar.Applied):
+    if isinstance(tree, formulas.Name) and tree.name == coordinate:
+        return formulas.Name("z", tree.primes)
+    if isinstance(tree, formulas.Applied):
         operands = tuple(_renamed(each, coordinate) for each in tree.operands)
-        return grammar.Applied(tree.head, operands)
+        return formulas.Applied(tree.head, operands)
     return tree
 
 
-def _hidden(law: str, text: str) -> tuple[str, grammar.Node]:
+def _hidden(law: str, text: str) -> tuple[str, formulas.Node]:
     """Name and rate of a hidden state."""
     left, _, right = text.partition("=")
-    one = grammar.parse(left) if left.strip() and right.strip() and "=" not in right else None
-    if not isinstance(one, grammar.Name) or one.primes != 1 or one.name in ("z", "t"):
+    one = formulas.parse(left) if left.strip() and right.strip() and "=" not in right else None
+    if not isinstance(one, formulas.Name) or one.primes != 1 or one.name in ("z", "t"):
         raise InputError(
             f"{law}: {quoted(text.strip())} must have one equals sign behind the rate of a hidden "
             "state, such as w' = z' - w"
         )
-    return one.name, grammar.parse(right)
+    return one.name, formulas.parse(right)
 
 
 @functools.lru_cache(maxsize=COMPILED)

@@ -67,7 +67,7 @@ def rates_of(law: Law, values: Sequence[Any]) -> Rates:
 
 def rates_of_equation(equation: sympy.Eq) -> Rates:
     """The rate of an equation in z(t) with numbers for all parameters."""
-    from granular.shared.algebra import function_of
+    from granular.formulas.algebra import function_of
 
     rate, state = acceleration_of(equation)
     return function_of(state, [rate])

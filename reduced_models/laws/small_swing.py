@@ -75,7 +75,7 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
 
 def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     """That of an equation in z(t) with numbers for all parameters; see `small_swing`."""
-    from granular.shared.algebra import function_of
+    from granular.formulas.algebra import function_of
 
     rate, state = acceleration_of(equation)
     force, slopes = function_of(state, rate), jacobian_of([rate], state, state)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from granular.shared import grammar
+from granular import formulas
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.laws.equation import trees_of
@@ -26,7 +26,7 @@ def law_from_text(
     """
     trees = trees_of(equation)
     law = f"the law {quoted(equation)}"
-    for name in grammar.constants(*trees.all):
+    for name in formulas.constants(*trees.all):
         if name in columns:
             raise InputError(
                 f"{law} names {name}, a number, and the record has a column of that name; rename "

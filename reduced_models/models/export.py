@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.shared.grammar import MOST_SIGNS
+from granular.formulas import MOST_SIGNS
 from granular.shared.messages import visible
 from reduced_models.models.fitted_law import FittedLaw
 

@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from granular.shared.grammar import MOST_SIGNS
+from granular.formulas import MOST_SIGNS
 from granular.shared.messages import visible
 from reduced_models.models.fitted_law import FittedLaw
 

@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.scene.schema import unknown
+from granular.formulas import MOST_SIGNS
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.grammar import MOST_SIGNS
 from granular.shared.messages import quoted, visible
 from reduced_models.records.inputs import INTERPOLATIONS
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.console import Parser, launch
+from granular.commands.console import Parser, launch
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from research.campaign import Block, Campaign

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.formulas import algebra, parse
 from granular.run.record import PistonRecord
-from granular.shared import algebra
-from granular.shared.grammar import parse
 from reduced_models.discovery.libraries import terms_named
 from reduced_models.discovery.symbols import symbols
 from reduced_models.discovery.terms import AnyTerm, sum_of

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.formulas import algebra
 from granular.run.record import PistonRecord
-from granular.shared import algebra
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.discovery.own_terms import read_terms

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.console import Parser, launch
+from granular.commands.console import Parser, launch
 from research.campaign import Block, Campaign
 from research.disorder.results import STUDIES, Results, from_plain, run_studies
 from research.disorder.text import TEXTS, summary, text

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.console import Parser, launch
+from granular.commands.console import Parser, launch
 from research.campaign import RESULTS, Block, Campaign, add_workers, checked_workers, write_results
 from research.melting.results import Results, from_plain, results_of, to_plain
 from research.melting.text import markdown, summary, text

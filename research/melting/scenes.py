@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 from granular.observables.moduli import dipole_strength, lattice_spacing
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 
 SPACING = 2.4
 """Of the lattice, in diameters; with r^-3 as energy it sets the units alone."""

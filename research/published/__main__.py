@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.shared.console import Parser, launch
+from granular.commands.console import Parser, launch
 from research.campaign import Block, Campaign, Plain, add_workers, checked_workers
 from research.published import guide, rerun
 from research.published.programme import Length, Shown, compare, summary, text

@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from granular.scene.schema import unknown
+from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from research.published.calculations import calculated
 from research.published.catalogue import entries

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from granular.shared.console import Parser, launch
+from granular.commands.console import Parser, launch
 from research.campaign import Block, Campaign, Plain
 from research.recovery.text import recovery_markdown, recovery_text
 

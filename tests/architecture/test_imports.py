@@ -111,7 +111,7 @@ def test_import_is_light(package: str) -> None:
 
 
 PACKAGES = (
-    "granular", "granular.observables", "granular.scene", "reduced_models",
+    "granular", "granular.observables", "granular.schema", "reduced_models",
     "reduced_models.calibration", "reduced_models.designs", "reduced_models.fitting",
     "reduced_models.identification", "reduced_models.laws", "validation", "validation.published",
 )  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import history
 from benchmarks.__main__ import main
-from granular.shared.console import launch
+from granular.commands.console import launch
 from granular.shared.errors import InputError
 
 

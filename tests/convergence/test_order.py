@@ -35,7 +35,7 @@ def reference(scene: Scene) -> np.ndarray:
     """The motion by SciPy's DOP853 at 1e-13, from the laws as they are written."""
     from scipy.integrate import solve_ivp
 
-    from granular.scene.scales import Scales
+    from granular.schema.scales import Scales
 
     scales = Scales.of(scene.grains)
     gravity = scene.effects.gravity.acceleration / scales.acceleration

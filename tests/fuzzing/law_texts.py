@@ -13,8 +13,8 @@ import warnings
 import numpy as np
 from trials import Outcome, Random, a_minute, random_of, refused, tell, wanted
 
+from granular.formulas import FUNCTIONS
 from granular.shared.errors import InputError
-from granular.shared.grammar import FUNCTIONS
 from reduced_models.laws.equation import compiled_field, compiled_jacobian
 from reduced_models.laws.words import law_from_text
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.shared.console import launch
+from granular.commands.console import launch
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]  # noqa: F821
 

@@ -20,7 +20,7 @@ from granular import Scene, load_scene, simulate
 from granular.effects.excitation import Excitation, excitation_at
 from granular.engine.constants import Constants
 from granular.engine.state import State
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 
 pytestmark = pytest.mark.skipif(
     not numba.config.DISABLE_JIT, reason="only where numba does not compile"

@@ -18,7 +18,7 @@ import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.effects.registry import effects
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from tests.plain_python.test_every_effect import EXAMPLES
 

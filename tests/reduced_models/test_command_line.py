@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 from granular import PistonRecord, load_scene
-from granular.shared.console import BAD_INPUT, launch
+from granular.commands.console import BAD_INPUT, launch
 from granular.shared.files import finite
 from reduced_models.__main__ import main, parser
 from reduced_models.commands import bounds_from

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from granular.shared.console import launch
+from granular.commands.console import launch
 from granular.shared.errors import InputError
 from granular.shared.shelf import Shelf
 from research import campaign

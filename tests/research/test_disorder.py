@@ -13,8 +13,8 @@ import pytest
 from scipy.stats import spearmanr
 
 from granular import Trajectory, simulate
+from granular.commands.console import launch
 from granular.observables import voronoi_cells
-from granular.shared.console import launch
 from research.disorder import text
 from research.disorder.__main__ import CAMPAIGN
 from research.disorder.beds import GROUPS, all_beds, scene_of, set_temperature

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from granular import __version__
-from granular.shared.console import launch
+from granular.commands.console import launch
 from validation.console_script import run
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular.methods import METHODS
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
 from validation.exact import NAMES, Moment, Problem, bounce, exact_problem
 from validation.order import Solver, convergence, fits, fitted_slope

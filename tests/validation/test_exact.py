@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from validation.exact import NAMES, Problem, exact_problem, oscillation
 from validation.exact.bounce import bounce_period, bounce_scene, well

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from granular import Method
+from granular.commands.console import launch
 from granular.methods.named import add_methods
-from granular.shared.console import launch
 from granular.shared.errors import InputError
 from validation.__main__ import main
 from validation.exact import exact_problem

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import simulate
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from validation.exact import bounce
 from validation.source_experiment import (
     COMPENSATED,

@@ -13,8 +13,8 @@ import numpy as np
 
 from granular.run.allowed import is_allowed
 from granular.run.trajectory import Trajectory
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from granular.shared.errors import GranularError, InputError
 from validation.cost.point import Point, Setting
 from validation.cost.study import WorkPrecision

@@ -33,7 +33,7 @@ def exact_problem(name: str) -> Problem:
     >>> exact_problem("bounce").name
     'bounce'
     """
-    from granular.scene.schema import unknown
+    from granular.schema.sections import unknown
     from granular.shared.errors import InputError
 
     if name not in NAMES:

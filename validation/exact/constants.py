@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from granular.scene.parts import Grains
+from granular.schema.parts import Grains
 
 DIGITS = 50
 """Working precision; the results keep more than thirty digits of it."""

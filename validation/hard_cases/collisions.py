@@ -6,8 +6,8 @@ import math
 from functools import partial
 
 from granular.scene.loading import load_scene
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from validation.exact import Problem
 from validation.exact.problem import BOTTOM_ONLY, lone_scene
 from validation.hard_cases.measures import distance_to, energy_change

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from granular.scene.loading import load_scene
-from granular.scene.scales import Scales
 from granular.scene.scene import Scene
+from granular.schema.scales import Scales
 from validation.exact.problem import lone_scene
 from validation.hard_cases.measures import FAIR, LEDGER, ledger, terminal_fall
 from validation.hard_cases.small_beds import few_grains

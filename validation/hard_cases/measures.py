@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from granular.run.trajectory import Trajectory
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from validation.exact import Problem
 
 LEDGER = "residual of the energy ledger over the energy turned over"

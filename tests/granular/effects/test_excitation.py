@@ -11,8 +11,8 @@ import pytest
 
 from granular.compiled import entry
 from granular.effects.excitation import Excitation, excitation_at
-from granular.scene.scales import Scales
-from granular.scene.schema import FieldError
+from granular.schema.scales import Scales
+from granular.schema.sections import FieldError
 from granular.shared.errors import RecordWarning
 
 AT = entry(excitation_at)

@@ -17,7 +17,7 @@ from granular import PistonRecord, Scene, evaluate, load_scene, simulate
 from granular.export import to_lammps
 from granular.export.lammps_stages import leg
 from granular.protocol import Move
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 
 installed = pytest.mark.skipif(

@@ -11,9 +11,9 @@ import pytest
 
 from granular import Method, load_scene, load_trajectory, simulate
 from granular.__main__ import main
+from granular.commands.console import launch
 from granular.methods import METHODS
 from granular.run.summary import run_text
-from granular.shared.console import launch
 from granular.shared.errors import InputError, StoreError
 
 PLAIN = METHODS["position-verlet"]

@@ -14,10 +14,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from granular.__main__ import main
+from granular.commands.console import launch
 from granular.observables import defects_of_frames, found_defects, linked_tracks, tracked_defects
 from granular.observables.plots import plot_defect_paths
 from granular.run.trajectory import Trajectory
-from granular.shared.console import launch
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun, hexagonal, rotated

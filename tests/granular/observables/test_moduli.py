@@ -20,7 +20,7 @@ from granular.observables import (
     lattice_spacing,
     theory_modulus,
 )
-from granular.scene.scales import Scales
+from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 
 from .conftest import hexagonal

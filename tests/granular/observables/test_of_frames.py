@@ -12,6 +12,7 @@ import pytest
 
 from granular import Trajectory, load_scene, simulate
 from granular.__main__ import main
+from granular.commands.console import launch
 from granular.observables import (
     OBSERVABLES,
     Frame,
@@ -24,7 +25,6 @@ from granular.observables import (
     with_observables,
 )
 from granular.observables.of_frames import observed_table
-from granular.shared.console import launch
 from granular.shared.errors import InputError, SceneError
 
 OWN = """

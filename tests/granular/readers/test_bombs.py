@@ -26,7 +26,7 @@ MOST_MEGABYTES, MOST_SECONDS, MOST_AFTER_A_STOP = 2048, 60, 10
 MOST_WAIT = 600
 PROGRAM = """
 import json, re, resource, sys, time
-from granular.shared.console import launch
+from granular.commands.console import launch
 from reduced_models.__main__ import main
 
 resource.setrlimit(resource.RLIMIT_AS, (8 * 2**30, 8 * 2**30))

@@ -9,7 +9,7 @@ import pytest
 
 from granular import Scene
 from granular.scene.arrangement import Arrangement, initial_motion
-from granular.scene.parts import Cell, Grains, Piston, Species
+from granular.schema.parts import Cell, Grains, Piston, Species
 from granular.shared.errors import SceneError
 
 GRAINS = Grains(count=23, species=(Species(diameter=0.006),))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from granular import bidisperse, damper, load_scene, mono_bed
 from granular.run.summary import packing_fraction
 from granular.scene.beds import final_height
-from granular.scene.parts import Species
+from granular.schema.parts import Species
 from granular.shared.errors import InputError
 
 # [D, Table A.1]: R, final height in D_1, and the way of the piston T V_c in m; big grains of D_1.

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, load_scene, scene_names
-from granular.scene.units import si_value
+from granular.schema.units import si_value
 from granular.shared.errors import SceneError
 
 POSITIVE = st.floats(1e-3, 1e3)

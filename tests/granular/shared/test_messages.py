@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from granular.shared.console import BAD_INPUT, emit, launch
+from granular.commands.console import BAD_INPUT, emit, launch
 from granular.shared.errors import GranularError, InputError, RunError
 from granular.shared.html import Page
 from granular.shared.messages import LONGEST, MOST, one_line, printable, quoted, times, visible

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from granular.shared.console import launch
+from granular.commands.console import launch
 from granular.shared.errors import Terminated
 from granular.shared.stops import deferred_stop, taking_sigterm
 

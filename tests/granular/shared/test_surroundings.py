@@ -10,7 +10,7 @@ import pytest
 
 from granular import load_scene
 from granular.__main__ import main
-from granular.shared.console import launch
+from granular.commands.console import launch
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 PLAIN = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

@@ -169,7 +169,7 @@ def test_a_command_whose_cases_the_machine_failed_says_so(
 ) -> None:
     import granular.studies.sweep
     from granular.__main__ import main
-    from granular.shared.console import launch
+    from granular.commands.console import launch
 
     study = write_study(tmp_path, 2)
     failed = {"figures": {}, "error": "OSError: no space left", "cause": "machine"}

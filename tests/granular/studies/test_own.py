@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from granular.__main__ import main
-from granular.shared.console import launch
+from granular.commands.console import launch
 from granular.shared.errors import InputError
 from granular.shared.own_file import read_own_file
 from granular.studies.cases import measure_name

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, load_scene
-from granular.shared.console import BAD_INPUT, launch
+from granular.commands.console import BAD_INPUT, launch
 from granular.shared.errors import InputError, SceneError
 from reduced_models import Calibration, calibrate
 from reduced_models.__main__ import main

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, damper, load_scene, simulate
-from granular.shared.console import INTERRUPTED, launch
+from granular.commands.console import INTERRUPTED, launch
 from granular.studies.cases import Case
 from reduced_models import calibrate
 from reduced_models.__main__ import main

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular.shared import grammar
+from granular import formulas
 from granular.shared.errors import InputError
 from reduced_models import forced_law
 from reduced_models.jax_setup import jax
@@ -51,16 +51,16 @@ def test_laws_in_many_words(text: str) -> None:
 
 def _value(text: str, given: dict[str, float]) -> float:
     """Of a formula with numbers for all names, by the grammar's own arithmetic."""
-    tree = grammar.parse(text)
+    tree = formulas.parse(text)
 
-    def of(node: grammar.Node) -> float:
-        if isinstance(node, grammar.Name):
+    def of(node: formulas.Node) -> float:
+        if isinstance(node, formulas.Name):
             return given[node.name]
-        if isinstance(node, grammar.Number):
-            return grammar.CONSTANTS.get(node.text) or float(node.text)
+        if isinstance(node, formulas.Number):
+            return formulas.CONSTANTS.get(node.text) or float(node.text)
         operands = list(map(of, node.operands))
-        if node.head in grammar.FUNCTIONS:
-            return grammar.FUNCTIONS[node.head].value(*operands)
+        if node.head in formulas.FUNCTIONS:
+            return formulas.FUNCTIONS[node.head].value(*operands)
         return {
             "+": lambda *a: sum(a),
             "*": lambda *a: float(np.prod(a)),
@@ -74,7 +74,7 @@ def _value(text: str, given: dict[str, float]) -> float:
 
 def test_every_function_in_jax() -> None:
     """As scenes and laws know it: the value, and a slope by automatic differentiation."""
-    for name, function in grammar.FUNCTIONS.items():
+    for name, function in formulas.FUNCTIONS.items():
         call = f"{name}(0.3*z + k)" if function.most == 1 else f"{name}(z, 0.2, k)"
         field = compiled_field(f"z'' = {call}")
         operands = (0.25,) if function.most == 1 else (0.5, 0.2, 0.1)

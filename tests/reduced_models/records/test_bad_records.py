@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular.shared.console import BAD_INPUT, launch
+from granular.commands.console import BAD_INPUT, launch
 from reduced_models.__main__ import main
 
 N = 600

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.shared.console import launch
+from granular.commands.console import launch
 from reduced_models.__main__ import main
 from reduced_models.records.look import look
 from reduced_models.records.sources import opened

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.shared.console import BAD_INPUT, launch
+from granular.commands.console import BAD_INPUT, launch
 from reduced_models.__main__ import main
 
 COMMANDS = ("identify", "fit", "discover", "compare", "calibrate")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.shared.console import launch
+from granular.commands.console import launch
 from research.published.__main__ import CAMPAIGN
 
 QUICK_FORCES = {

@@ -10,8 +10,8 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from granular.scene.parts import Grains
-from granular.scene.units import unit_size
+from granular.schema.parts import Grains
+from granular.schema.units import unit_size
 
 MAGNETIC_CONSTANT = 4e-7 * math.pi
 """Permeability of free space [H/m], the value of [D, Table 4.3]."""
@@ -31,7 +31,7 @@ class Scales:
     Examples
     --------
     >>> from granular import load_scene
-    >>> from granular.scene import Scales
+    >>> from granular.schema import Scales
     >>> scales = Scales.of(load_scene("bed").grains)
     >>> round(scales.force, 3), scales.length  # [N], [m]
     (2.377, 0.006)

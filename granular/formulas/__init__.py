@@ -3,13 +3,13 @@
 A text is cut into numbers, names with their primes, and signs, and each name stands as a number of
 its own before Python's parser orders them (which reads, and runs nothing). What the parser gives is
 taken over node by node, and only what a formula may hold. Whoever needs a formula makes of the tree
-what suits: `granular.shared.algebra` makes SymPy's objects.
+what suits: `granular.formulas.algebra` makes SymPy's objects.
 """
 
-from granular.shared.grammar.functions import CONSTANTS, FUNCTIONS, Function
-from granular.shared.grammar.reading import GREATEST_POWER, MOST_SIZE, MOST_TERMS, parse
-from granular.shared.grammar.tree import Applied, Name, Node, Number, constants, names
-from granular.shared.grammar.words import (
+from granular.formulas.functions import CONSTANTS, FUNCTIONS, Function
+from granular.formulas.reading import GREATEST_POWER, MOST_SIZE, MOST_TERMS, parse
+from granular.formulas.tree import Applied, Name, Node, Number, constants, names
+from granular.formulas.words import (
     LARGEST,
     MOST_DEPTH,
     MOST_DIGITS,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.scene.schema import FieldError, Section, choice, many, quantity, text, whole
+from granular.schema.sections import FieldError, Section, choice, many, quantity, text, whole
 
 
 class Species(Section):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from granular.scene.schema import Quantity, Section
+from granular.schema.sections import Quantity, Section
 
 
 def words_of(section: Section, *, without: tuple[str, ...] = ()) -> str:

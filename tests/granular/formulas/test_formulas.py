@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from granular.shared import grammar
-from granular.shared.algebra import expression, function_of
-from granular.shared.grammar import Applied, FormulaError, Name, Number, parse
+from granular import formulas
+from granular.formulas import Applied, FormulaError, Name, Number, parse
+from granular.formulas.algebra import expression, function_of
 
 
 def value(text: str, **given: float) -> float:
@@ -56,8 +56,8 @@ def test_formulas_have_the_values_that_they_mean(text: str) -> None:
 
 def test_names_keep_their_order_and_primes() -> None:
     tree = parse("λ*z'' + rest_1*(z' - max(z, lambda)) + z")
-    assert [one.text for one in grammar.names(tree)] == ["λ", "z''", "rest_1", "z'", "z", "lambda"]
-    assert grammar.constants(parse("pi*k + e"), parse("e")) == ("pi", "e")
+    assert [one.text for one in formulas.names(tree)] == ["λ", "z''", "rest_1", "z'", "z", "lambda"]
+    assert formulas.constants(parse("pi*k + e"), parse("e")) == ("pi", "e")
     assert parse("-k") == Applied("-", (Name("k"),))
     assert parse("k*0.10") == Applied("*", (Name("k"), Number("0.10")))
 
@@ -211,7 +211,7 @@ def test_a_refusal_says_what_and_where_and_what_to_write(text: str, words: str) 
 
 
 def test_a_caller_may_know_more_functions() -> None:
-    more = {**grammar.FUNCTIONS, "cube": grammar.Function(lambda x: x**3)}
+    more = {**formulas.FUNCTIONS, "cube": formulas.Function(lambda x: x**3)}
     assert parse("cube(z)", more) == Applied("cube", (Name("z"),))
     with pytest.raises(FormulaError, match="'cube' is no function"):
         parse("cube(z)")
@@ -238,7 +238,7 @@ def test_every_function_compiles() -> None:
     import sympy
 
     x, y = sympy.symbols("x y")
-    for name, function in grammar.FUNCTIONS.items():
+    for name, function in formulas.FUNCTIONS.items():
         text = f"{name}(0.3*x)" if function.most == 1 else f"{name}(x, 0.2, y)"
         compiled = function_of([x, y], [expression(parse(text))])
         operands = (0.15,) if function.most == 1 else (0.5, 0.2, 0.1)

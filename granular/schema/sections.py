@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self, dataclass_transform
 
 import numpy as np
 
-from granular.scene.units import si_value
+from granular.schema.units import si_value
 from granular.shared.errors import SceneError
 from granular.shared.messages import quoted, visible
 

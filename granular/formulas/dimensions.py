@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from fractions import Fraction
 
+from granular.formulas import Applied, Name, Node, Number
 from granular.shared.errors import InputError
-from granular.shared.grammar import Applied, Name, Node, Number
 
 Dimension = tuple[Fraction, ...]
 

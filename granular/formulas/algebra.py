@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.grammar import FormulaError, Name, Node, Number
+from granular.formulas import FormulaError, Name, Node, Number
 
 if TYPE_CHECKING:
     import sympy

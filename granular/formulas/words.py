@@ -7,8 +7,8 @@ import unicodedata
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+from granular.formulas.functions import ALSO, CONSTANTS, Function
 from granular.shared.errors import InputError
-from granular.shared.grammar.functions import ALSO, CONSTANTS, Function
 from granular.shared.messages import quoted
 
 MOST_SIGNS = 4000

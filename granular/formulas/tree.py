@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator
 
-from granular.shared.grammar.functions import CONSTANTS
+from granular.formulas.functions import CONSTANTS
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

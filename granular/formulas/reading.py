@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from granular.shared.grammar.functions import CONSTANTS, FUNCTIONS, Function
-from granular.shared.grammar.tree import Applied, Name, Node, Number
-from granular.shared.grammar.words import MOST_DEPTH, FormulaError, Word, Words
+from granular.formulas.functions import CONSTANTS, FUNCTIONS, Function
+from granular.formulas.tree import Applied, Name, Node, Number
+from granular.formulas.words import MOST_DEPTH, FormulaError, Word, Words
 
 GREATEST_POWER = 64
 """A height of 1e-3 m to it is 1e-192: with a higher power formulas leave double precision."""

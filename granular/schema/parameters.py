@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any, ClassVar, Self
 
-from granular.effects.dimensions import Dimension, dimension_of, unit_text
-from granular.scene.schema import FieldError, Kind, Section, declare, unknown
-from granular.scene.units import si_value, unit_size
+from granular.formulas import names, parse
+from granular.formulas.dimensions import Dimension, dimension_of, unit_text
+from granular.schema.sections import FieldError, Kind, Section, declare, unknown
+from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
-from granular.shared.grammar import names, parse
 from granular.shared.messages import quoted
 
 _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")

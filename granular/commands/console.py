@@ -217,7 +217,7 @@ def in_unit(unit: str) -> Callable[[str], float]:
     """What reads an option: a number in that SI unit, or a quantity with a unit of its own."""
 
     def read(text: str) -> float:
-        from granular.scene.units import si_value
+        from granular.schema.units import si_value
 
         try:
             return si_value(text, unit)
@@ -235,6 +235,6 @@ def time_step(text: str) -> float | str:
     InputError
         If it is none of these.
     """
-    from granular.scene.units import si_value
+    from granular.schema.units import si_value
 
     return text if text.startswith("auto") else si_value(text, "s")

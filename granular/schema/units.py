@@ -74,7 +74,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
 
     Examples
     --------
-    >>> from granular.scene import unit_size
+    >>> from granular.schema import unit_size
     >>> unit_size("mm")[0]
     0.001
     """
@@ -133,7 +133,7 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
 
     Examples
     --------
-    >>> from granular.scene import si_value
+    >>> from granular.schema import si_value
     >>> si_value("8.33 mm/s", "m/s"), si_value("20 D", "m", diameter=0.006)
     (0.00833, 0.12)
     """
