@@ -53,14 +53,14 @@ KNOWN = {
 """Units that are recognised behind a name, without brackets."""
 
 _LONGEST = 100
-"""Signs of a header in which a unit is looked for: beyond, patterns take long and nobody reads."""
+"""Characters of a header that may be a synonym and a unit without brackets."""
 _TIMES = ("s", "ms", "us")
-_BRACKETS = re.compile(r"\s*([^\[\]\(\)\{\}]*?)\s*[\[\(\{]\s*([^\[\]\(\)\{\}]*?)\s*[\]\)\}]\s*")
-_WITHIN = re.compile(r"\s*([^\[\]\(\)]+?)\s*[\[\(]\s*([^\[\]\(\)]+?)\s*[\]\)]\s*([^\[\]\(\)]+?)\s*")
+_BRACKETS = re.compile(r"([^\[\]\(\)\{\}]*)[\[\(\{]([^\[\]\(\)\{\}]*)[\]\)\}]")
+_WITHIN = re.compile(r"([^\[\]\(\)]+)[\[\(]([^\[\]\(\)]+)[\]\)]([^\[\]\(\)]+)")
 _RUN = re.compile(r"^(latest|run \d+) | run \d+$")
 """What programs for schools put before or behind a name."""
-_IN = re.compile(r"\s*(.*?)\s*\bin\s+([^\s_,:]+)\s*")
-_BEHIND = re.compile(r"\s*(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)\s*")
+_IN = re.compile(r"(.*)\bin\s+([^\s_,:]+)")
+_BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
 def plain_unit(unit: str) -> str:
@@ -81,23 +81,23 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
     known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too; ``height in mm``. A
     header that is a unit of time alone, such as ``ms`` or ``in s``, is the time in it.
     """
-    if len(cell) > _LONGEST:
-        return cell.strip(), None
+    cell = cell.strip()
     match = _BRACKETS.fullmatch(cell)
     if match is not None:
-        return match[1], match[2] or None
+        return match[1].strip(), match[2].strip() or None
     match = _WITHIN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
-        return f"{match[1]} {match[3]}", match[2]
+        return f"{match[1].strip()} {match[3].strip()}", match[2].strip()
     match = _IN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
-        return match[1] or (TIME if plain_unit(match[2]) in _TIMES else ""), match[2]
-    match = _BEHIND.fullmatch(cell)
+        name = match[1].strip()
+        return name or (TIME if plain_unit(match[2]) in _TIMES else ""), match[2]
+    match = _BEHIND.fullmatch(cell) if len(cell) <= _LONGEST else None
     if match is not None and is_unit(match[2]) and role_of(match[1]) is not None:
         return match[1], match[2]
-    if cell.strip() and plain_unit(cell) in _TIMES and len(cell.strip()) > 1:
-        return TIME, cell.strip()
-    return cell.strip(), None
+    if plain_unit(cell) in _TIMES and len(cell) > 1:
+        return TIME, cell
+    return cell, None
 
 
 def bare(name: str) -> str:

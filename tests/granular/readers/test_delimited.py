@@ -29,6 +29,15 @@ def test_what_was_done_to_a_column_stands_below_its_unit(tmp_path: Path) -> None
     assert record.height[0] == pytest.approx(0.055)
 
 
+@pytest.mark.parametrize("unit", ["[mm]", "(mm)", "{mm}", "in mm", "[mm] as wired"])
+def test_a_long_header_keeps_its_unit(unit: str, tmp_path: Path) -> None:
+    name = "distance from the laser below to the plate that moves with the piston, " * 3
+    path = tmp_path / "record.csv"
+    path.write_text(f'time [s],"{name}{unit}"\n' + "".join(f"0.0{k},{k}\n" for k in range(5)))
+    record = PistonRecord.from_file(path, columns={"height": 2})
+    assert record.height[1] == pytest.approx(0.001)
+
+
 PAIRS = "0,000000,0,035000\n0,010000,-0,034000\n0,020000,0,033000\n"
 
 

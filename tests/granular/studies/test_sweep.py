@@ -39,12 +39,12 @@ def measured(run: Trajectory) -> dict[str, float]:
 
 def test_grid_and_cases_make_a_tidy_table() -> None:
     study = sweep(
-        falling(), {"effects.gravity.acceleration": [1.0, 2.0], "arrangement.seed": [1, 2]},
+        falling(), {"effects.gravity.acceleration": [1.0, 2.0], "cell.width": [0.4, 0.5]},
         cases=[{"grains.density": 7000.0}], measure=measured, dt=1e-4, workers=1, progress=False,
     )  # fmt: skip
     table = study.table
     assert len(table) == 5
-    assert list(table.columns[:2]) == ["effects.gravity.acceleration", "arrangement.seed"]
+    assert list(table.columns[:2]) == ["effects.gravity.acceleration", "cell.width"]
     assert list(table.columns[-2:]) == ["error", "key"]
     first = table["energy"][0]
     mass = falling().grains.density * 0.003 * 3.141592653589793 / 4.0 * 0.005**2
@@ -99,7 +99,7 @@ def test_cases_have_steps_methods_and_ends_of_their_own(tmp_path: Path, here: Ex
     arguments: dict[str, Any] = {"out": tmp_path, "executor": here, "progress": False}
     mixed = sweep(
         falling(), {"dt": [1e-4, "auto/2"], "method": ["stormer-verlet", "pefrl"]},
-        cases=[{"t_end": 0.005, "arrangement.seed": 2}], dt=2e-4, **arguments,
+        cases=[{"t_end": 0.005, "cell.width": 0.5}], dt=2e-4, **arguments,
     )  # fmt: skip
     table = mixed.table
     assert list(table["dt"][:4]) == [1e-4, 1e-4, "auto/2", "auto/2"]
@@ -109,21 +109,22 @@ def test_cases_have_steps_methods_and_ends_of_their_own(tmp_path: Path, here: Ex
     assert alike.reused == 1
     assert alike.outcomes[0] == mixed.outcomes[3]
     short = {"dt": 2e-4, "t_end": 0.005}
-    assert sweep(falling(), cases=[{"arrangement.seed": 2}], **short, **arguments).reused == 1
+    assert sweep(falling(), cases=[{"cell.width": 0.5}], **short, **arguments).reused == 1
 
 
 def test_a_study_file_gives_cases_steps_of_their_own(tmp_path: Path) -> None:
     falling().save(tmp_path / "fall.toml")
     (tmp_path / "study.toml").write_text(
         'scene = "fall.toml"\ndt = 1e-4\n[grid]\ndt = ["auto", "auto/2"]\n'
-        '[[cases]]\n"arrangement.seed" = 2\n[[cases]]\nmethod = "pefrl"\nt_end = 0.005\n'
+        '[[cases]]\n"cell.width" = 0.5\n[[cases]]\nmethod = "pefrl"\nt_end = 0.005\n'
     )
     study = load_study(tmp_path / "study.toml")
     settings = {"dt": study["dt"], "t_end": None, "method": "stormer-verlet"}
     made = make_cases(study["scene"], study["grid"], study["cases"], settings, last_values)
     assert [case.settings["dt"] for case in made] == ["auto", "auto/2", 1e-4, 1e-4]
     assert made[3].settings == {"dt": 1e-4, "t_end": 0.005, "method": "pefrl"}
-    assert [case.scene.arrangement.seed for case in made] == [1, 1, 2, 1]
+    usual = falling().cell.width
+    assert [case.scene.cell.width for case in made] == [usual, usual, 0.5, usual]
 
 
 def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> None:
