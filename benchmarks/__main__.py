@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import PARTS
-from granular.commands.console import Parser, add_output, add_version, emit, launch
+from granular.commands.console import Parser, add_version, emit, launch
+from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
 
 EXAMPLES = "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
@@ -47,7 +48,7 @@ def parser() -> Parser:
     length = one.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
     length.add_argument("--full", action="store_true", help="everything, an hour or so")
-    add_output(one)
+    OUTPUT(one)
     return one
 
 

@@ -3,67 +3,27 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 
-from granular.commands import (
-    defects,
-    export,
-    impulse,
-    methods,
-    observe,
-    render,
-    response,
-    run,
-    scenes,
-    schema,
-    show,
-    sweep,
-    warm_up,
-)
-from granular.commands.console import Parser, command_parser, launch
+from granular.commands.console import Program, launch
+from granular.commands.export import export
+from granular.commands.observe import defects, observe
+from granular.commands.render import render
+from granular.commands.response import response
+from granular.commands.run import run, sweep
+from granular.commands.scenes import scenes, schema, show
 
-PROG = "python -m granular"
-
-_FIRST_RUN = """\
+PROGRAM = Program(
+    "python -m granular",
+    "Simulate beds of repelling magnets and the piston on them.",
+    """\
 a first run, looked at:
   %(prog)s scenes
   %(prog)s show bed
   %(prog)s run bed --t-end 0.5 -o runs/bed
-  %(prog)s render runs/bed -o speed.png --colour speed"""
-
-COMMANDS = {
-    "scenes": scenes,
-    "methods": methods,
-    "show": show,
-    "schema": schema,
-    "run": run,
-    "observe": observe,
-    "defects": defects,
-    "export": export,
-    "render": render,
-    "sweep": sweep,
-    "response": response,
-    "impulse": impulse,
-    "warm-up": warm_up,
-}
-
-
-def parser(prog: str = PROG) -> Parser:
-    """The command line's grammar; ``prog`` is what the user types before a command."""
-    examples = {"": _FIRST_RUN} | {name: one.EXAMPLES for name, one in COMMANDS.items()}
-    top, add = command_parser(
-        prog, "Simulate beds of repelling magnets and the piston on them.", examples
-    )
-    for name, one in COMMANDS.items():
-        one.add_options(add(name, one.WHAT))
-    return top
-
-
-def main(arguments: Sequence[str], prog: str = PROG) -> None:
-    """Run one command."""
-    options = parser(prog).parse_args(arguments)
-    COMMANDS[options.command].carry_out(options)
-
+  %(prog)s render runs/bed -o speed.png --colour speed""",
+    (scenes, show, schema, run, observe, defects, export, render, sweep, response),
+)
+parser, main = PROGRAM.parser, PROGRAM.main
 
 if __name__ == "__main__":
     sys.exit(launch(main))

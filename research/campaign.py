@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-from granular.commands.console import Parser, add_output, add_version, emit
+from granular.commands.console import Parser, add_version, emit
+from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
 from granular.shared.files import finite, write_text
 from granular.shared.shelf import Shelf
@@ -132,7 +133,7 @@ class Campaign(Generic[Results]):
             help="write blocks and pictures of the committed results into the pages",
         )  # fmt: skip
         self.add_options(one)
-        add_output(one)
+        OUTPUT(one)
         return one
 
     def main(self, arguments: Sequence[str]) -> None:

@@ -1,1 +1,1 @@
-"""The commands of ``python -m granular``, one file each: its help, its options, what it does."""
+"""Commands of ``python -m granular``, and the options that all packages' commands share."""

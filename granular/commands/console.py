@@ -1,4 +1,20 @@
-"""What the three packages' command lines share.
+r"""Command lines of the three packages, in one idiom.
+
+A command is a function of the parsed options. Right above it, in the decorator `command`, stand its
+name, what it does, its options and examples; `option` takes what
+`argparse.ArgumentParser.add_argument` takes. Options of several commands are named once, in
+`granular.commands.options`. Heavy imports stand in the function, so that ``--help`` is fast.
+
+    @command(
+        "show", "tell what a scene holds, in SI and in natural units",
+        SCENE, CHANGES, IMPORT, OUTPUT,
+        examples="example:\n  %(prog)s damper --set piston.mass=6.5",
+    )
+    def show(options: Any) -> None:
+        scene = scene_of(options)
+        emit(scene_figures(scene), scene_text(scene), options.json)
+
+A package's ``__main__`` lists its commands in a `Program`.
 
 Every command exits with 0, or prints one line on standard error that names the value, the limit
 and the remedy: 2 for bad input, 1 for a run that could not be finished, 130 after Ctrl-C, 143 after
@@ -12,16 +28,15 @@ import io
 import json
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, NoReturn
 
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated
 from granular.shared.files import finite
-from granular.shared.messages import one_line, printable, quoted
+from granular.shared.messages import one_line, printable
 from granular.shared.missing import missing
 from granular.shared.stops import taking_sigterm
 from granular.shared.surroundings import check_surroundings
-from granular.shared.toml import parse_toml
 from granular.shared.version import __version__
 
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
@@ -86,36 +101,129 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print(f"warning: {one_line(message)}", file=sys.stderr)
 
 
-def command_parser(
-    prog: str, description: str, examples: Mapping[str, str]
-) -> tuple[Parser, Callable[[str, str], Parser]]:
-    """A parser of commands, and what adds a command by its name and what it does.
+Option = Callable[[argparse._ActionsContainer], object]
+"""Adds itself, an option or several, to a command's parser."""
 
-    ``examples`` holds texts by command that stand at the end of its help; those of the whole under
-    the empty name. ``%(prog)s`` in them is what the user types.
+
+def option(*names: str, **settings: Any) -> Option:
+    """An option or an argument, by the arguments of `argparse.ArgumentParser.add_argument`."""
+    return lambda parser: parser.add_argument(*names, **settings)
+
+
+def group(*options: Option, title: str | None = None) -> Option:
+    """Several options as one; with a title they stand under it in the help."""
+
+    def add(parser: argparse._ActionsContainer) -> None:
+        target = parser if title is None else parser.add_argument_group(title)
+        for one in options:
+            one(target)
+
+    return add
+
+
+class Command(NamedTuple):
+    """A command of a program.
+
+    Attributes
+    ----------
+    name, summary : str
+        What the user types, and what it does, in a line.
+    options : tuple of Option
+    examples : str
+        End of its help; ``%(prog)s`` in it is what the user types up to its options.
+    carry_out : callable
+        Takes the parsed options.
     """
-    top = Parser(
-        prog=prog,
-        description=description,
-        epilog=examples[""],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_version(top)
-    top.commands = {}
-    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def add(name: str, what: str) -> Parser:
-        top.commands[name] = what
-        one: Parser = commands.add_parser(
-            name,
-            help=what,
-            description=what[0].upper() + what[1:] + ".",
-            epilog=examples[name],
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+    name: str
+    summary: str
+    options: tuple[Option, ...]
+    examples: str
+    carry_out: Callable[[Any], None]
+
+
+def command(
+    name: str, summary: str, *options: Option, examples: str
+) -> Callable[[Callable[[Any], None]], Command]:
+    """Make the function below it a command; see `Command`."""
+    return lambda carry_out: Command(name, summary, options, examples, carry_out)
+
+
+class Program(NamedTuple):
+    """The command line of a package.
+
+    Attributes
+    ----------
+    name : str
+        What the user types before a command, unless it is run under another name.
+    description, examples : str
+        Start and end of its help.
+    commands : tuple of Command
+    """
+
+    name: str
+    description: str
+    examples: str
+    commands: tuple[Command, ...]
+
+    def parser(self, name: str | None = None) -> Parser:
+        """Grammar of the command line."""
+        raw = argparse.RawDescriptionHelpFormatter
+        top = Parser(
+            prog=name or self.name, description=self.description, epilog=self.examples,
+            formatter_class=raw,
+        )  # fmt: skip
+        add_version(top)
+        top.commands = {one.name: one.summary for one in self.commands}
+        parsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+        for one in self.commands:
+            parser = parsers.add_parser(
+                one.name, help=one.summary, epilog=one.examples, formatter_class=raw,
+                description=one.summary[0].upper() + one.summary[1:] + ".",
+            )  # fmt: skip
+            parser.set_defaults(prog=parser.prog)
+            group(*one.options)(parser)
+        return top
+
+    def main(self, arguments: Sequence[str], name: str | None = None) -> None:
+        """Run one command."""
+        options = self.parser(name).parse_args(arguments)
+        chosen = next(one for one in self.commands if one.name == options.command)
+        chosen.carry_out(options)
+
+
+def require(options: Any, **arguments: str) -> None:
+    """Refuse a command without arguments that only some forms of it need.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+    **arguments : str
+        How each is written on the command line, by its name among the options.
+
+    Raises
+    ------
+    InputError
+        If one is missing, in the words of a command that always needs it.
+    """
+    missing = [words for name, words in arguments.items() if getattr(options, name) in (None, [])]
+    if missing:
+        raise InputError(
+            f"the following arguments are required: {', '.join(missing)}; see {options.prog} --help"
         )
-        return one
 
-    return top, add
+
+def refuse(options: Any, form: str, *names: str) -> None:
+    """Refuse options that a form of a command, such as ``--impulse``, does not take.
+
+    Raises
+    ------
+    InputError
+        If one of these names is given.
+    """
+    for name in names:
+        if getattr(options, name) not in (None, [], False):
+            raise InputError(f"--{name.replace('_', '-')} does not go with {form}; leave it out")
 
 
 def add_version(parser: argparse.ArgumentParser) -> None:
@@ -132,109 +240,3 @@ def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
     JSON has neither infinities nor NaN: they are printed as null.
     """
     print(json.dumps(finite(result), allow_nan=False) if as_json else printable(text))
-
-
-def add_scene(parser: argparse.ArgumentParser, name: str = "scene", what: str = "") -> None:
-    """The scene and changes to it."""
-    what = what or "name of a packaged scene, or path to a TOML file"
-    parser.add_argument(name, metavar=name.upper(), help=what)
-    add_changes(parser)
-
-
-def add_changes(parser: argparse.ArgumentParser) -> None:
-    """Changes to a scene."""
-    parser.add_argument(
-        "--set",
-        dest="changes",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="change the scene: dotted key and value, such as piston.mass=6.5 or "
-        "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
-    )
-
-
-def add_run(parser: argparse.ArgumentParser) -> None:
-    """How a scene is run."""
-    parser.add_argument(
-        "--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2"
-    )
-    parser.add_argument("--method", default="stormer-verlet",
-        help="integration method, by name (stormer-verlet); 'granular methods' lists them",
-    )  # fmt: skip
-    add_import(parser)
-    parser.add_argument("--threads", type=int,
-        help="number of threads; the result is the same to the last bit with any number",
-    )  # fmt: skip
-
-
-def add_accuracy(parser: argparse.ArgumentParser) -> None:
-    """An accuracy instead of a step and a method."""
-    parser.add_argument(
-        "--accuracy", metavar="TEXT",
-        help="choose dt, method and sum over pairs for this error, such as '1e-3 rest height'",
-    )  # fmt: skip
-
-
-def add_import(parser: argparse.ArgumentParser) -> None:
-    """Code of the user's own."""
-    parser.add_argument(
-        "--import", dest="own_files", metavar="FILE", action="append", default=[],
-        help="run this Python file of yours first: its effects, methods and measures are then "
-        "known by their names (repeatable)",
-    )  # fmt: skip
-
-
-def add_output(parser: argparse.ArgumentParser) -> None:
-    """How a command speaks."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-
-
-def changes_from(items: Sequence[str]) -> dict[str, Any]:
-    """Changes to a scene from ``KEY=VALUE`` texts.
-
-    Raises
-    ------
-    InputError
-        If a text has no equals sign.
-    """
-    changes: dict[str, Any] = {}
-    for item in items:
-        key, equals, value = item.partition("=")
-        if not equals or not key.strip():
-            raise InputError(
-                f"--set {quoted(item)} is not KEY=VALUE; write for instance piston.mass=6.5"
-            )
-        try:
-            changes[key.strip()] = parse_toml(f"value = {value}")["value"]
-        except ValueError:
-            changes[key.strip()] = value.strip()
-    return changes
-
-
-def in_unit(unit: str) -> Callable[[str], float]:
-    """What reads an option: a number in that SI unit, or a quantity with a unit of its own."""
-
-    def read(text: str) -> float:
-        from granular.schema.units import si_value
-
-        try:
-            return si_value(text, unit)
-        except GranularError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return read
-
-
-def time_step(text: str) -> float | str:
-    """A time step from the command line: seconds, a quantity, or a multiple of "auto".
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
-    """
-    from granular.schema.units import si_value
-
-    return text if text.startswith("auto") else si_value(text, "s")

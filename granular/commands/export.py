@@ -6,42 +6,40 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granular.commands.console import Parser, add_import, add_output, add_scene, emit, time_step
-from granular.commands.given_scene import scene_of
+from granular.commands.console import command, emit, option
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, scene_of, time_step
 from granular.shared.errors import InputError
 
-WHAT = "write a run for other programs"
-EXAMPLES = """\
+
+@command(
+    "export", "write a run for other programs",
+    option(
+        "run", metavar="RUN", help="directory that a run was written to; for 'lammps' also a scene"
+    ),
+    CHANGES,
+    option(
+        "--format", required=True,
+        choices=("gsd", "extxyz", "vtk", "csv", "parquet", "source", "lammps"),
+        help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of de Paula's "
+        "program, or a LAMMPS input deck",
+    ),
+    option(
+        "-o", "--out", metavar="PATH", required=True,
+        help="file; a directory for all but 'gsd' and 'extxyz'",
+    ),
+    option("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2"),
+    option("--force", action="store_true", help="replace what is there"),
+    IMPORT, OUTPUT,
+    examples="""\
 examples:
   %(prog)s runs/bed --format gsd -o bed.gsd          # for OVITO
   %(prog)s runs/bed --format extxyz -o bed.xyz       # text, for OVITO and ASE
   %(prog)s runs/bed --format vtk -o vtk              # ParaView: open vtk/bed.pvd
   %(prog)s runs/bed --format csv -o tables           # scalars.csv and grains.csv
   %(prog)s runs/bed --format source -o dat           # posPart.dat and the rest
-  %(prog)s bed --format lammps -o deck               # also of a scene"""
-
-
-def add_options(one: Parser) -> None:
-    """The command's options."""
-    add_scene(one, "run", "directory that a run was written to; for 'lammps' also a scene")
-    one.add_argument(
-        "--format",
-        required=True,
-        choices=("gsd", "extxyz", "vtk", "csv", "parquet", "source", "lammps"),
-        help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of de Paula's "
-        "program, or a LAMMPS input deck",
-    )
-    one.add_argument(
-        "-o", "--out", metavar="PATH", required=True,
-        help="file; a directory for all but 'gsd' and 'extxyz'",
-    )  # fmt: skip
-    one.add_argument("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2")
-    one.add_argument("--force", action="store_true", help="replace what is there")
-    add_import(one)
-    add_output(one)
-
-
-def carry_out(options: Any) -> None:
+  %(prog)s bed --format lammps -o deck               # also of a scene""",
+)  # fmt: skip
+def export(options: Any) -> None:
     """Write a run, or a LAMMPS deck of a scene."""
     from granular.own import import_own
 

@@ -1,15 +1,27 @@
-"""The command ``observe``: observables of a run, as a table."""
+"""The commands ``observe`` and ``defects``: what a run shows, as tables."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import Parser, add_import, add_output, emit
-from granular.shared.files import write_text
+from granular.commands.console import command, emit, option
+from granular.commands.options import IMPORT, OUTPUT, RUN, in_unit
+from granular.shared.files import make_directory, write_text
 
-WHAT = "observables of every frame of a run, as a table"
-EXAMPLES = """\
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+@command(
+    "observe", "observables of every frame of a run, as a table",
+    RUN,
+    option("names", metavar="NAME", nargs="+", help="of an observable; see below, or your own"),
+    IMPORT,
+    option("-o", "--out", metavar="FILE", help="write the table to this CSV file"),
+    OUTPUT,
+    examples="""\
 examples:
   %(prog)s runs/bed mean_distance hexatic_order -o order.csv
   %(prog)s runs/bed greatest_force --import mine.py
@@ -27,21 +39,9 @@ mine.py:
 
   @observable("N", "greatest force on a grain")
   def greatest_force(frame):
-      return np.nanmax(np.linalg.norm(frame.forces, axis=1))"""
-
-
-def add_options(one: Parser) -> None:
-    """The command's options."""
-    one.add_argument("run", metavar="RUN", help="directory that a run was written to")
-    one.add_argument(
-        "names", metavar="NAME", nargs="+", help="of an observable; see below, or your own"
-    )
-    add_import(one)
-    one.add_argument("-o", "--out", metavar="FILE", help="write the table to this CSV file")
-    add_output(one)
-
-
-def carry_out(options: Any) -> None:
+      return np.nanmax(np.linalg.norm(frame.forces, axis=1))""",
+)  # fmt: skip
+def observe(options: Any) -> None:
     """Make a table of observables."""
     from granular.observables.named import observable_named
     from granular.observables.of_frames import observed_table
@@ -55,3 +55,90 @@ def carry_out(options: Any) -> None:
         write_text(Path(options.out), table.to_csv(index=False))
     text = table.to_string(index=False) if options.out is None else f"written to {options.out}"
     emit({"table": table.to_dict("list"), "out": options.out}, text, options.json)
+
+
+@command(
+    "defects", "follow dislocations, vacancies and other defects of a run from frame to frame",
+    RUN,
+    option("--start", type=in_unit("s"), metavar="T", default=0.0, help="first time"),
+    option("--stop", type=in_unit("s"), metavar="T", help="last time"),
+    option(
+        "--reach", type=float, metavar="A", help="farthest way from frame to frame, in spacings"
+    ),
+    option("--memory", type=int, metavar="N", help="frames that a defect may be out of sight"),
+    option("--least", type=int, metavar="N", help="leave out what was seen in fewer frames"),
+    option("-o", "--out", metavar="DIR", help="write tables and a picture there"),
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s runs/bed --start 0.2s --stop 0.5s
+  %(prog)s runs/bed -o defects
+
+what is written to the directory:
+  tracks.csv   kind, life, Burgers vector, speed, glide and climb of each defect
+  events.csv   births, annihilations, reactions, and what enters and leaves at the rim
+  paths.csv    where each defect was in each frame
+  paths.png    the paths over the Voronoi cells of the last frame""",
+)  # fmt: skip
+def defects(options: Any) -> None:
+    """Follow the defects."""
+    from granular.observables.defect_motion import tracked_defects
+    from granular.run.trajectory import load_trajectory
+
+    run = load_trajectory(options.run)
+    given = {name: getattr(options, name) for name in ("stop", "reach", "memory", "least")}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    motion = tracked_defects(run, options.start, **chosen)
+    tracks, events = _tracks(motion), _events(motion)
+    if options.out is not None:
+        times = motion["frame_time"].values
+        last = run.dataset["frame_time"].values.searchsorted(times[-1])
+        positions = run.scene.cell.inside(run.dataset["position"].values[last])
+        _write(Path(options.out), motion, positions)
+    result = {"tracks": tracks.to_dict("list"), "events": events.to_dict("list"),
+              "conserved": motion.attrs["conserved"], "out": options.out}  # fmt: skip
+    words = tracks.to_string(index=False, na_rep="", float_format="%.4g") if len(tracks) else ""
+    text = f"{len(tracks)} defects, {len(events)} events\n{words}"
+    emit(result, text if options.out is None else f"written to {options.out}", options.json)
+
+
+def _tracks(motion: xarray.Dataset) -> pandas.DataFrame:
+    import pandas
+
+    columns = {"kind": motion["kind"].values}
+    columns |= {f"{name} [s]": motion[name].values for name in ("begin", "end")}
+    columns |= {name: motion[name].values for name in ("born", "ended")}
+    for k, axis in enumerate("xy"):
+        columns[f"burgers {axis} [m]"] = motion["burgers"].values[:, k]
+    columns |= {f"{name} [m/s]": motion[name].values for name in ("speed", "glide", "climb")}
+    return pandas.DataFrame(columns)
+
+
+def _events(motion: xarray.Dataset) -> pandas.DataFrame:
+    import pandas
+
+    columns = {"kind": motion["event_kind"].values, "time [s]": motion["event_time"].values}
+    for name in ("position", "burgers"):
+        for k, axis in enumerate("xy"):
+            columns[f"{name} {axis} [m]"] = motion[f"event_{name}"].values[:, k]
+    return pandas.DataFrame(columns)
+
+
+def _paths(motion: xarray.Dataset) -> pandas.DataFrame:
+    table = motion["position"].to_dataframe()["position"].unstack("axis").dropna()
+    times = motion["frame_time"].to_series()
+    table.insert(0, "time [s]", times.loc[table.index.get_level_values("frame")].to_numpy())
+    return table.rename(columns={"x": "x [m]", "y": "y [m]"}).reset_index()
+
+
+def _write(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
+    from granular.observables.plots import plot_defect_paths
+    from granular.render.still import save
+    from granular.shared.plotting import figure
+
+    make_directory(directory)
+    for name, table in (("tracks", _tracks), ("events", _events), ("paths", _paths)):
+        write_text(directory / f"{name}.csv", table(motion).to_csv(index=False))
+    with figure(width=7.2, height=5.4) as (drawing, axes):
+        plot_defect_paths(motion, positions, axes)
+        save(drawing, directory / "paths.png", overwrite=True)

@@ -5,12 +5,37 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from granular.commands.console import Parser, add_import, add_output, emit, in_unit
+from granular.commands.console import command, emit, option
+from granular.commands.options import IMPORT, OUTPUT, RUN, in_unit
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quoted
 
-WHAT = "draw a still or a movie of a run"
-EXAMPLES = """\
+
+@command(
+    "render", "draw a still or a movie of a run",
+    RUN,
+    option(
+        "-o", "--out", metavar="FILE", required=True,
+        help="a still (.png, .svg, .pdf) or a movie (.mp4, .gif)",
+    ),
+    option("--colour", default="species", help="what the colours show; see below"),
+    option(
+        "--frame", type=int, metavar="N", help="number of the still's frame, -1 for the last"
+    ),
+    option("--time", metavar="T", help="take the frame nearest to this time [s]"),
+    option("--stage", metavar="NAME", help="the movie shows this stage only"),
+    option(
+        "--fps", type=in_unit("Hz"), metavar="F", help="pictures per second of the movie (25)"
+    ),
+    option(
+        "--speed", metavar="X",
+        help="seconds of the run in a second of the movie (1: real time); 'frames' for a picture a "
+        "frame of the run",
+    ),
+    option("--width", type=int, metavar="PIXELS", help="width of the movie, 760 to 960 (960)"),
+    option("--force", action="store_true", help="replace the file if it is there"),
+    IMPORT, OUTPUT,
+    examples="""\
 examples:
   %(prog)s runs/bed -o force.png --colour force
   %(prog)s runs/bed -o start.svg --frame 0
@@ -25,42 +50,9 @@ colours:
   pressure      of each grain, by its virial and its Voronoi cell
   sides         number of sides of the Voronoi cells, drawn
   regularity    of the hexagonal Voronoi cells: 1 for a regular hexagon
-  fluctuation   |F - mean|/mean of the force, within the species"""
-
-
-def add_options(one: Parser) -> None:
-    """The command's options."""
-    one.add_argument("run", metavar="RUN", help="directory that a run was written to")
-    one.add_argument(
-        "-o",
-        "--out",
-        metavar="FILE",
-        required=True,
-        help="a still (.png, .svg, .pdf) or a movie (.mp4, .gif)",
-    )
-    one.add_argument("--colour", default="species", help="what the colours show; see below")
-    one.add_argument(
-        "--frame", type=int, metavar="N", help="number of the still's frame, -1 for the last"
-    )
-    one.add_argument("--time", metavar="T", help="take the frame nearest to this time [s]")
-    one.add_argument("--stage", metavar="NAME", help="the movie shows this stage only")
-    one.add_argument(
-        "--fps", type=in_unit("Hz"), metavar="F", help="pictures per second of the movie (25)"
-    )
-    one.add_argument(
-        "--speed", metavar="X",
-        help="seconds of the run in a second of the movie (1: real time); 'frames' for a picture a "
-        "frame of the run",
-    )  # fmt: skip
-    one.add_argument(
-        "--width", type=int, metavar="PIXELS", help="width of the movie, 760 to 960 (960)"
-    )
-    one.add_argument("--force", action="store_true", help="replace the file if it is there")
-    add_import(one)
-    add_output(one)
-
-
-def carry_out(options: Any) -> None:
+  fluctuation   |F - mean|/mean of the force, within the species""",
+)  # fmt: skip
+def render(options: Any) -> None:
     """Draw a still or a movie."""
     from granular.own import import_own
     from granular.render import WRITERS

@@ -1,89 +1,101 @@
-"""The command ``response``: what is left of a machine's vibration."""
+"""The command ``response``: a machine that carries a damper, shaken or struck."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import (
-    Parser,
-    add_import,
-    add_output,
-    add_scene,
-    emit,
+from granular.commands.console import command, emit, option, refuse, require
+from granular.commands.options import (
+    CHANGES,
+    DT,
+    IMPORT,
+    OUTPUT,
+    SCENE,
+    WORKERS,
     in_unit,
+    scene_of,
     time_step,
 )
-from granular.commands.given_scene import scene_of
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_text
 from granular.shared.messages import quoted
 
 if TYPE_CHECKING:
     from granular.response.response import Response
+    from granular.response.transients import Impulse
     from granular.scene.scene import Scene
 
-WHAT = "frequency response of a machine that carries a damper"
-EXAMPLES = """\
+POINTS, SINE = 25, 20.0
+"""Frequencies of sines, and how long each acts [s], if not given."""
+
+LENGTH, SHARE, WATCHED = 0.02, 0.1, 10.0
+"""Length of an impulse [s], share of its peak within which the machine is down, and how long it is
+looked at [s], if not given."""
+
+
+@command(
+    "response", "frequency response of a machine that carries a damper, or how soon it comes down",
+    SCENE, CHANGES,
+    option("--from", dest="lowest", type=in_unit("Hz"), metavar="F",
+           help="lowest frequency of the sine"),
+    option("--to", dest="highest", type=in_unit("Hz"), metavar="F",
+           help="highest frequency of the sine"),
+    option("--points", type=int, metavar="N", help="frequencies (25; 200 read off a sweep)"),
+    *(
+        option(f"--{name}", type=in_unit(unit), action="append", metavar="X",
+               help=f"amplitude of the {name} (repeatable){more}")
+        for name, unit, more in (
+            ("force", "N", "; peak of an impulse"), ("acceleration", "m/s^2", ""),
+            ("displacement", "m", ""),
+        )
+    ),
+    option("--duration", type=in_unit("s"), metavar="T",
+           help="how long each sine acts (20 s), or a struck machine is looked at (10 s)"),
+    option(
+        "--sweep", type=in_unit("s"), metavar="T",
+        help="in place of sines, one run under a sweep from the lowest to the highest frequency "
+        "that takes this long, of the first amplitude",
+    ),
+    option(
+        "--impulse", action="store_true",
+        help="in place of sines, strike the machine once, by half a sine in time, and say how soon "
+        "it is down",
+    ),
+    option("--length", type=in_unit("s"), metavar="T", help="of the impulse (20 ms)"),
+    option(
+        "--share", type=in_unit("1"), metavar="S",
+        help="share of its peak within which a struck machine is down: 0.1 (default) or '10 %%'",
+    ),
+    option(
+        "-o", "--out", metavar="DIR",
+        help="directory for report.html, response.csv and response.png, or for impulse.csv and "
+        "impulse.png, which keeps what is done",
+    ),
+    DT, WORKERS, IMPORT, OUTPUT,
+    examples="""\
 examples:
   %(prog)s machine --from 2.6Hz --to 3.6Hz --points 9 --dt 'auto*4' -o out/machine
   %(prog)s machine --from 2.8Hz --to 3Hz --points 3 --dt 'auto*4' --force 5N --force 10N -o two
   %(prog)s machine --from 2.5Hz --to 3.5Hz --sweep 40s --dt 'auto*4' -o out/sweep
+  %(prog)s machine --impulse --force 500N --share 0.1 --dt 'auto*4' -o out/impulse
+  %(prog)s machine --impulse --force 500N --share 0.5 --duration 6s --dt 'auto*4'
 
-Each sine is a run; --sweep makes one run of all. report.html in DIR shows what was found."""
-POINTS, SINE = 25, 20.0
-"""Frequencies of sines, and how long each acts [s], if not given."""
-
-
-def add_options(one: Parser) -> None:
-    """The command's options."""
-    add_scene(one)
-    one.add_argument(
-        "--from",
-        dest="lowest",
-        type=in_unit("Hz"),
-        metavar="F",
-        required=True,
-        help="lowest frequency of the sine",
-    )
-    one.add_argument(
-        "--to",
-        dest="highest",
-        type=in_unit("Hz"),
-        metavar="F",
-        required=True,
-        help="highest frequency of the sine",
-    )
-    one.add_argument(
-        "--points", type=int, metavar="N", help="frequencies (25; 200 read off a sweep)"
-    )
-    for name, unit in (("force", "N"), ("acceleration", "m/s^2"), ("displacement", "m")):
-        one.add_argument(
-            f"--{name}", type=in_unit(unit), action="append", metavar="X",
-            help=f"amplitude of the {name} (repeatable)",
-        )  # fmt: skip
-    one.add_argument(
-        "--duration", type=in_unit("s"), metavar="T", help="how long each sine acts (20 s)"
-    )
-    one.add_argument(
-        "--sweep", type=in_unit("s"), metavar="T",
-        help="in place of sines, one run under a sweep from the lowest to the highest frequency "
-        "that takes this long, of the first amplitude",
-    )  # fmt: skip
-    one.add_argument("-o", "--out", metavar="DIR",
-        help="directory for report.html, response.csv and response.png, which keeps what is done",
-    )  # fmt: skip
-    one.add_argument("--dt", default="auto", help="time step [s], 'auto' (default), 'auto*2', ...")
-    one.add_argument("--workers", type=int, metavar="N", help="processes on this machine")
-    add_import(one)
-    add_output(one)
+Each sine is a run; --sweep makes one run of all. report.html in DIR shows what was found.""",
+)  # fmt: skip
+def response(options: Any) -> None:
+    """Shake or strike the machine, and say what is left."""
+    if options.impulse:
+        _strike(options)
+    else:
+        _shake(options)
 
 
-def carry_out(options: Any) -> None:
+def _shake(options: Any) -> None:
     """Run the sines, or the sweep, and say what is left."""
-    from granular.own import import_own
-
-    import_own(options.own_files)
+    require(options, lowest="--from", highest="--to")
+    refuse(options, "sines", "length", "share")
     points = POINTS if options.points is None else options.points
     if not 0.0 < options.lowest < options.highest or points < 2:
         raise InputError(
@@ -91,20 +103,57 @@ def carry_out(options: Any) -> None:
             "two frequencies, the lower one first, and at least 2 points"
         )
     scene, sizes = _shaken(options)
-    found = _stepped(options, scene, sizes) if options.sweep is None else _swept(options, scene)
-    lines, figures = [found.table], {"peaks": found.peaks(), "out": options.out}
+    result = _stepped(options, scene, sizes) if options.sweep is None else _swept(options, scene)
+    lines, figures = [result.table], {"peaks": result.peaks(), "out": options.out}
     if options.sweep is not None:
         from granular.response.transients import pace_of_sweep
 
-        figures["pace"] = pace_of_sweep(found)
+        figures["pace"] = pace_of_sweep(result)
         if figures["pace"] is not None:
             lines.append(
                 f"pace of the sweep at the peak: {figures['pace']:.2g} of what the machine with "
                 "its damper can follow; far below 1 is slow enough"
             )
     if options.out is not None:
-        lines.append(_written(found, Path(options.out)))
+        lines.append(_write_response(result, Path(options.out)))
     emit(figures, "\n".join(lines), options.json)
+
+
+def _strike(options: Any) -> None:
+    """Strike the machine and say how soon it is down."""
+    from granular.response.transients import run_impulse
+
+    require(options, force="--force")
+    wrong = ("lowest", "highest", "points", "acceleration", "displacement", "sweep", "workers")
+    refuse(options, "--impulse", *wrong)
+    if len(options.force) > 1:
+        raise InputError(f"--force is given {len(options.force)} times; an impulse has one")
+    result = run_impulse(
+        scene_of(options), options.force[0],
+        share=SHARE if options.share is None else options.share,
+        length=LENGTH if options.length is None else options.length,
+        duration=WATCHED if options.duration is None else options.duration,
+        dt=time_step(options.dt), out=options.out, progress=not options.quiet,
+    )  # fmt: skip
+    figures: dict[str, Any] = {
+        "seconds": result.seconds, "alone": result.alone if math.isfinite(result.alone) else None,
+        "share": result.share, "peak": result.peak, "out": options.out,
+    }  # fmt: skip
+    lines = [str(result)]
+    if options.out is not None:
+        lines.append(_write_impulse(result, Path(options.out)))
+    emit(figures, "\n".join(lines), options.json)
+
+
+def _write_impulse(result: Impulse, path: Path) -> str:
+    from granular.shared.plotting import figure
+
+    make_directory(path)
+    write_text(path / "impulse.csv", result.table.to_csv(index=False))
+    with figure() as (drawing, axes):
+        result.plot(axes)
+        drawing.savefig(path / "impulse.png", dpi=150)
+    return f"written to {path}: impulse.csv, impulse.png"
 
 
 def _shaken(options: Any) -> tuple[Scene, list[float] | None]:
@@ -166,17 +215,17 @@ def _swept(options: Any, scene: Scene) -> Response:
     )  # fmt: skip
 
 
-def _written(found: Response, path: Path) -> str:
+def _write_response(result: Response, path: Path) -> str:
     from granular.response.kept import save_response
     from granular.response.page import response_page
     from granular.shared.plotting import figure
 
     make_directory(path)
-    save_response(found, path)
-    table = found.dataset.to_dataframe().reset_index()
+    save_response(result, path)
+    table = result.dataset.to_dataframe().reset_index()
     write_text(path / "response.csv", table.to_csv(index=False))
     with figure() as (drawing, axes):
-        found.plot(axes)
+        result.plot(axes)
         drawing.savefig(path / "response.png", dpi=150)
-    response_page(found).save(path / "report.html")
+    response_page(result).save(path / "report.html")
     return f"written to {path}: report.html, response.csv, response.png"

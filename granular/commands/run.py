@@ -1,53 +1,54 @@
-"""The command ``run``: run a scene."""
+"""The commands ``run`` and ``sweep``: one scene, and a scene under many changes."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import (
-    Parser,
-    add_accuracy,
-    add_output,
-    add_run,
-    add_scene,
-    emit,
+from granular.commands.console import command, emit, option
+from granular.commands.options import (
+    ACCURACY,
+    CHANGES,
+    DT,
+    IMPORT,
+    METHOD,
+    OUTPUT,
+    SCENE,
+    THREADS,
+    WORKERS,
     in_unit,
+    scene_of,
     time_step,
 )
-from granular.commands.given_scene import scene_of
+from granular.shared.errors import GranularError, InputError
+from granular.shared.files import write_text
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
+    from granular.studies.sweep import Study
 
-WHAT = "run a scene"
-EXAMPLES = """\
+
+@command(
+    "run", "run a scene",
+    SCENE, CHANGES,
+    option("-o", "--out", metavar="DIR", help="directory to write the run to"),
+    option(
+        "--t-end", type=in_unit("s"), metavar="T", help="stop at this time, as 0.5 or '500 ms'"
+    ),
+    option("--resume", action="store_true", help="go on with the run in DIR"),
+    DT, METHOD, IMPORT, THREADS, ACCURACY, OUTPUT,
+    examples="""\
 examples:
   %(prog)s bed --t-end 0.5 -o runs/bed
   %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
   %(prog)s damper --accuracy '1e-2 rest height'
-  %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C"""
-
-
-def add_options(one: Parser) -> None:
-    """The command's options."""
-    add_scene(one)
-    one.add_argument("-o", "--out", metavar="DIR", help="directory to write the run to")
-    one.add_argument(
-        "--t-end", type=in_unit("s"), metavar="T", help="stop at this time, as 0.5 or '500 ms'"
-    )
-    one.add_argument("--resume", action="store_true", help="go on with the run in DIR")
-    add_run(one)
-    add_accuracy(one)
-    add_output(one)
-
-
-def carry_out(options: Any) -> None:
+  %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""",
+)  # fmt: skip
+def run(options: Any) -> None:
     """Run a scene."""
-    from granular.own import import_own
     from granular.run.simulation import simulate
 
-    import_own(options.own_files)
-    run = simulate(
+    done = simulate(
         scene_of(options),
         dt=time_step(options.dt),
         t_end=options.t_end,
@@ -58,17 +59,82 @@ def carry_out(options: Any) -> None:
         progress=not options.quiet,
         accuracy=options.accuracy,
     )
-    emit(*_outcome(run), options.json)
+    emit(*_outcome(done), options.json)
 
 
-def _outcome(run: Trajectory) -> tuple[dict[str, Any], str]:
+def _outcome(done: Trajectory) -> tuple[dict[str, Any], str]:
     from granular.run.price import price_text
     from granular.run.summary import run_figures, run_text
 
-    figures = run_figures(run) | {"price": price_text(run)}
-    lines = [run_text(run)]
-    if run.path is None:
+    figures = run_figures(done) | {"price": price_text(done)}
+    lines = [run_text(done)]
+    if done.path is None:
         lines.append("nothing is kept of the run; -o DIR keeps it")
     if "accuracy" in figures:
         lines.append(f"chosen for {figures['accuracy']}")
     return figures, "\n".join([*lines, figures["price"]])
+
+
+@command(
+    "sweep", "run a scene under many changes, from a study's file",
+    option("study", metavar="STUDY", help="the study's TOML file"),
+    option("-o", "--out", metavar="DIR", required=True, help="directory that keeps what is done"),
+    WORKERS,
+    option("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address"),
+    option("--mpi", action="store_true", help="run on the ranks of mpi4py.futures"),
+    option("--keep-runs", action="store_true", help="keep the whole runs too"),
+    IMPORT, OUTPUT,
+    examples="""\
+example:
+  %(prog)s study.toml -o studies/mass      # again: goes on where it was
+
+study.toml:
+  scene = "damper"
+  dt = "auto*2"
+  [grid]                       # all combinations
+  "piston.mass" = [6.0, 7.5]
+  "arrangement.seed" = [1, 2, 3]
+  [[cases]]                    # and one by one
+  "piston.mass" = "9 kg" """,
+)  # fmt: skip
+def sweep(options: Any) -> None:
+    """Run a study."""
+    from granular.own import import_own
+    from granular.studies.file import load_study
+    from granular.studies.remote import executor
+    from granular.studies.sweep import sweep as run_study
+
+    study = load_study(options.study, import_own(options.own_files).measures)
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers {options.workers}; give at least 1")
+    with executor(options.dask, options.mpi) as pool:
+        done = run_study(
+            study.pop("scene"),
+            out=options.out,
+            keep_runs=options.keep_runs,
+            executor=pool,
+            workers=options.workers,
+            progress=not options.quiet,
+            **study,
+        )
+    path = Path(options.out) / "table.csv"
+    write_text(path, done.table.to_csv(index=False))
+    figures = {
+        "cases": len(done.cases), "reused": done.reused, "failed": len(done.failed),
+        "unfinished": len(done.unfinished), "table": str(path),
+    }  # fmt: skip
+    text = (
+        f"{len(done.cases)} cases, {done.reused} of them done before, {len(done.failed)} "
+        f"failed; table in {path}"
+    )
+    emit(figures, text, options.json)
+    if done.unfinished:
+        raise GranularError(_causes(done))
+
+
+def _causes(study: Study) -> str:
+    errors = [outcome["error"] for outcome in study.outcomes if "cause" in outcome]
+    return (
+        f"{len(errors)} of {len(study.cases)} cases could not be computed, the first because of "
+        f"{errors[0]}; mend that, and the same command goes on with them"
+    )

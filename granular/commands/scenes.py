@@ -1,21 +1,48 @@
-"""The command ``scenes``: which scenes the package holds."""
+"""The commands ``scenes``, ``show`` and ``schema``: scenes before they are run."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
-from granular.commands.console import Parser, add_output, emit
-
-WHAT = "list the packaged scenes"
-EXAMPLES = "example:\n  %(prog)s"
-
-
-def add_options(one: Parser) -> None:
-    """The command's options."""
-    add_output(one)
+from granular.commands.console import command, emit, option, refuse
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, SCENE, changes_from, scene_of
+from granular.shared.errors import InputError
 
 
-def carry_out(options: Any) -> None:
+@command(
+    "scenes", "list the packaged scenes",
+    option("--methods", action="store_true", help="list the integration methods instead"),
+    option(
+        "--warm-up", metavar="SCENE", nargs="*",
+        help="compile what these scenes need, once and for all later starts: names or TOML files "
+        "(all packaged scenes)",
+    ),
+    CHANGES, IMPORT, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s
+  %(prog)s --methods
+  %(prog)s --warm-up          # all packaged scenes; for images and continuous integration
+  %(prog)s --warm-up damper my-bed.toml --set effects.friction=true""",
+)  # fmt: skip
+def scenes(options: Any) -> None:
+    """List the packaged scenes or the methods, or compile what scenes need."""
+    from granular.own import import_own
+
+    import_own(options.own_files)
+    if options.warm_up is not None:
+        _warm_up(options)
+        return
+    refuse(options, "a list", "changes")
+    if options.methods:
+        _list_methods(options)
+    else:
+        _list_scenes(options)
+
+
+def _list_scenes(options: Any) -> None:
     """List the packaged scenes, and what scenes can name."""
     from granular.effects.registry import names
     from granular.methods.named import GROUP as METHOD_GROUP
@@ -39,3 +66,70 @@ def carry_out(options: Any) -> None:
     }
     more = [f"{what}: {', '.join(some)}" for what, some in known.items()]
     emit(first, "\n".join([*lines, "", *more]), options.json)
+
+
+def _list_methods(options: Any) -> None:
+    """List the methods that are built in, those of the user's own, and those installed."""
+    from granular.methods.named import known_methods
+
+    methods = known_methods()
+    emit({name: one.to_plain() for name, one in methods.items()}, repr(methods), options.json)
+
+
+def _warm_up(options: Any) -> None:
+    """Compile what scenes need."""
+    from granular.compiled.cache import cache_folder
+    from granular.run.warm_up import warm_up
+    from granular.scene.loading import load_scene, scene_names
+
+    changes = changes_from(options.changes)
+    scenes = [load_scene(name).replace(**changes) for name in options.warm_up or scene_names()]
+    seconds = warm_up(scenes)
+    folder = cache_folder()
+    if folder is None:
+        raise InputError(
+            "there is no folder to keep compiled code in; name one of your own in NUMBA_CACHE_DIR"
+        )
+    lines = [f"{name}: {time:.1f} s" for name, time in seconds.items()]
+    emit(
+        {"seconds": seconds, "folder": str(folder)},
+        "\n".join([*lines, f"compiled code is in {folder}"]),
+        options.json,
+    )
+
+
+@command(
+    "show", "tell what a scene holds, in SI and in natural units",
+    SCENE, CHANGES, IMPORT, OUTPUT,
+    examples="example:\n  %(prog)s damper --set piston.mass=6.5",
+)  # fmt: skip
+def show(options: Any) -> None:
+    """Tell what a scene holds."""
+    from granular.run.summary import scene_figures, scene_text
+
+    scene = scene_of(options)
+    figures = {"scene": scene.to_plain(), "figures": scene_figures(scene)}
+    emit(figures, scene_text(scene), options.json)
+
+
+@command(
+    "schema", "print the JSON schema of scene or study files, for editors",
+    option("--of", choices=("scene", "study"), default="scene", help="kind of file"),
+    option("-o", "--out", metavar="FILE", help="write it there instead of printing it"),
+    examples="""\
+examples:
+  %(prog)s -o scene.schema.json
+  %(prog)s --of study -o study.schema.json""",
+)  # fmt: skip
+def schema(options: Any) -> None:
+    """Print a schema, or write it to a file."""
+    from granular.scene.json_schema import scene_schema, study_schema
+    from granular.shared.files import write_text
+
+    plain = {"scene": scene_schema, "study": study_schema}[options.of]()
+    text = json.dumps(plain, indent=2, ensure_ascii=False)
+    if options.out is None:
+        print(text)
+        return
+    write_text(Path(options.out), text + "\n")
+    print(options.out)

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 POINTS = 128
 """Of the sequence, beside the sixteen corners."""
 COMMITTED = Path(__file__).parent / "study.csv"
-"""The study that comes with the package. ``python -m reduced_models maps --simulate -o DIR`` makes
-it anew."""
+"""The study that comes with the package. ``python -m reduced_models design --maps --simulate -o
+DIR`` makes it anew."""
 STEP = "auto*2"
 """Rest height, period and damping of the published damper are the same at half of it, to four
 digits."""

@@ -26,7 +26,7 @@ LONGEST = 1200.0
 """Seconds after which a command counts as hanging."""
 
 HOURS = re.compile(
-    r"recovery --full|report --full|validation report( |$)(?!.*--quick)|maps --simulate"
+    r"recovery --full|report --full|validation report( |$)(?!.*--quick)|--maps --simulate"
     r"|benchmarks --prices|published --quick|disorder \w+ --full"
     r"|research\.\w+ --full"
 )

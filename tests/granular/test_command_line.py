@@ -33,9 +33,9 @@ def test_scenes_and_show(command: Command) -> None:
 
 
 def test_methods_list_themselves(command: Command) -> None:
-    done = command("granular", "methods")
+    done = command("granular", "scenes", "--methods")
     assert "stormer-verlet    order 2, 1 force a step, " in done.stdout
-    done = command("granular", "methods", "--json")
+    done = command("granular", "scenes", "--methods", "--json")
     assert json.loads(done.stdout)["kahan-li-8"]["order"] == 8
 
 

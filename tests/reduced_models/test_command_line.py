@@ -15,11 +15,11 @@ from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
 from granular.shared.files import finite
 from reduced_models.__main__ import main, parser
-from reduced_models.commands import bounds_from
+from reduced_models.commands.laws import bounds_from
+from reduced_models.commands.records import reading_from
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.laws import LAWS
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.reading_options import reading_from
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +155,12 @@ def test_fit_compare_and_simulate(
         (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
         (("compare", "lab.csv", "--held-out", "nothing.csv"), "there is no file"),
         (("discover", "nothing.csv"), "there is no file"),
+        (("fit",), "required: SOURCE; see python -m reduced_models fit --help"),
+        (("compare", "lab.csv", "--response", "out"), "--sources does not go with --response"),
+        (("design", "--damping", "0.1"), "required: --frequency"),
+        (("design", "--maps"), "required: -o/--out"),
+        (("design", "--maps", "--mass", "5", "-o", "out"), "--mass does not go with --maps"),
+        (("design", "--maps", "--points", "64", "-o", "out"), "only with --simulate"),
     ],
 )
 def test_bad_words_of_the_other_commands(
@@ -184,7 +190,7 @@ def test_numbers_have_units_where_they_are_taken() -> None:
 
 
 def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(main, ["laws"]) == 0
+    assert launch(main, ["fit", "--laws"]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert "linear             z'' + 2*lam*z' + omega**2*z = g0" in printed
 

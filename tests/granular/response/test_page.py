@@ -109,6 +109,7 @@ def test_one_body_decays_by_half_its_damping_over_its_mass() -> None:
 
 
 SWEEP = ("response", "machine", "--from", "2Hz", "--to", "4Hz", "--sweep")
+STRUCK = ("response", "--impulse")
 REFUSED = [
     ((*SWEEP, "0s"), "a sweep of 0 s is shorter than 12 periods of its lowest frequency"),
     ((*SWEEP, "60s", "--workers", "2"), "--workers is for sines"),
@@ -123,11 +124,15 @@ REFUSED = [
          "--set", "effects.host.excitation=none"),
         "give --force, --acceleration or --displacement",
     ),
-    (("impulse", "machine"), "required: --force"),
-    (("impulse", "bed", "--force", "5N"), "has no host of bodies"),
-    (("impulse", "machine", "--force", "0N"), "give a force that is not 0"),
-    (("impulse", "machine", "--force", "5N", "--share", "1.5"), "above 0 and below 1"),
-    (("impulse", "machine", "--force", "5N", "--length", "12s"), "a longer duration"),
+    (("response", "machine", "--to", "4Hz"), "required: --from; see "),
+    ((*SWEEP, "60s", "--share", "0.1"), "--share does not go with sines"),
+    ((*STRUCK, "machine"), "required: --force"),
+    ((*STRUCK, "machine", "--force", "5N", "--force", "9N"), "an impulse has one"),
+    ((*STRUCK, "machine", "--force", "5N", "--sweep", "9s"), "--sweep does not go with --impulse"),
+    ((*STRUCK, "bed", "--force", "5N"), "has no host of bodies"),
+    ((*STRUCK, "machine", "--force", "0N"), "give a force that is not 0"),
+    ((*STRUCK, "machine", "--force", "5N", "--share", "1.5"), "above 0 and below 1"),
+    ((*STRUCK, "machine", "--force", "5N", "--length", "12s"), "a longer duration"),
 ]  # fmt: skip
 
 

@@ -107,7 +107,10 @@ def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert {"report.html", "response.csv", "response.png", "run"} <= {
         one.name for one in (tmp_path / "swept").iterdir()
     }
-    struck = ["impulse", str(file), "--force", "50N", "--quiet", "-o", str(tmp_path / "struck")]
+    struck = [
+        "response", str(file), "--impulse", "--force", "50N", "--quiet", "-o",
+        str(tmp_path / "struck"),
+    ]  # fmt: skip
     with pytest.raises(InputError, match="run longer"):
         main([*struck, "--duration", "0.5s"])
     main([*struck, "--duration", "3s", "--json"])

@@ -25,7 +25,7 @@ def command(cache: Path, *words: str) -> str:
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_after_a_warm_up_a_run_compiles_nothing(tmp_path: Path) -> None:
-    told = json.loads(command(tmp_path, "warm-up", "single-particle"))
+    told = json.loads(command(tmp_path, "scenes", "--warm-up", "single-particle"))
     assert Path(told["folder"]).parent == tmp_path
     assert list(told["seconds"]) == ["single-particle"]
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.kernel")}

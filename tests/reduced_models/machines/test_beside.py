@@ -42,18 +42,18 @@ def test_the_command_shows_the_law_or_says_why_not(
     tmp_path: Path, command: Callable[..., Any]
 ) -> None:
     save_response(made(load_scene("machine")), tmp_path)
-    done = command("reduced_models", "response-law", str(tmp_path))
+    done = command("reduced_models", "compare", "--response", str(tmp_path))
     assert done.returncode == 0
     assert done.stdout.startswith("force [N]  simulated [mm]  law [mm]  error")
     page = (tmp_path / "report.html").read_text()
     assert "The law in place of the bed" in page
     assert "linear law" in page
     save_response(made(load_scene("machine").replace(**{"grains.count": 92})), tmp_path)
-    done = command("reduced_models", "response-law", str(tmp_path), "--json")
+    done = command("reduced_models", "compare", "--response", str(tmp_path), "--json")
     answer = json.loads(done.stdout)
     assert answer["peaks"] == []
     assert "92 grains" in answer["missing"]
     assert "92 grains" in (tmp_path / "report.html").read_text()
-    done = command("reduced_models", "response-law", str(tmp_path / "nothing"))
+    done = command("reduced_models", "compare", "--response", str(tmp_path / "nothing"))
     assert done.returncode == 2
     assert "holds no response.json" in done.stderr

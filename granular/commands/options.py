@@ -1,0 +1,115 @@
+"""Options that commands of all three packages share, and what reads them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from granular.commands.console import group, option
+from granular.shared.errors import GranularError, InputError
+from granular.shared.messages import quoted
+from granular.shared.toml import parse_toml
+
+if TYPE_CHECKING:
+    from granular.scene.scene import Scene
+
+SCENE = option("scene", metavar="SCENE", help="name of a packaged scene, or path to a TOML file")
+CHANGES = option(
+    "--set", dest="changes", metavar="KEY=VALUE", action="append", default=[],
+    help="change the scene: dotted key and value, such as piston.mass=6.5 or "
+    "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
+)  # fmt: skip
+IMPORT = option(
+    "--import", dest="own_files", metavar="FILE", action="append", default=[],
+    help="run this Python file of yours first: its effects, methods and measures are then "
+    "known by their names (repeatable)",
+)  # fmt: skip
+RUN = option("run", metavar="RUN", help="directory that a run was written to")
+
+DT = option(
+    "--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2"
+)
+METHOD = option(
+    "--method", default="stormer-verlet",
+    help="integration method, by name (stormer-verlet); 'granular scenes --methods' lists them",
+)  # fmt: skip
+THREADS = option(
+    "--threads", type=int,
+    help="number of threads; the result is the same to the last bit with any number",
+)  # fmt: skip
+ACCURACY = option(
+    "--accuracy", metavar="TEXT",
+    help="choose dt, method and sum over pairs for this error, such as '1e-3 rest height'",
+)  # fmt: skip
+WORKERS = option("--workers", type=int, metavar="N", help="processes (all processors)")
+
+
+OUTPUT = group(
+    option("--json", action="store_true", help="print one JSON object"),
+    option("--quiet", action="store_true", help="no progress bar"),
+)
+
+
+def scene_of(options: Any) -> Scene:
+    """Return the scene that a command was given, changed, after the user's own code.
+
+    Raises
+    ------
+    InputError
+        If the code, the scene or a change is none.
+    """
+    from granular.own import import_own
+    from granular.scene.loading import load_scene
+
+    import_own(getattr(options, "own_files", ()))
+    return load_scene(options.scene).replace(**changes_from(options.changes))
+
+
+def changes_from(items: Sequence[str]) -> dict[str, Any]:
+    """Changes to a scene from ``KEY=VALUE`` texts.
+
+    Raises
+    ------
+    InputError
+        If a text has no equals sign.
+    """
+    changes: dict[str, Any] = {}
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not equals or not key.strip():
+            raise InputError(
+                f"--set {quoted(item)} is not KEY=VALUE; write for instance piston.mass=6.5"
+            )
+        try:
+            changes[key.strip()] = parse_toml(f"value = {value}")["value"]
+        except ValueError:
+            changes[key.strip()] = value.strip()
+    return changes
+
+
+def in_unit(unit: str) -> Callable[[str], float]:
+    """Reader of an option: a number in that SI unit, or a quantity with a unit of its own."""
+
+    def read(text: str) -> float:
+        from granular.schema.units import si_value
+
+        try:
+            return si_value(text, unit)
+        except GranularError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read
+
+
+def time_step(text: str) -> float | str:
+    """Read a time step of the command line: seconds, a quantity, or a multiple of "auto".
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    from granular.schema.units import si_value
+
+    return text if text.startswith("auto") else si_value(text, "s")

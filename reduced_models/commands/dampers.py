@@ -1,0 +1,258 @@
+"""The commands ``calibrate``, ``design`` and ``fall``: dampers by their scenes."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granular.commands.console import command, emit, option, refuse, require
+from granular.commands.options import (
+    CHANGES,
+    DT,
+    METHOD,
+    OUTPUT,
+    SCENE,
+    WORKERS,
+    in_unit,
+    scene_of,
+    time_step,
+)
+from granular.shared.errors import InputError
+from granular.shared.files import write_text
+from granular.shared.messages import quoted
+from reduced_models.commands.records import READING, reading_from
+
+if TYPE_CHECKING:
+    from reduced_models.designs.maps import DamperMaps
+
+OUT = option(
+    "-o", "--out", metavar="DIR",
+    help="directory for report, scene and simulations; the same one again goes on",
+)  # fmt: skip
+POINTS = 128
+"""Dampers of a study beside sixteen corners, if not given."""
+
+SLIDERS = "sliders.html"
+"""Beside the report of maps: the same, under sliders."""
+
+
+@command(
+    "calibrate", "fit numbers of a scene to a record, by simulations",
+    option(
+        "record", metavar="RECORD", help="a record as an instrument wrote it, or a run directory"
+    ),
+    SCENE, CHANGES,
+    option(
+        "--parameter", dest="parameters", action="append", metavar="KEY",
+        help="number of the scene to fit, such as piston.mass, effects.drag.coefficient or "
+        "grains.remanence; the first two without (repeatable)",
+    ),
+    option("--seeds", type=int, default=4, help="random starts of the bed"),
+    option(
+        "--law", default="polynomial-spring", metavar="LAW",
+        help="law whose rest, period and damping are compared: name or equation",
+    ),
+    option("--no-checks", action="store_true", help="skip the run with half the step"),
+    OUT, DT, METHOD, READING, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s lab.csv damper -o out
+  %(prog)s lab.csv my-damper.toml --parameter piston.mass
+  %(prog)s forced.csv damper --parameter piston.mass \\
+      --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
+)  # fmt: skip
+def calibrate(options: Any) -> None:
+    """Fit numbers of a scene to a record."""
+    from granular.run.record import PistonRecord
+    from granular.scene.scene import Scene
+    from reduced_models.calibration.calibration import calibrate as calibrate_scene
+    from reduced_models.records.sources import opened
+
+    source = opened(options.record, reading_from(options))
+    if isinstance(source, Scene):
+        raise InputError(
+            f"{quoted(options.record)} is a scene; give a record, a CSV or Parquet file"
+        )
+    record = source if isinstance(source, PistonRecord) else source.piston()
+    chosen = {} if options.parameters is None else {"parameters": options.parameters}
+    with _interrupted(options.out):
+        result = calibrate_scene(
+            record,
+            scene_of(options),
+            **chosen,
+            seeds=options.seeds,
+            law=options.law,
+            dt=time_step(options.dt),
+            method=options.method,
+            out=options.out,
+            checks=not options.no_checks,
+            progress=not options.quiet,
+        )
+    _show_result(result, options)
+
+
+@command(
+    "design", "choose mass, grains and drag for a wanted frequency and damping",
+    option(
+        "--frequency", type=in_unit("Hz"), metavar="F",
+        help="of the undamped small swing about rest [Hz]",
+    ),
+    option(
+        "--damping", type=in_unit("1"), metavar="R", help="damping ratio, as 0.04 or '4 %%'"
+    ),
+    option("--grains", type=int, metavar="N", help="number of grains; chosen if not given"),
+    option(
+        "--mass", type=in_unit("kg"), metavar="M",
+        help="mass of the piston [kg]; chosen if not given",
+    ),
+    option(
+        "--small-share", type=in_unit("1"), default=0.0, metavar="S",
+        help="share of grains of 0.6 D (0)",
+    ),
+    option(
+        "--study", metavar="FILE",
+        help="study.csv that '--maps --simulate' wrote; if not given, the package's own",
+    ),
+    option(
+        "--maps", action="store_true",
+        help="in place of a design, show frequency and damping over mass, grains, drag and "
+        "mixture: report.html, sliders.html and study.csv in DIR",
+    ),
+    option(
+        "--simulate", action="store_true",
+        help="simulate the study behind the maps anew (about half an hour)",
+    ),
+    option(
+        "--points", type=int, metavar="N",
+        help=f"dampers of that study beside sixteen corners, a power of two ({POINTS})",
+    ),
+    OUT, WORKERS, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s --frequency 3.2 --damping 0.1 -o out
+  %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out
+  %(prog)s --maps -o out              # those that come with the package
+  %(prog)s --maps --simulate -o out   # the study behind them, anew""",
+)  # fmt: skip
+def design(options: Any) -> None:
+    """Propose a damper and check it, or show the maps."""
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers {options.workers}; give 1 or more")
+    if options.maps:
+        refuse(options, "--maps", "frequency", "damping", "grains", "mass", "study")
+        require(options, out="-o/--out")
+        _map_dampers(options)
+    else:
+        require(options, frequency="--frequency", damping="--damping")
+        refuse(options, "a design, only with --maps", "simulate", "points")
+        _design_damper(options)
+
+
+def _design_damper(options: Any) -> None:
+    from reduced_models.designs.design import design as design_damper
+    from reduced_models.designs.maps import damper_maps
+    from reduced_models.records.sources import prepared
+
+    maps = None if options.study is None else damper_maps(Path(options.study))
+    with _interrupted(options.out):
+        result = design_damper(
+            options.frequency,
+            options.damping,
+            grains=options.grains,
+            mass=options.mass,
+            small_share=options.small_share,
+            maps=maps,
+            out=prepared(options.out),
+            workers=options.workers,
+            progress=not options.quiet,
+        )
+    _show_result(result, options)
+
+
+def _map_dampers(options: Any) -> None:
+    """Show the maps, of the package's study or of one made anew."""
+    from reduced_models.designs.page import maps_page
+    from reduced_models.records.sources import prepared
+
+    target = prepared(options.out)
+    assert target is not None
+    maps = _study(options, target) if options.simulate else _packaged_maps(options, target)
+    write_text(target / "study.csv", maps.study.to_csv(index=False))
+    maps.view().save(target / SLIDERS)
+    maps_page(maps, SLIDERS).save(target / "report.html")
+    errors = {name: surface.error for name, surface in maps.surfaces.items()}
+    lines = [f"maps of {len(maps.dampers)} dampers; errors of prediction (leave-one-out):"]
+    lines += [
+        f"  {name.replace('_', ' ')}: {100.0 * errors[name]:.2g} %"
+        for name in ("rest_height", "frequency", "damping_ratio")
+    ]
+    text = "\n".join([*lines, f"report: {options.out}/report.html"])
+    emit({"dampers": len(maps.dampers), "errors": errors}, text, options.json)
+
+
+def _packaged_maps(options: Any, target: Path) -> DamperMaps:
+    from reduced_models.designs.maps import damper_maps
+    from reduced_models.records.sources import shown
+
+    refuse(options, "the package's own maps, only with --simulate", "points")
+    if (target / "cases").is_dir():
+        raise InputError(
+            f"{shown(target)} holds a study of its own; add --simulate, or give another -o"
+        )
+    return damper_maps()
+
+
+def _study(options: Any, target: Path) -> DamperMaps:
+    from reduced_models.designs.maps import DamperMaps
+    from reduced_models.designs.study import run_study
+
+    points = POINTS if options.points is None else options.points
+    with _interrupted(options.out):
+        study = run_study(
+            target, points=points, workers=options.workers, progress=not options.quiet
+        )
+    # Written before it is mapped, so that it is there where it cannot be.
+    write_text(target / "study.csv", study.to_csv(index=False))
+    return DamperMaps(study)
+
+
+def _show_result(result: Any, options: Any) -> None:
+    text = str(result)
+    if options.out is not None:
+        text += f"\nreport: {options.out}/report.html"
+    emit(result.to_plain(), text, options.json)
+
+
+@contextlib.contextmanager
+def _interrupted(out: str | None) -> Iterator[None]:
+    """Tell after Ctrl-C where the finished simulations are."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if out is not None:
+            kept = f"finished simulations are kept in {out}; the same command goes on"
+            print(kept, file=sys.stderr)
+        raise
+
+
+@command(
+    "fall", "predict a whole fall from the scene alone",
+    SCENE, CHANGES,
+    option(
+        "--height", type=in_unit("m"), metavar="H", help="of the start [m]; the scene's without"
+    ),
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s damper --height '144 mm'
+  %(prog)s damper --set piston.mass=10 --set 'effects.drag.coefficient=0.2 kg/s'""",
+)  # fmt: skip
+def fall(options: Any) -> None:
+    """Tell what a fall does, from the scene alone."""
+    from reduced_models.falls.whole_fall import whole_fall
+
+    predicted = whole_fall(scene_of(options), options.height)
+    emit(predicted._asdict(), str(predicted), options.json)

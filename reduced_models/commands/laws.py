@@ -1,0 +1,384 @@
+"""The commands ``identify``, ``fit``, ``discover`` and ``compare``: from records to laws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granular.commands.console import command, emit, option, refuse, require
+from granular.commands.options import (
+    CHANGES,
+    DT,
+    IMPORT,
+    METHOD,
+    OUTPUT,
+    THREADS,
+    changes_from,
+    in_unit,
+    time_step,
+)
+from granular.shared.errors import InputError
+from granular.shared.files import write_text
+from granular.shared.messages import quoted
+from reduced_models.commands.records import (
+    A_SOURCE,
+    READING,
+    SOURCES,
+    reading_from,
+    records_from,
+)
+
+if TYPE_CHECKING:
+    from reduced_models.laws.height_map import HeightMap
+
+LAWS = option(
+    "--law", dest="laws", action="append", metavar="LAW",
+    help="law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" "
+    "(repeatable); if not given, all that a quick first fit does not rule out",
+)  # fmt: skip
+NOT_POLISHED = "the choice was not polished; see the other candidates"
+
+INPUT = option(
+    "--input", dest="drive", metavar="COLUMN",
+    help="column of the records that drives the motion: all laws have it as their input",
+)  # fmt: skip
+HOLDOUT = option(
+    "--holdout", type=in_unit("1"), default=0.3, metavar="S",
+    help="share of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
+)  # fmt: skip
+STARTS = option(
+    "--starts", type=int, default=16, help="how many starting points each fit tries (16)"
+)
+
+
+@command(
+    "identify", "simulate or read a motion, compare laws, and write a report",
+    option("source", metavar="SOURCE", help=A_SOURCE),
+    CHANGES,
+    option("-o", "--out", metavar="DIR", help="directory for report, models and run"),
+    LAWS,
+    option(
+        "--discover", metavar="METHOD",
+        help="also search for a law of unknown form, by sindy, operon or pysr",
+    ),
+    INPUT,
+    option(
+        "--mass", metavar="M",
+        help="mass of what moves [kg], for stiffness and damping (a scene has its own)",
+    ),
+    STARTS,
+    option(
+        "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
+    ),
+    DT, METHOD, IMPORT, THREADS, READING, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s damper -o out
+  %(prog)s lab.csv --mass 7.5 -o out
+  %(prog)s lab.csv --law all -o out
+  %(prog)s lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
+)  # fmt: skip
+def identify(options: Any) -> None:
+    """Identify a scene, a run or a CSV file."""
+    from granular.own import import_own
+    from granular.schema.units import si_value
+    from reduced_models.identification.identification import identify as identify_source
+    from reduced_models.records.sources import opened
+
+    import_own(options.own_files)
+    result = identify_source(
+        opened(options.source, reading_from(options)),
+        options.out,
+        laws=None if options.laws is None else laws_from(options.laws),
+        discovery=options.discover,
+        drive=options.drive,
+        mass=None if options.mass is None else si_value(options.mass, "kg"),
+        changes=changes_from(options.changes),
+        dt=time_step(options.dt),
+        method=options.method,
+        threads=options.threads,
+        starts=options.starts,
+        checks=not options.no_checks,
+        progress=not options.quiet,
+    )
+    text = str(result)
+    if options.out is not None:
+        text += f"\nreport: {options.out}/report.html"
+    emit(result.to_plain(), text, options.json)
+
+
+@command(
+    "fit", "fit one law to one record, or to several at once",
+    SOURCES,
+    option("--law", default="van-der-pol-like", metavar="LAW", help="name or equation"),
+    option("--laws", action="store_true", help="list the laws that can be fitted by their names"),
+    option(
+        "--own", action="append", default=[], metavar="NAME",
+        help="parameter that each record has for itself (repeatable)",
+    ),
+    option(
+        "--bound", dest="bounds", action="append", default=[], metavar="NAME=LOW:HIGH",
+        help="least and greatest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
+    ),
+    HOLDOUT, STARTS,
+    option(
+        "--intervals", default="linear", metavar="HOW",
+        help="linear (default), bootstrap (resampled records) or profile (right also where "
+        "parameters are bounded or trade places)",
+    ),
+    option("--drift", action="store_true", help="let the records' zero drift slowly"),
+    option("-o", "--out", metavar="FILE", help="model of the first record, as JSON"),
+    READING, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s --laws
+  %(prog)s lab.csv --law duffing -o model.json
+  %(prog)s a.csv b.csv --law linear --own g0 --bound lam=0:2
+  %(prog)s shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0\"""",
+)  # fmt: skip
+def fit(options: Any) -> None:
+    """Fit a law to the records of some sources, or list the laws of the package."""
+    from reduced_models.fitting.fitting import fit as fit_law
+    from reduced_models.laws.catalogue import LAWS
+
+    if options.laws:
+        emit(LAWS.words(), repr(LAWS), options.json)
+        return
+    require(options, sources="SOURCE")
+    models = fit_law(
+        records_from(options.sources, options),
+        options.law,
+        own=options.own,
+        bounds=bounds_from(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
+        holdout=options.holdout,
+        starts=options.starts,
+        intervals=options.intervals,
+        drift=options.drift,
+    )
+    text = "\n\n".join(map(str, models))
+    if options.out is not None:
+        models[0].save(options.out)
+        text += f"\nmodel: {options.out}"
+    emit({"models": [model.to_plain() for model in models]}, text, options.json)
+
+
+def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
+    """Read bounds of parameters from ``NAME=LOW:HIGH`` texts, by the parameters' SI units.
+
+    Raises
+    ------
+    InputError
+        If a text is something else.
+    """
+    bounds = {}
+    for item in items:
+        name, _, pair = item.partition("=")
+        low, colon, high = pair.partition(":")
+        name = name.strip()
+        if not colon:
+            raise InputError(f"--bound {quoted(item)} is not NAME=LOW:HIGH; write lam=0:2")
+        unit = units.get(name, "")
+        bounds[name] = (_bound(low, -math.inf, unit), _bound(high, math.inf, unit))
+    return bounds
+
+
+def _bound(words: str, missing: float, unit: str) -> float:
+    """A number in the unit of the law, or a quantity of that dimension."""
+    from granular.schema.units import si_value
+
+    try:
+        return float(words) if words.strip() else missing
+    except ValueError:
+        pass
+    if not unit:
+        raise InputError(f"the bound {quoted(words)} is not a number; write lam=0:2")
+    if unit == "rad/s" and "Hz" in words:
+        raise InputError(f"the bound {quoted(words)} is a frequency; give 2 pi times it, in rad/s")
+    return si_value(words, unit)
+
+
+@command(
+    "discover", "find the structure of the law in a record, or in several",
+    SOURCES,
+    option(
+        "--method", default="auto", help="auto (sindy and operon side by side), sindy, operon, pysr"
+    ),
+    option(
+        "--library", action="append", default=[], metavar="NAME",
+        help="terms to choose from: auto (default: those that the record speaks for), physical, "
+        "polynomial, trigonometric, rational, dry friction, contact, driven (repeatable); "
+        "memory: with a hidden state, for beds that yield or relax",
+    ),
+    option(
+        "--terms", action="append", default=[], metavar="TERM",
+        help="a term of your own in z, z' and the input, such as 'sin(z)' (repeatable)",
+    ),
+    option(
+        "--functions", action="append", default=[], metavar="NAME",
+        help="what symbolic regression may use beside sums and products: sin, exp, max, / "
+        "(repeatable)",
+    ),
+    option("--degree", type=int, default=3, help="of the physical library's powers of z"),
+    option(
+        "--form", default="weak", help="of sindy: weak (integrals, default) or strong (derivatives)"
+    ),
+    INPUT,
+    option(
+        "--target", default="acceleration",
+        help="acceleration (default); height for z(t) itself; force, with the library memory",
+    ),
+    option(
+        "--map", metavar="SHIFT:SCALE",
+        help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without",
+    ),
+    option(
+        "--effort", type=in_unit("1"), default=1.0, metavar="X",
+        help="times the usual length of a symbolic regression",
+    ),
+    option("--seed", type=int, default=0, help="of random searches"),
+    option("-o", "--out", metavar="FILE", help="the chosen model, as JSON"),
+    READING, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s lab.csv -o model.json
+  %(prog)s pendulum.csv --library trigonometric --terms "z'**3"
+  %(prog)s lab.csv --method operon --functions sin --effort 2 --seed 1 --json""",
+)  # fmt: skip
+def discover(options: Any) -> None:
+    """Discover a law in the records of some sources."""
+    from reduced_models.discovery import discovering
+    from reduced_models.discovery.proposal import AUTO
+
+    require(options, sources="SOURCE")
+    records = records_from(options.sources, options)
+    result = discovering.discover(
+        records[0] if len(records) == 1 else records,
+        method=options.method,
+        form=options.form,
+        degree=options.degree,
+        library=options.library or AUTO,
+        terms=options.terms,
+        functions=options.functions,
+        input=options.drive,
+        target=options.target,
+        map="auto" if options.map is None else _height_map(options.map),
+        effort=options.effort,
+        seed=options.seed,
+        progress=not options.quiet,
+    )
+    text, model = str(result), result.best.model
+    if model is not None:
+        text += f"\n\n{result.model}"
+    if options.out is not None and model is not None:
+        model.save(options.out)
+        text += f"\nmodel: {options.out}"
+    plain = {
+        **result.to_plain(),
+        "method_asked_for": options.method,
+        "model": None if model is None else model.to_plain(),
+    }
+    emit(plain, text, options.json)
+    if options.out is not None and model is None:
+        raise InputError(
+            f"no model was written to {options.out}: {result.best.note or NOT_POLISHED}"
+        )
+
+
+def _height_map(text: str) -> HeightMap:
+    """Of "SHIFT:SCALE", two lengths."""
+    from granular.schema.units import si_value
+    from reduced_models.laws.height_map import HeightMap
+
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise InputError(f"--map {quoted(text)}; give two lengths, such as '60 mm:10 mm'")
+    shift, scale = (si_value(part, "m") for part in parts)
+    return HeightMap(shift, scale)
+
+
+@command(
+    "compare", "judge laws by their hold-out errors",
+    SOURCES, LAWS,
+    option(
+        "--held-out", action="append", default=[], metavar="SOURCE",
+        help="record that no fit sees (repeatable)",
+    ),
+    HOLDOUT, STARTS,
+    option("-o", "--out", metavar="DIR", help="directory for report and models"),
+    option(
+        "--response", metavar="DIR",
+        help="in place of records, set the law of the bed beside a machine's simulated response, "
+        "which 'response -o DIR' wrote; its report.html is renewed",
+    ),
+    READING, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s a.csv b.csv --law all --held-out c.csv -o out
+  %(prog)s --response out/machine        # after 'response machine ... -o out/machine'""",
+)  # fmt: skip
+def compare(options: Any) -> None:
+    """Compare laws on the records of some sources, or the bed's law with a response."""
+    if options.response is None:
+        require(options, sources="SOURCE")
+        _compare_laws(options)
+    else:
+        refuse(options, "--response", "sources", "laws", "held_out", "out")
+        _compare_response(options)
+
+
+def _compare_laws(options: Any) -> None:
+    from reduced_models.identification.candidates import CANDIDATES
+    from reduced_models.identification.comparison import compare as compare_laws
+    from reduced_models.records.sources import prepared
+
+    target = prepared(options.out)
+    table = compare_laws(
+        records_from(options.sources, options),
+        laws_from(options.laws or CANDIDATES),
+        options.holdout,
+        records_from(options.held_out, options),
+        starts=options.starts,
+    )
+    text = str(table)
+    if target is not None:
+        from reduced_models.identification.page import comparison_page
+
+        comparison_page(table).save(target / "report.html")
+        table.best.save(target / "model.json")
+        write_text(target / "equations.txt", table.best.text)
+        text += f"\nreport: {target}/report.html"
+    emit(table.to_plain(), text, options.json)
+
+
+def _compare_response(options: Any) -> None:
+    """Solve the law, say how far off it is, and write the report."""
+    from granular.response import load_response
+    from reduced_models.machines.beside import law_page
+
+    response = load_response(options.response)
+    page, law, why = law_page(response)
+    path = Path(options.response) / "report.html"
+    page.save(path)
+    peaks = () if law is None else law.peaks
+    rows = [
+        {"force": one.force, "simulated": one.simulated, "law": one.law, "error": one.error,
+         "linear": one.linear, "linear_error": one.linear_error, "outside": one.outside or None}
+        for one in peaks
+    ]  # fmt: skip
+    lines = [response.table, why] if law is None else [law.table]
+    lines += [f"warning: under {one.force:g} N {one.outside}" for one in peaks if one.outside]
+    emit(
+        {"peaks": rows, "missing": why or None, "report": str(path)},
+        "\n".join([*lines, f"written to {path}"]),
+        options.json,
+    )
+
+
+def laws_from(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the laws to fit; "all" stands for those of the package."""
+    from reduced_models.laws.catalogue import LAWS
+
+    every = (list(LAWS) if name == "all" else [name] for name in names)
+    return tuple(dict.fromkeys(law for some in every for law in some))

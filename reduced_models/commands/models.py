@@ -1,0 +1,83 @@
+"""The commands ``simulate`` and ``export-model``: what a saved model is used for."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+from granular.commands.console import command, emit, option
+from granular.commands.options import OUTPUT
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+MODEL = option("model", metavar="MODEL", help="JSON file of a model")
+MOST_SAMPLES = 10**7
+
+
+@command(
+    "simulate", "predict a motion by a model that was saved",
+    MODEL,
+    option("--until", required=True, metavar="T", help="end of the motion [s]"),
+    option("--samples", type=int, default=1000, help="number of samples"),
+    option("--height", metavar="H", help="at the start [m]; the record's without"),
+    option("--velocity", metavar="V", help="at the start [m/s]; the record's without"),
+    option("-o", "--out", metavar="FILE", help="CSV file"),
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s model.json --until 3 -o motion.csv
+  %(prog)s model.json --until 3 --height "60 mm" --velocity 0""",
+)  # fmt: skip
+def simulate(options: Any) -> None:
+    """Predict a motion by a saved model."""
+    import numpy as np
+
+    from granular.schema.units import si_value
+    from reduced_models.models.model import load_model
+
+    model = load_model(options.model)
+    end = si_value(options.until, "s")
+    if not 0.0 < end < math.inf:
+        raise InputError(f"--until {quoted(options.until)}; give a time above 0 s")
+    if not 2 <= options.samples <= MOST_SAMPLES:
+        raise InputError(f"--samples {options.samples}; give from 2 to {MOST_SAMPLES}")
+    if model.law.inputs:
+        names = ", ".join(model.law.inputs)
+        raise InputError(f"the law has the inputs {names}; simulate it from Python, with them")
+    motion = model.simulate(
+        np.linspace(0.0, end, options.samples),
+        None if options.height is None else si_value(options.height, "m"),
+        None if options.velocity is None else si_value(options.velocity, "m/s"),
+    )
+    if note := model.outside(motion):
+        warnings.warn(note, stacklevel=1)
+    assert motion.velocity is not None
+    last = {"height": float(motion.height[-1]), "velocity": float(motion.velocity[-1])}
+    text = f"after {end:g} s: height {last['height']:.6g} m, velocity {last['velocity']:.6g} m/s"
+    if options.out is not None:
+        motion.to_csv(options.out)
+        text += f"\nmotion: {options.out}"
+    emit({"samples": len(motion), "end": last, "note": note}, text, options.json)
+
+
+@command(
+    "export-model", "write a saved model as code: Python, C, MATLAB, Modelica, FMU",
+    MODEL,
+    option(
+        "-o", "--out", metavar="FILE", required=True,
+        help="file to write; its ending says the language: .py, .c, .m, .mo or .fmu",
+    ),
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s out/model.json -o damper.c
+  %(prog)s out/model.json -o damper_model.m      # MATLAB and Octave
+  %(prog)s out/model.json -o damper.fmu          # Simulink, Dymola, FMPy, ...""",
+)  # fmt: skip
+def export_model(options: Any) -> None:
+    """Write a saved model as code."""
+    from reduced_models.models.model import load_model
+
+    what = load_model(options.model).export(options.out)
+    emit({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)

@@ -1,0 +1,135 @@
+"""The command ``look``, and the options and sources of all commands that take a record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granular.commands.console import command, emit, group, option
+from granular.commands.options import OUTPUT
+from granular.shared.errors import InputError, SceneError
+from granular.shared.messages import quoted
+
+if TYPE_CHECKING:
+    from granular.readers.reading import Reading
+    from granular.run.record import PistonRecord
+
+A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
+SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)
+
+READING = group(
+    option(
+        "--columns", default="", metavar="ROLE=NAME,...",
+        help="which column is time, height, velocity, force: by name, or by number from 1",
+    ),
+    option("--units", default="", metavar="NAME=UNIT,...", help="such as height=mm"),
+    option("--decimal", metavar="SIGN", help="sign of the decimals, . or ,"),
+    option("--skip", type=int, default=0, metavar="N", help="leave N lines at the head"),
+    option("--sheet", metavar="NAME", help="of a workbook, a group, or a variable"),
+    option("--flip", action="store_true", help="the coordinate grows downwards"),
+    option(
+        "--between", metavar="T:T",
+        help="only the samples between these times [s]; ':' for all, also those before a release, "
+        "which are left out otherwise",
+    ),
+    title="how a record's file is read, where it is not to be guessed",
+)  # fmt: skip
+
+
+def reading_from(options: Any) -> Reading:
+    """Return what the command line says of a file.
+
+    Raises
+    ------
+    InputError
+        If an option is no such.
+    """
+    from granular.readers.reading import Reading
+
+    between = None
+    if options.between is not None:
+        start, colon, stop = options.between.partition(":")
+        try:
+            between = (_time(start, -math.inf), _time(stop, math.inf))
+        except SceneError:
+            colon = ""
+        if not colon:
+            raise InputError(
+                f"--between {quoted(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
+            )
+    return Reading(
+        columns=_pairs("--columns", options.columns.split(",")),
+        units=_pairs("--units", options.units.split(",")),
+        decimal=options.decimal, skip=options.skip, sheet=options.sheet, flip=options.flip,
+        between=between,
+    )  # fmt: skip
+
+
+def _time(words: str, missing: float) -> float:
+    from granular.schema.units import si_value
+
+    return si_value(words, "s") if words.strip() else missing
+
+
+def _pairs(option: str, items: Sequence[str]) -> dict[str, str]:
+    pairs = {}
+    for item in items:
+        if not item.strip():
+            continue
+        name, equals, value = item.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            raise InputError(f"{option} {quoted(item)} is not NAME=VALUE; write height=dist")
+        pairs[name.strip()] = value.strip()
+    return pairs
+
+
+def records_from(sources: Sequence[str], options: Any) -> list[PistonRecord]:
+    """Return the records of sources, of which scenes are run."""
+    from reduced_models.records.sources import METHOD, RunOptions, opened, record_of
+
+    run = RunOptions({}, "auto", METHOD, None, not options.quiet)
+    said = reading_from(options)
+    return [record_of(opened(source, said), None, run)[0] for source in sources]
+
+
+@command(
+    "look", "show what is understood of a record's file, before anything is fitted",
+    option("file", metavar="FILE", help="a record as an instrument wrote it"),
+    option("--plot", metavar="FILE", help="draw the motion to this file (.png, .svg)"),
+    option(
+        "--write", metavar="FILE",
+        help="write what was understood to this TOML file, which every command takes as a record",
+    ),
+    READING, OUTPUT,
+    examples="""\
+examples:
+  %(prog)s lab.csv
+  %(prog)s lab.csv --columns time=t,height=dist --units height=mm --flip --between 0.5:6
+  %(prog)s lab.csv --decimal , --skip 12 --write record.toml    # then: identify record.toml""",
+)  # fmt: skip
+def look(options: Any) -> None:
+    """Show what was understood, and keep it if asked."""
+    from granular.readers.description import is_description, read_description, write_description
+    from granular.readers.reading import Reading
+    from reduced_models.records.look import look as look_at
+    from reduced_models.records.look import plot_look
+
+    said, path = reading_from(options), Path(options.file)
+    seen = look_at(path, said)
+    if options.plot is not None:
+        from granular.render import save
+
+        save(plot_look(seen), options.plot, overwrite=True)
+    if options.write is not None:
+        if is_description(path):
+            path, described = read_description(path)
+            said = described.and_then(said)
+        columns = {role: name for role, name in seen.meaning.source.items() if name}
+        understood = Reading(columns=columns, units=seen.meaning.units)
+        write_description(Path(options.write), path, understood.and_then(said))
+    text = str(seen)
+    if options.write is not None:
+        text += f"\nwritten to {options.write}"
+    emit(seen.to_plain() | {"description": options.write}, text, options.json)
