@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.formulas import FormulaError, Name, Node, Number
+from granular.formulas import FUNCTIONS, FormulaError, Name, Node, Number
 
 if TYPE_CHECKING:
     import sympy
@@ -35,7 +35,7 @@ def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) ->
     """
     import sympy
 
-    found = _built(tree, symbols or {}, _functions())
+    found = _built(tree, symbols or {})
     if found.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
         raise FormulaError("it divides by zero, or is no real number; write another formula")
     return found
@@ -61,13 +61,11 @@ def check_numbers(found: sympy.Expr) -> None:
                 )
 
 
+@functools.cache
 def _functions() -> dict[str, Callable[..., Any]]:
     import sympy
 
-    named = {name: getattr(sympy, name) for name in (
-        "exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
-        "sign",
-    )}  # fmt: skip
+    named = {name: getattr(sympy, name) for name in FUNCTIONS if hasattr(sympy, name)}
     return named | {
         "abs": sympy.Abs,
         "heaviside": sympy.Heaviside,
@@ -119,9 +117,7 @@ def _choice(name: str) -> Any:
     return Extreme
 
 
-def _built(
-    tree: Node, symbols: Mapping[str, sympy.Symbol], functions: Mapping[str, Callable[..., Any]]
-) -> Any:
+def _built(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
     import sympy
 
     if isinstance(tree, Name):
@@ -130,8 +126,8 @@ def _built(
         if tree.text in ("pi", "π", "e"):
             return sympy.E if tree.text == "e" else sympy.pi
         return sympy.Integer(tree.text) if tree.text.isdecimal() else sympy.Float(tree.text)
-    operands = [_built(each, symbols, functions) for each in tree.operands]
-    function = functions.get(tree.head) or sympy.Function(tree.head)
+    operands = [_built(operand, symbols) for operand in tree.operands]
+    function = _functions().get(tree.head) or sympy.Function(tree.head)
     return function(*operands)
 
 

@@ -42,5 +42,5 @@ FUNCTIONS: Mapping[str, Function] = {
 }
 """Functions by name; give `parse` a longer table where there are more."""
 
-ALSO = {"Abs": "abs", "Max": "max", "Min": "min", "Heaviside": "heaviside", "ln": "log"}
+ALIASES = {"Abs": "abs", "Max": "max", "Min": "min", "Heaviside": "heaviside", "ln": "log"}
 """How SymPy prints some of them, so that a printed equation can be read again."""

@@ -122,9 +122,9 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
 def trees_of(equation: str) -> Trees:
     """The formulas of a law; names and primes mean something in each of them."""
     law = f"the law {quoted(equation)}"
-    if len(equation) > formulas.MOST_SIGNS:
+    if len(equation) > formulas.MAX_CHARACTERS:
         raise InputError(
-            f"{law} has {len(equation)} characters; at most {formulas.MOST_SIGNS} are read"
+            f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read"
         )
     first, *others = equation.split(";")
     if len(others) > _MOST_HIDDEN:

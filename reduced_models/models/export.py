@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.formulas import MOST_SIGNS
+from granular.formulas import MAX_CHARACTERS
 from granular.shared.messages import visible
 from reduced_models.models.fitted_law import FittedLaw
 
@@ -116,7 +116,7 @@ def _safe_names(names: Sequence[str]) -> dict[str, str]:
 
 def _quotable(words: str) -> str:
     """A text that can stand in a docstring, whatever it holds."""
-    return visible(words, MOST_SIGNS).replace("\\", "\\\\").replace('"', "'")
+    return visible(words, MAX_CHARACTERS).replace("\\", "\\\\").replace('"', "'")
 
 
 def equations_text(model: FittedLaw) -> str:

@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from granular.formulas import MOST_SIGNS
+from granular.formulas import MAX_CHARACTERS
 from granular.shared.messages import visible
 from reduced_models.models.fitted_law import FittedLaw
 
@@ -118,6 +118,6 @@ def _spelt(sign: str) -> str:
 
 def comment(words: str) -> str:
     """A text that can stand in a comment of any language, whatever it holds."""
-    plain = visible(words, MOST_SIGNS).encode("ascii", "replace").decode()
+    plain = visible(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
     # A backslash would go on with a comment on the next line, and so would "??/" in C.
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")

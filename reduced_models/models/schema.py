@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.formulas import MOST_SIGNS
+from granular.formulas import MAX_CHARACTERS
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
@@ -153,8 +153,8 @@ _SIZE = _number(0.0)
 _MODEL = _shape(
     {
         "format": _format,
-        "law": _text(MOST_SIGNS),
-        "equation": _text(MOST_SIGNS, lines=True),
+        "law": _text(MAX_CHARACTERS),
+        "equation": _text(MAX_CHARACTERS, lines=True),
         "parameters": _table(_number()),
         "units": _table(_text(200)),
         "positive": _list(_text(200)),

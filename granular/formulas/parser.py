@@ -1,0 +1,235 @@
+"""Formulas parsed into trees: tokens put in order by Python's own parser, and checked."""
+
+from __future__ import annotations
+
+import ast
+import bisect
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from granular.formulas.functions import CONSTANTS, FUNCTIONS, Function
+from granular.formulas.tokens import (
+    MAX_DEPTH,
+    FormulaError,
+    Token,
+    check_size,
+    error_at,
+    function_name,
+    tokenize,
+    too_deep,
+)
+from granular.formulas.tree import Applied, Name, Node, Number
+
+MAX_POWER = 64
+"""A height of 1e-3 m to it is 1e-192: with a higher power formulas leave double precision."""
+MAX_TERMS, MAX_SIZE = 300, 5000
+"""Terms once all brackets are multiplied out, as SymPy does, and numbers and names in all of them:
+within about a second."""
+
+
+def parse(
+    text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplied: bool = True
+) -> Node:
+    """Parse a formula.
+
+    Numbers, names (Latin and Greek letters, digits, underscores), the constants ``pi`` and ``e``,
+    ``+ - * / **`` (or ``^``), brackets, and functions.
+
+    Parameters
+    ----------
+    text : str
+    functions : mapping of str to Function
+        Those that the formula may name.
+    multiplied : bool
+        Whether the formula will be multiplied out, so that one too large for it is refused.
+
+    Raises
+    ------
+    FormulaError
+        If it holds anything else, or is too large to be computed.
+    """
+    return _Parser(tokenize(text, functions), functions, multiplied).tree()
+
+
+class _Part(NamedTuple):
+    """A parsed part of a formula.
+
+    Attributes
+    ----------
+    tree : Node
+    value : float or None
+        Of a part that holds numbers alone.
+    terms, size : float
+        Terms once all brackets are multiplied out, and numbers and names in all of them.
+    """
+
+    tree: Node
+    value: float | None = None
+    terms: float = 1.0
+    size: float = 1.0
+
+
+class _Parser:
+    def __init__(
+        self, tokens: list[Token], functions: Mapping[str, Function], multiplied: bool
+    ) -> None:
+        self.tokens, self.functions, self.multiplied = tokens, functions, multiplied
+        # Each number and name is a stand-in of its own: nothing that was written reaches Python.
+        words = {"number": "1", "name": "n"}
+        pieces = [words.get(str(one.lastgroup), one[0].replace("^", "**")) for one in tokens]
+        self.source = " ".join(pieces)
+        self.starts = list(itertools.accumulate((len(one) + 1 for one in pieces[:-1]), initial=0))
+
+    def tree(self) -> Node:
+        try:
+            body = ast.parse(self.source, mode="eval").body
+        except SyntaxError as error:
+            raise self._unreadable((error.offset or 1) - 1) from None
+        except (ValueError, MemoryError, RecursionError):
+            raise too_deep(self.tokens[0]) from None
+        return self._part(body, 0).tree
+
+    def _token_at(self, offset: int) -> Token:
+        return self.tokens[max(0, bisect.bisect_right(self.starts, offset) - 1)]
+
+    def _unreadable(self, offset: int) -> FormulaError:
+        opened = sum((token[0] == "(") - (token[0] == ")") for token in self.tokens)
+        if opened > 0:
+            return FormulaError("a bracket is not closed; write )")
+        if opened < 0:
+            return FormulaError("a bracket closes that was not opened; write (")
+        token = self._token_at(offset)
+        return error_at(token, "what is no formula", "write one, such as k*(z - rest)")
+
+    def _part(self, node: ast.expr, depth: int) -> _Part:
+        token = self._token_at(node.col_offset)
+        if depth > MAX_DEPTH:
+            raise too_deep(token)
+        operands: list[ast.expr]
+        match node:
+            case ast.Name():
+                return self._name(token)
+            case ast.Constant(value=int()):
+                return _Part(Number(token[0]), float(token[0]))
+            case ast.UnaryOp(op=ast.UAdd()):
+                return self._part(node.operand, depth + 1)
+            case ast.UnaryOp(op=ast.USub()):
+                head, operands = "-", [node.operand]
+            case ast.BinOp(op=ast.Add() | ast.Sub()):
+                return self._sum(node, depth, token)
+            case ast.BinOp(op=ast.Mult()):
+                head, operands = "*", [factor for factor, _ in _chain(node, ast.Mult)]
+            case ast.BinOp(op=ast.Div()):
+                head, operands = "/", [node.left, node.right]
+            case ast.BinOp(op=ast.Pow()):
+                head, operands = "**", [node.left, node.right]
+            case ast.Call(func=ast.Name(), keywords=[]):
+                head, operands = self._function(node, token), node.args
+            case _:
+                raise self._unreadable(node.col_offset)
+        return self._applied(head, [self._part(one, depth + 1) for one in operands], token)
+
+    def _name(self, token: Token) -> _Part:
+        text = token[0]
+        if function_name(text, self.functions) is not None:
+            remedy = f"write {text}(...), or take another name"
+            raise error_at(token, f"{text!r} is a function", remedy)
+        if text in CONSTANTS:
+            return _Part(Number(text), CONSTANTS[text])
+        name = text.rstrip("'")
+        return _Part(Name(name, len(text) - len(name)))
+
+    def _sum(self, node: ast.expr, depth: int, token: Token) -> _Part:
+        """All terms of a sum side by side: a long one is not a deep one."""
+        terms = []
+        for operand, operator in _chain(node, ast.Add, ast.Sub):
+            term = self._part(operand, depth + 1)
+            subtracted = isinstance(operator, ast.Sub)
+            terms.append(self._applied("-", [term], token) if subtracted else term)
+        return self._applied("+", terms, token)
+
+    def _function(self, node: ast.Call, token: Token) -> str:
+        name = function_name(token[0], self.functions)
+        assert name is not None  # the tokens were checked
+        least, most = self.functions[name].least, self.functions[name].most
+        if not least <= len(node.args) <= most:
+            wanted = str(least) if least == most else f"{least} to {most}"
+            what = f"{token[0]} of {len(node.args)} operands"
+            raise error_at(token, what, f"{wanted} are wanted")
+        return name
+
+    def _applied(self, head: str, parts: list[_Part], token: Token) -> _Part:
+        """An operator or a function applied to its operands, if that can be computed."""
+        if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
+            remedy = f"at most {MAX_POWER} is computed: write a lower one"
+            raise error_at(token, f"a power of {parts[1].value:.3g}", remedy)
+        if head == "/" and parts[1].value == 0.0:
+            raise error_at(token, "a division by zero", "write another denominator")
+        value = self._value(head, parts, token)
+        # Also of numbers: SymPy keeps roots as they are, and multiplies them out.
+        terms, size = _multiplied_out(head, parts)
+        if self.multiplied and (terms > MAX_TERMS or size > MAX_SIZE):
+            what = f"{terms:.3g} terms ({size:.3g} numbers and names) when multiplied out"
+            remedy = (
+                f"at most {MAX_TERMS} ({MAX_SIZE}) are taken: write lower powers, or products of "
+                "fewer sums"
+            )
+            raise error_at(token, what, remedy)
+        return _Part(Applied(head, tuple(part.tree for part in parts)), value, terms, size)
+
+    def _value(self, head: str, parts: list[_Part], token: Token) -> float | None:
+        """Of what holds numbers alone; None of anything else."""
+        numbers = [part.value for part in parts if part.value is not None]
+        if len(numbers) < len(parts):
+            return None
+        try:
+            compute = _OPERATORS.get(head) or self.functions[head].value
+            value = compute(*numbers)
+        except OverflowError:
+            value = math.inf
+        except (ValueError, ZeroDivisionError):
+            value = math.nan
+        if isinstance(value, complex) or math.isnan(value):
+            raise error_at(token, "something that is no real number", "write another one")
+        check_size(value, token)
+        return float(value)
+
+
+_OPERATORS: Mapping[str, Callable[..., Any]] = {
+    "+": lambda *numbers: math.fsum(numbers),
+    "*": lambda *numbers: math.prod(numbers),
+    "-": lambda number: -number,
+    "/": lambda left, right: left / right,
+    "**": lambda base, power: base**power,
+}
+
+
+def _chain(
+    node: ast.expr, *operators: type[ast.operator]
+) -> list[tuple[ast.expr, ast.operator | None]]:
+    """Operands of a run of operators of one rank, from the left, each with that before it."""
+    operands: list[tuple[ast.expr, ast.operator | None]] = []
+    while isinstance(node, ast.BinOp) and isinstance(node.op, operators):
+        operands.append((node.right, node.op))
+        node = node.left
+    return [(node, None), *reversed(operands)]
+
+
+def _multiplied_out(head: str, parts: list[_Part]) -> tuple[float, float]:
+    """Terms once all brackets are multiplied out, and numbers and names in all of them."""
+    terms, sizes = [part.terms for part in parts], [part.size for part in parts]
+    if head in ("+", "-"):
+        return sum(terms), sum(sizes)
+    if head == "*":
+        # Each term of a product holds a term of every factor.
+        count = math.prod(terms)
+        return count, count * sum(size / each for size, each in zip(sizes, terms, strict=True))
+    if head == "/":
+        return terms[0], sizes[0] + terms[0] * sizes[1]
+    if head == "**" and parts[1].value is not None:
+        power = math.ceil(abs(parts[1].value))
+        count = float(math.comb(int(terms[0]) + power - 1, power))
+        return count, count * (1.0 + min(power, terms[0]) * sizes[0] / terms[0])
+    return 1.0, 1.0 + sum(sizes)
