@@ -14,8 +14,8 @@ from benchmarks.timing import least_seconds
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.registry import register
-from granular.engine.constants import Constants
-from granular.engine.state import State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import State
 from granular.own import import_own
 from granular.schema.sections import quantity
 from validation.engine_steps import EngineSteps

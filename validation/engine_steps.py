@@ -10,11 +10,11 @@ import numpy as np
 from granular.engine.columns import width
 from granular.engine.loop import Window, advance
 from granular.engine.step_size import Pace, Step
-from granular.engine.system import natural_system
 from granular.methods import method_named
 from granular.run.run import Run
 from granular.run.watch import watch_of
 from granular.scene.scene import Scene
+from granular.scene.system import natural_system
 
 STEP = 0.02
 """Time step [tau]."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.process import finished
-from granular.effects import dipole
+from granular.pairs import dipole
 
 TABLE, EXACT = "LAMMPS, table", "LAMMPS, exact dipoles"
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects import dipole
+from granular.pairs import dipole
 
 PLATFORMS = ("Reference", "CPU")
 """In double precision, plain; in single precision, vectorised."""

@@ -26,8 +26,8 @@ import numpy as np
 
 from granular.compiled import compiled, entry
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants, value_of
-from granular.engine.state import LOSSES, STEPS, State
+from granular.kernel_data.constants import Constants, value_of
+from granular.kernel_data.state import LOSSES, STEPS, State
 from granular.pairs.vector import lane_sum
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
@@ -129,12 +129,6 @@ class BathLaw(NamedTuple):
             state.scratch[i] = 0.5 * mass * (vx * vx + vy * vy - new_x * new_x - new_y * new_y)
         state.ledger[LOSSES + place] += lane_sum(state.scratch)
         return 0
-
-    @staticmethod
-    @compiled(inline=True)
-    def returned(law: BathLaw, room: None, place: int, state: State) -> float:
-        """Twice what the bath has given: its entry then counts by its size in the turnover."""
-        return max(0.0, -2.0 * state.ledger[LOSSES + place])
 
 
 @compiled

@@ -18,11 +18,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dipole import pair_energy
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants, value_of
-from granular.engine.state import LOSSES, State
+from granular.kernel_data.constants import Constants, value_of
+from granular.kernel_data.state import LOSSES, State
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_room, find_close_pairs
+from granular.pairs.dipole import pair_energy
 from granular.schema.sections import quantity
 
 

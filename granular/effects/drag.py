@@ -22,9 +22,9 @@ import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.compensation import speed_up
-from granular.engine.constants import Constants, value_of
-from granular.engine.state import LOSSES, VX, VY, State
+from granular.kernel_data.compensation import speed_up
+from granular.kernel_data.constants import Constants, value_of
+from granular.kernel_data.state import LOSSES, VX, VY, State
 from granular.pairs.vector import lane_sum
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity

@@ -16,8 +16,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants, moments_of, value_of
-from granular.engine.state import LOSSES, VX, VY, State
+from granular.kernel_data.constants import Constants, moments_of, value_of
+from granular.kernel_data.state import LOSSES, VX, VY, State
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity, whole
 

@@ -21,28 +21,14 @@ not, and what is not there costs nothing; ``law, room, place`` stand before the 
 ``glide(..., span, state, constants) -> int``
     Places after ``span``, instead of the plain drift, and velocities that change in its middle; the
     last effect that has one gives it, for Störmer-Verlet's coefficients alone.
-``returned(..., state) -> float``
-    What is added to the energy turned over, where an entry of losses may be negative.
 ``slow(..., slopes, span, state, constants) -> int``
     The same as a force, for Runge-Kutta methods.
 ``work(..., span, state, constants, time) -> int``
     Enter in ``state.ledger[WORK]`` what a force that depends on time does.
 ``lift(..., time) -> float``
     Upward acceleration of all that has a mass, the piston too.
-``kick_all(..., span, state, constants, motion, time, start, opening) -> int``
-    Kick all that moves, instead of grains and piston one after the other; the last effect that has
-    one gives it.
-``held_back(..., state, constants) -> float``
-    Force that a free piston feels less of.
-``drift(..., span, state) -> int``
-    Move what is its own at its present velocity.
-``record(..., state, constants, time, values) -> int``
-    Enter its ``records``, from ``Setting.first_records`` on.
 ``collision(..., speed, constants) -> float``
     Greatest stiffness over mass that a grain of this speed meets.
-``against_piston(..., state, constants, slopes) -> int``
-    Add each grain's stiffness against the piston over its mass.
-
 ``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``;
 what stands in its field ``kept``, if it has one, is of the run's state.
 The file's own test aside, nothing else has to be touched: `granular.effects.registry` finds it.
@@ -93,8 +79,6 @@ class Setting:
     places : mapping of str to int
         Of each effect in the tuple of laws.
     piston : Piston or None
-    first_records : mapping of str to int
-        Place of each effect's first own record among those of all.
     """
 
     grains: Grains
@@ -104,7 +88,6 @@ class Setting:
     effects: Mapping[str, Any]
     places: Mapping[str, int]
     piston: Piston | None = None
-    first_records: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
 class Effect(Section):

@@ -16,12 +16,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.formula import LENGTH, MASS, MOMENT, TIME, Formula, Functions
+from granular.effects.formula import Formula, Functions
 from granular.effects.listed import Listed
 from granular.effects.own_definition import Grain, Kind
 from granular.effects.own_law import OwnLaw
 from granular.formulas import names, parse
-from granular.formulas.dimensions import Dimension
+from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct import padded_values
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales

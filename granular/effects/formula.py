@@ -11,7 +11,6 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numba
@@ -29,12 +28,6 @@ if TYPE_CHECKING:
     import sympy
 
 Functions = dict[str, Callable[..., Any]]
-
-LENGTH, TIME, MASS, MOMENT = (
-    tuple(map(Fraction, powers))
-    for powers in ((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (2, 0, 0, 1))
-)
-"""Dimensions: powers of metre, kilogram, second and ampere."""
 
 _FORM = "1"
 """In the digest: to be raised with any change of what is derived from a text."""

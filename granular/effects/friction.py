@@ -28,7 +28,7 @@ import numpy as np
 
 from granular.effects.effect import Effect, Record, Setting, in_joules
 from granular.effects.friction_law import FrictionLaw
-from granular.engine.state import LOSSES, State
+from granular.kernel_data.state import LOSSES, State
 from granular.pairs.direct import padded_values
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.sections import FieldError, choice, quantity

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects import drag
-from granular.engine.constants import Constants
-from granular.engine.state import State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import State
 
 
 class FrictionLaw(NamedTuple):

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants, moments_of, value_of
-from granular.engine.state import State
+from granular.kernel_data.constants import Constants, moments_of, value_of
+from granular.kernel_data.state import State
 from granular.schema.sections import quantity
 
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants
-from granular.engine.state import State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import State
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 

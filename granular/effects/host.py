@@ -3,27 +3,35 @@
 The bodies stand one above another on a base, each on a spring and a dashpot, and move up and down.
 The last of them carries the cell, or the piston, and feels all forces of what it carries. Their
 displacements X are counted from where all is at rest, with the damper aboard: the springs hold all
-weights, and move the more slowly for them. See `granular.effects.host_law` for the equations.
+weights, and move the more slowly for them. See `granular.engine.host` for the equations.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Record, Setting, in_joules
-from granular.effects.excitation import Excitation
-from granular.effects.host_chain import CELL, FIXED, PISTON_MOUNT, Chain
-from granular.effects.host_law import HostLaw
+from granular.effects.excitation import Drive, Excitation
+from granular.kernel_data.constants import Constants, value_of
+from granular.kernel_data.state import LOSSES, SPEED, State
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, many, one, quantity, whole
 
 RESOLVED = 4.0
 """How much better than the bed's stiffest mode the host is resolved: its energy is most of all."""
+
+CELL, PISTON_MOUNT, FIXED = range(3)
+"""What the chain's last body carries: the cell; the piston; nothing, for the cell is the base."""
+
+PUSH, PULL = range(2)
+"""Entries of what holds for the present kick: the frame's acceleration A [D/tau^2], and the force
+of the chain on the piston [F*]."""
 
 _MOUNTS = {"cell": CELL, "piston": PISTON_MOUNT, "base": FIXED}
 
@@ -190,7 +198,7 @@ class Host(Effect):
             piston_mass=piston_mass,
             bed_mass=float(setting.grains.masses().sum()) / scales.mass,
             reacts=self.damps or self._reacts(setting),
-            first_record=setting.first_records[self.key],
+            entry=LOSSES + setting.places[self.key],
             driven=self.excitation is not None,
         )
 
@@ -204,3 +212,133 @@ class Host(Effect):
 
 def _dissipates(effect: Effect) -> bool:
     return any(one.damps or one.dry or one.is_flow for one in (effect, *effect.parts))
+
+
+class Chain(NamedTuple):
+    """The bodies, from the base upwards.
+
+    Attributes
+    ----------
+    masses, stiffness, damping : float64 (n,)
+    share : float64 (n,)
+        Of the outer force, which acts on a body.
+    """
+
+    masses: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    share: np.ndarray
+
+
+class HostRoom(NamedTuple):
+    """The motion of the host, and scratch.
+
+    Attributes
+    ----------
+    kept : float64 (2, n)
+        Displacements over the base, and velocities; of the frame as the last, which is not that of
+        the body where this carries the piston.
+    present : float64 (2,)
+        See `PUSH`.
+    forces, changes, diagonal : float64 (n,)
+    speeds : float64 (2, m)
+        Of the grains, before a kick.
+    push : float64 (m,)
+        Vertical forces on the grains, without inertia.
+    ledger : float64 (k,)
+    """
+
+    kept: np.ndarray
+    present: np.ndarray
+    forces: np.ndarray
+    changes: np.ndarray
+    diagonal: np.ndarray
+    speeds: np.ndarray
+    push: np.ndarray
+    ledger: np.ndarray
+
+
+class HostLaw(NamedTuple):
+    """The host as the kernels take it.
+
+    Attributes
+    ----------
+    mount : int
+    chain : Chain
+    drive : Drive
+    frame_mass : float
+        Of what is fixed to the frame while the piston is free [m].
+    piston_mass : float
+        With the body that carries it; 0 where none is given [m].
+    bed_mass : float
+        [m]
+    reacts : bool
+        Whether something dissipates, on either side of the frame.
+    entry : int
+        Of the ledger, for what the dashpots take.
+    driven : bool
+        Whether something shakes it.
+    """
+
+    mount: int
+    chain: Chain
+    drive: Drive
+    frame_mass: float
+    piston_mass: float
+    bed_mass: float
+    reacts: bool
+    entry: int
+    driven: bool
+
+    def room(self, size: int, count: int) -> HostRoom:
+        """Room for the motion of the host."""
+        bodies = max(len(self.chain.masses), 1)
+        return HostRoom(
+            kept=np.zeros((2, bodies)),
+            present=np.zeros(2),
+            forces=np.zeros(bodies),
+            changes=np.zeros(bodies),
+            diagonal=np.zeros(bodies),
+            speeds=np.zeros((2, size)),
+            push=np.zeros(size),
+            ledger=np.zeros(LOSSES + 64),
+        )
+
+    @staticmethod
+    @compiled
+    def measure(
+        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants, time: float,
+        stiffness: Array, energies: Array,
+    ) -> int:  # fmt: skip
+        """Enter the energy of the bodies and springs, and of the frame's motion."""
+        chain, last = law.chain, law.chain.masses.size - 1
+        total, below = 0.0, 0.0
+        for k in range(last + 1):
+            x, speed = room.kept[0, k], room.kept[1, k]
+            total += 0.5 * chain.stiffness[k] * (x - below) * (x - below)
+            if k < last:
+                total += 0.5 * chain.masses[k] * speed * speed
+            below = x
+        if law.mount != FIXED:
+            frame, piston = room.kept[1, last], state.piston[SPEED]
+            momentum = bed_momentum(state, constants)
+            total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
+            total += law.piston_mass * frame * (0.5 * frame + piston)
+        energies[place] = total
+        return 0
+
+
+@compiled(inline=True)
+def last_speed(law: HostLaw, room: HostRoom, state: State) -> float:
+    """Velocity of the last body over the base."""
+    speed = room.kept[1, law.chain.masses.size - 1]
+    return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
+
+
+@compiled
+def bed_momentum(state: State, constants: Constants) -> float:
+    """Vertical momentum of the grains in the frame."""
+    total = 0.0
+    for i in range(constants.grains):
+        total += value_of(constants.masses, i) * state.vy[i]
+    return total

@@ -12,8 +12,8 @@ from numba.extending import overload
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.own_definition import DEFINITIONS, Definition, Grain
-from granular.engine.constants import Constants, moments_of, value_of
-from granular.engine.state import LOSSES, WORK, State
+from granular.kernel_data.constants import Constants, moments_of, value_of
+from granular.kernel_data.state import LOSSES, WORK, State
 from granular.pairs.cells import Cells, cells_room, find_partners, sort_into_cells
 
 

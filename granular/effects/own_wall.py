@@ -34,11 +34,11 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import compiled
-from granular.effects.formula import LENGTH, Formula, Functions
+from granular.effects.formula import Formula, Functions
 from granular.effects.own_definition import Definition, Kind
 from granular.effects.own_law import by_kind
 from granular.effects.own_section import OwnSection, define, natural_values
-from granular.formulas.dimensions import Dimension
+from granular.formulas.dimensions import LENGTH, Dimension
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from granular.shared.offered import offered

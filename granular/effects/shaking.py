@@ -13,8 +13,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants
-from granular.engine.state import HEIGHT, WORK, State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import HEIGHT, WORK, State
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 

@@ -17,8 +17,8 @@ from granular.compiled import compiled
 from granular.compiled.dispatch import by_law
 from granular.effects import drag
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.engine.constants import Constants, moments_of, value_of
-from granular.engine.state import LOSSES, State
+from granular.kernel_data.constants import Constants, moments_of, value_of
+from granular.kernel_data.state import LOSSES, State
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.sections import FieldError, quantity
 

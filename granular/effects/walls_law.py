@@ -22,8 +22,8 @@ from granular.effects.wall_side import (
     distance_energies,
     distance_forces,
 )
-from granular.engine.constants import Constants, moments_of, over_mass, value_of
-from granular.engine.state import HEIGHT, State
+from granular.kernel_data.constants import Constants, moments_of, over_mass, value_of
+from granular.kernel_data.state import HEIGHT, State
 from granular.pairs.vector import lane_sum
 
 
@@ -72,18 +72,6 @@ class WallLaws(NamedTuple):
 
     @staticmethod
     @compiled
-    def against_piston(
-        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
-        slopes: Array,
-    ) -> int:  # fmt: skip
-        """Add the stiffness of the grains against the piston, over the mass."""
-        side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
-        _measure_side(law.top, constants.grains, moments_of(constants), side, slopes, state.scratch)
-        over_mass(slopes, constants.moments, constants.masses, constants.grains)
-        return 0
-
-    @staticmethod
-    @compiled
     def collision(
         law: WallLaws, room: None, place: int, speed: float, constants: Constants
     ) -> float:
@@ -96,6 +84,14 @@ class WallLaws(NamedTuple):
             _turning_side(law.bottom, speed),
             _turning_side(law.top, speed),
         )
+
+
+@compiled
+def add_piston_stiffness(law: Any, state: State, constants: Constants, slopes: Array) -> None:
+    """Add each grain's stiffness against the piston, a wall of that law, over the mass."""
+    side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
+    _measure_side(law, constants.grains, moments_of(constants), side, slopes, state.scratch)
+    over_mass(slopes, constants.moments, constants.masses, constants.grains)
 
 
 @compiled

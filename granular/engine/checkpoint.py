@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from granular.engine.state import KEPT, State, kept_lists, put_lists
+from granular.kernel_data.state import KEPT, State
+from granular.pairs.stripes import LISTED, Stripes
+from granular.pairs.verlet_list import VerletList
 
 
 @dataclasses.dataclass
@@ -73,3 +75,17 @@ def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
     for name, array in _kept(state).items():
         array[:] = kept[name]
     put_lists(state.stripes or state.verlet_list, kept)
+
+
+def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
+    """What a checkpoint holds of the lists of partners: the places that they were made at."""
+    if lists is None:
+        return {}
+    return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
+
+
+def put_lists(lists: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
+    """Let the lists be made again at the places that a checkpoint holds."""
+    if lists is not None and "near_built" in kept:
+        lists.built[:], lists.memory[:] = kept["near_built"], kept["near_memory"]
+        lists.memory[LISTED] = 0.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.engine.constants import Constants
-from granular.engine.state import State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import State
 from granular.pairs.direct import PADDING
 
 

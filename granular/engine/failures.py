@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from granular.engine.constants import Constants
-from granular.engine.state import HEIGHT, State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import HEIGHT, State
 from granular.schema.scales import Scales
 from granular.shared.errors import (
     EnergyError,

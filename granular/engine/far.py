@@ -7,9 +7,9 @@ as it is, to the last bit; while grains slide it goes on for some steps as it ch
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.engine.compensation import speed_up
-from granular.engine.constants import Constants, moments_of, value_of
-from granular.engine.state import State
+from granular.kernel_data.compensation import speed_up
+from granular.kernel_data.constants import Constants, moments_of, value_of
+from granular.kernel_data.state import State
 from granular.pairs.far_direct import DirectRoom, find_far_direct
 from granular.pairs.far_field import (
     CALLS,

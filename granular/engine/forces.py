@@ -5,11 +5,11 @@ from __future__ import annotations
 from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import sum_over
 from granular.compiled.reference import by_reference
-from granular.effects.dipole import ENERGY
-from granular.engine.constants import Constants, moments_of, over_mass
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
-from granular.engine.state import Measurement, State
+from granular.kernel_data.constants import Constants, moments_of, over_mass
+from granular.kernel_data.state import Measurement, State
 from granular.pairs.cut_off import cut_sum
+from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
 from granular.pairs.stripes import CutOff
 from granular.pairs.vector import lane_sum

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import last_with, sum_over
-from granular.engine.compensation import speed_up
-from granular.engine.constants import Constants
-from granular.engine.state import State
+from granular.kernel_data.compensation import speed_up
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import State
 
 
 @compiled(inline=True)

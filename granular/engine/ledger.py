@@ -7,39 +7,23 @@ import dataclasses
 import numpy as np
 
 from granular.engine import columns
-from granular.scene.scene import Scene
 
 WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
-DOUBTFUL = 1e-4
-"""Residual beyond which a run is called degraded."""
 COARSE_FACTOR = 10.0
 """With de Paula's regularised friction, or its list of pairs under friction, the first limit is
-this much wider, and the second `COARSE_DOUBT`: de Paula's beds are run at de Paula's steps.
+this much wider, and that of a doubtful run (`granular.scene.dryness`) even more: de Paula's beds
+are run at de Paula's steps.
 
 Of 119 random runs of these kinds, with at most 12 grains, 18 were off by more than 1e-4. Most often
 it was the step: a quarter of it left a sixteenth, with any list, skin and threshold speed. Not so
 where a list that is made anew takes pairs in and leaves others out, 6e-4 in a run at any step (3e-6
 with all pairs), and where regularised friction is far above the other forces and chatters: 0.09
 under a normal load of 1 N on a grain, 0.002 at a sixteenth of the step."""
-COARSE_DOUBT = 100.0
 _ROUNDING = 1e-11  # of the energies that are added up; below it a residual says nothing
 _LEAST_TURNOVER = 1e-5
 """Least energy turned over that counts, over the potential energy that is there: what has just
 begun to move from rest has a large relative error of no consequence."""
-
-
-def is_coarse(scene: Scene) -> bool:
-    """Whether grains rub by de Paula's regularised friction, or with its list of pairs."""
-    friction = scene.effects.friction
-    return friction is not None and (
-        friction.scheme == "regularised" or scene.pair_method == "verlet-list"
-    )
-
-
-def doubtful(scene: Scene) -> float:
-    """Residual over the energy turned over beyond which a run of the scene is called degraded."""
-    return DOUBTFUL * (COARSE_DOUBT if is_coarse(scene) else 1.0)
 
 
 @dataclasses.dataclass
@@ -77,7 +61,7 @@ class Ledger:
 
     @classmethod
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
-        """A ledger that begins with this record; ``coarse`` as `is_coarse` says."""
+        """A ledger that begins with this record; for ``coarse`` see `granular.scene.dryness`."""
         rows = row[None]
         return cls(
             start=float(columns.energies(rows)[0]),

@@ -14,15 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.dispatch import sum_over
 from granular.compiled.reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.engine import columns
-from granular.engine.constants import Constants
 from granular.engine.far import find_far_field, kick_by_far_field
 from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.host import record_host
 from granular.engine.piston import piston_energy
-from granular.engine.state import (
+from granular.engine.step import Plan, make_step
+from granular.engine.step_size import Pace, tick_start, tick_steps
+from granular.engine.stiffness import stiffest_mode
+from granular.engine.variable import next_step
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import (
     HEIGHT,
     LONGEST,
     LOSSES,
@@ -35,10 +39,6 @@ from granular.engine.state import (
     Measurement,
     State,
 )  # fmt: skip
-from granular.engine.step import Plan, make_step
-from granular.engine.step_size import Pace, tick_start, tick_steps
-from granular.engine.stiffness import stiffest_mode
-from granular.engine.variable import next_step
 from granular.protocol.motion import Motion
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, DEPARTED = range(6)
@@ -85,9 +85,6 @@ class Watch(NamedTuple):
     floor: float
 
 
-_record = sum_over("record", "state constants time values")
-
-
 @compiled
 def measure(
     time: float,
@@ -121,10 +118,8 @@ def measure(
         row[columns.FASTEST], state, constants, motion, measurement
     )
     row[columns.GRAINS] = constants.grains
-    _record(
-        constants.acting.laws, state.rooms, state, constants, time,
-        row[columns.ENERGIES + 2 * laws :],
-    )  # fmt: skip
+    own = row[columns.ENERGIES + 2 * laws :]
+    record_host(constants.acting.host, state.host, state, time, own)
 
 
 @compiled
@@ -177,12 +172,9 @@ def _turned_over(watch: Watch, laws: int, row: Array) -> float:
     potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
     for law in range(laws):
         potential += row[c.ENERGIES + law]
-        lost += row[c.ENERGIES + laws + law]
+        lost += abs(row[c.ENERGIES + laws + law])  # a bath gives back
     piston = abs(row[c.PISTON] - watch.piston)
     return row[c.KINETIC] + abs(potential) + piston + lost + abs(row[c.WORK])
-
-
-_returned = sum_over("returned", "state", 0.0)
 
 
 @compiled
@@ -312,9 +304,7 @@ def _advance(
         measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
-        turned = _turned_over(watch, laws, row) + _returned(
-            constants.acting.laws, state.rooms, state
-        )
+        turned = _turned_over(watch, laws, row)
         watch.seen[TURNED] = max(watch.seen[TURNED], turned)
         row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)

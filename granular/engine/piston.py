@@ -8,10 +8,11 @@ from granular.compiled import Array, compiled
 from granular.compiled.dispatch import sum_over
 from granular.effects import drag
 from granular.effects.friction_law import sliding
+from granular.effects.host import PULL, PUSH, HostRoom
 from granular.effects.wall_side import TOP
-from granular.engine.compensation import compensated_sum
-from granular.engine.constants import Constants, Resistance
-from granular.engine.state import (
+from granular.kernel_data.compensation import compensated_sum
+from granular.kernel_data.constants import Constants, Resistance
+from granular.kernel_data.state import (
     HEIGHT,
     HEIGHT_ROUNDING,
     PISTON,
@@ -25,11 +26,16 @@ from granular.protocol.motion import TABLE, Motion, outer_force, path
 lift = sum_over("lift", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 
-held_back = sum_over("held_back", "state constants", 0.0)
-"""Force that a free piston feels less of [F*]."""
-
 enter_work = sum_over("work", "span state constants time")
 """Enter the work that forces which depend on time do in ``span``, at a time [tau]."""
+
+
+@compiled(inline=True)
+def _held_back(room: HostRoom | None, constants: Constants) -> float:
+    """What a free piston feels less of where a host accelerates the cell [F*]."""
+    if room is None:
+        return 0.0
+    return constants.piston_mass * room.present[PUSH] - room.present[PULL]
 
 
 @compiled
@@ -153,7 +159,7 @@ def kick_piston(
         outer = outer_force(motion, time)
         force = (
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
-        ) - held_back(constants.acting.laws, state.rooms, state, constants)
+        ) - _held_back(state.host, constants)
         before = state.piston[SPEED]
         _free_kick(constants.resistance, force, span, constants.piston_mass, state, opening)
         state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[SPEED])

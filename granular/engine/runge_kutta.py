@@ -5,10 +5,10 @@ from __future__ import annotations
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import sum_over
 from granular.effects.wall_side import TOP
-from granular.engine.constants import Constants, Resistance
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.piston import enter_work, lift, piston_energy
-from granular.engine.state import (
+from granular.kernel_data.constants import Constants, Resistance
+from granular.kernel_data.state import (
     HEIGHT,
     PISTON,
     SPEED,

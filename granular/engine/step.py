@@ -7,15 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import last_with, sum_over
-from granular.engine.compensation import compensated_sum
-from granular.engine.constants import Constants
+from granular.compiled.dispatch import last_with
+from granular.effects.host import HostLaw, HostRoom
 from granular.engine.forces import compute_forces, measure_forces
+from granular.engine.host import drift_host, kick_host
 from granular.engine.kick import kick_grains
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
-from granular.engine.state import Measurement, State, X, Y
 from granular.engine.step_size import Step
+from granular.kernel_data.compensation import compensated_sum
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import Measurement, State, X, Y
 from granular.methods import Method
 from granular.pairs.far_field import FarField
 from granular.protocol.motion import Motion
@@ -66,17 +68,15 @@ def drift_grains(rounding: Array | None, span: float, state: State, count: int) 
 
 
 @compiled(inline=True)
-def _kick_apart(
-    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
-    opening: bool,
-) -> int:  # fmt: skip
-    kick_grains(span, state, constants, opening)
-    kick_piston(span, state, constants, motion, time, start, opening)
-    return 0
-
-
-_kick = last_with("kick_all", "span state constants motion time start opening", _kick_apart)
-_drift = sum_over("drift", "span state")
+def _kick(
+    host: HostLaw | None, room: HostRoom | None, span: float, state: State, constants: Constants,
+    motion: Motion, time: float, start: float, opening: bool,
+) -> None:  # fmt: skip
+    if host is not None and room is not None:
+        kick_host(host, room, span, state, constants, motion, time, start, opening)
+    else:
+        kick_grains(span, state, constants, opening)
+        kick_piston(span, state, constants, motion, time, start, opening)
 
 
 @compiled(inline=True)
@@ -126,7 +126,7 @@ def make_step(
                     opening = 2 * k + part < stages + parts - 1
                     span = kicks[k] * h / parts
                     _kick(
-                        constants.acting.laws, state.rooms, span, state, constants, motion, stage,
+                        constants.acting.host, state.host, span, state, constants, motion, stage,
                         start, opening,
                     )  # fmt: skip
             if k < stages:
@@ -134,7 +134,7 @@ def make_step(
                 stage += span
                 _glide(constants.acting.laws, state.rooms, span, state, constants)
                 drift_piston(span, state, constants, motion, stage, start)
-                _drift(constants.acting.laws, state.rooms, span, state)
+                drift_host(constants.acting.host, state.host, span, state)
                 last = k == stages - 1
                 if last and measuring:
                     outside += measure_forces(state, constants, start + stage, measurement)

@@ -8,15 +8,15 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.dispatch import greatest_over, sum_over
+from granular.compiled.dispatch import greatest_over
 from granular.compiled.reference import by_reference
-from granular.effects.dipole import head_on_stiffness
-from granular.engine.constants import Constants
-from granular.engine.state import Measurement, State
+from granular.effects.walls_law import add_piston_stiffness
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import Measurement, State
+from granular.pairs.dipole import head_on_stiffness
 from granular.protocol.motion import Motion
 
 _collision = greatest_over("collision", "speed constants")
-_against_piston = sum_over("against_piston", "state constants slopes")
 
 
 @entry
@@ -64,7 +64,7 @@ def stiffest_mode(
     if motion.free:
         slopes = measurement.against_piston
         slopes[:] = 0.0
-        _against_piston(constants.acting.laws, state.rooms, state, constants, slopes)
+        add_piston_stiffness(constants.acting.top, state, constants, slopes)
         total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), highest_collision(constants, speed))

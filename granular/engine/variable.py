@@ -11,8 +11,8 @@ import math
 
 from granular.compiled import compiled, entry
 from granular.compiled.reference import by_reference
-from granular.engine.constants import Constants, Sides, moments_of
-from granular.engine.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, State
+from granular.kernel_data.constants import Constants, Sides, moments_of
+from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, State
 from granular.pairs.density import step_density
 
 

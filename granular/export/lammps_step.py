@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular.effects import dipole, wall_experimental, wall_infinite
+from granular.effects import wall_experimental, wall_infinite
+from granular.pairs import dipole
 
 REACH = 6.0
 """Pairs up to here [D] count for the stiffness, which falls as distance^-5."""

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.effects import dipole, wall_experimental, wall_infinite
+from granular.effects import wall_experimental, wall_infinite
+from granular.pairs import dipole
 from granular.schema.scales import Scales
 
 ROWS = 5000

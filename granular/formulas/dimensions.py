@@ -12,6 +12,10 @@ Dimension = tuple[Fraction, ...]
 
 BASE = ("m", "kg", "s", "A")
 NONE: Dimension = (Fraction(0),) * len(BASE)
+LENGTH, TIME, MASS, MOMENT = (
+    tuple(map(Fraction, powers))
+    for powers in ((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (2, 0, 0, 1))
+)
 _SAME = {"+", "-", "max", "min", "abs"}
 
 

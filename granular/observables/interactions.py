@@ -129,7 +129,7 @@ def wall_interactions(
 
 def _begun(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
     """Positions, which grains are there, and the scene in natural units."""
-    from granular.engine.system import natural_system
+    from granular.scene.system import natural_system
 
     positions = checked_positions(positions)
     if len(positions) != scene.grains.count:
@@ -157,7 +157,7 @@ def moments_of(scene: Scene) -> np.ndarray:
 
 
 def _dipoles(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    from granular.effects.dipole import STRENGTH
+    from granular.pairs.dipole import STRENGTH
 
     return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from granular.run.trajectory import Trajectory
+    from granular.scene.scene import Scene
 
 __all__ = [
     "plot_area_profile",
@@ -40,6 +41,58 @@ __all__ = [
 
 _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
 """Colours of paths, none of which is like a colour of the cells below them."""
+
+
+def draw_bed(
+    axes: Axes,
+    scene: Scene,
+    positions: np.ndarray,
+    piston_height: float | None,
+    colours: np.ndarray | None = None,
+) -> Any:
+    """Draw the grains to scale, the cell and the piston.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    positions : float (n, 2)
+        [m]
+    piston_height : float or None
+        [m]
+    colours : float (n,), optional
+        A value a grain, shown by colour; the species where not given.
+
+    Returns
+    -------
+    matplotlib collection
+        The grains, for a colour bar.
+    """
+    from matplotlib.collections import EllipseCollection
+
+    diameters = 1e3 * scene.grains.diameters()
+    grains = EllipseCollection(
+        diameters, diameters, np.zeros(len(diameters)), units="xy",
+        offsets=1e3 * positions, offset_transform=axes.transData, linewidths=0.0,
+    )  # fmt: skip
+    if colours is None:
+        grains.set_facecolor([COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()])
+    else:
+        grains.set_array(colours)
+    axes.add_collection(grains)
+    width = 1e3 * scene.cell.width
+    top = 1e3 * (piston_height if piston_height is not None else float(positions[:, 1].max()))
+    axes.plot([0.0, 0.0], [0.0, top], color="#333333", linewidth=1.5)
+    axes.plot([width, width], [0.0, top], color="#333333", linewidth=1.5)
+    axes.plot([0.0, width], [0.0, 0.0], color="#333333", linewidth=1.5)
+    if piston_height is not None:
+        axes.plot([0.0, width], [top, top], color=COLOURS[1], linewidth=3.0)
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.01 * width, 1.01 * width)
+    axes.set_ylim(-0.01 * width, top + 0.02 * width)
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    axes.grid(visible=False)
+    return grains
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dipole import STRENGTH
+from granular.pairs.dipole import STRENGTH
 from granular.pairs.inverse import SCALE
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.rows import add_row, clear_row

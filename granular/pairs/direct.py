@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dipole import STRENGTH
+from granular.pairs.dipole import STRENGTH
 from granular.pairs.inverse import SCALE
 from granular.pairs.plain import plain_direct_sum
 from granular.pairs.vector import WIDTH, padded, sweep_block, sweep_rows

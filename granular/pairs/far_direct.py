@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dipole import ENERGY
 from granular.pairs.cut_off import cut_sum
+from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum, part_buffers
 from granular.pairs.stripe_lists import finite
 from granular.pairs.stripes import Stripes

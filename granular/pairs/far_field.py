@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dipole import ENERGY
+from granular.pairs.dipole import ENERGY
 from granular.pairs.far_direct import DirectRoom, direct_room
 from granular.pairs.mesh import PARTS, Mesh, mesh_room, open_windows
 from granular.pairs.mesh_around import mesh_around_room

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from granular.compiled import Array
-from granular.effects.dipole import ENERGY, STRENGTH, pair_energy, pair_force
+from granular.pairs.dipole import ENERGY, STRENGTH, pair_energy, pair_force
 from granular.pairs.split import far_cube, far_fifth
 
 PADDING = 1e60

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.dipole import ENERGY, pair_energy, pair_force
 from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
+from granular.pairs.dipole import ENERGY, pair_energy, pair_force
 
 RADIUS, SKIN = 11.26, 4.13
 """Of de Paula, in diameters of the first species."""

@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-from granular.effects.formula import TIME
-from granular.formulas.dimensions import Dimension
+from granular.formulas.dimensions import TIME, Dimension
 from granular.protocol.motion import SPLINE, Motion
 from granular.protocol.stage import Course, Timed
 from granular.schema.scales import Scales

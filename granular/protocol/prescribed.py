@@ -8,8 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from granular.effects.formula import LENGTH, TIME
-from granular.formulas.dimensions import Dimension
+from granular.formulas.dimensions import LENGTH, TIME, Dimension
 from granular.protocol.motion import DESCENT, SINE, SPLINE, TABLE, Motion
 from granular.protocol.stage import Course, Stage, Timed
 from granular.schema.scales import Scales

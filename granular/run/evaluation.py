@@ -9,11 +9,12 @@ import numpy as np
 from granular.effects.wall_side import SIDES, TOP
 from granular.engine.far import total_force
 from granular.engine.forces import evaluate_forces
+from granular.engine.new_state import new_measurement, new_state
 from granular.engine.plain_arithmetic import unfinite_as
-from granular.engine.state import State, new_measurement, new_state
-from granular.engine.system import System, natural_system, own_code_compiles
+from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
+from granular.scene.system import System, natural_system, own_code_compiles
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from granular.engine import columns
 from granular.engine.failures import countless
-from granular.engine.state import HEIGHT, LONGEST, SHORTEST, SPEED
 from granular.engine.step_size import MOST_COUNT, MOST_STEPS, Pace
 from granular.engine.stiffness import collision_frequency
 from granular.engine.variable import open_density
+from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED
 from granular.protocol.motion import drive_frequency, greatest_speed
 from granular.run.standing import Standing
 

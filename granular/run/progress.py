@@ -6,7 +6,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from granular.engine.state import HEIGHT
+from granular.kernel_data.state import HEIGHT
 from granular.run.outlook import outlook, stage_seconds, steps_ahead
 from granular.run.settling import Settling
 from granular.run.watch import rest_limit

@@ -9,9 +9,9 @@ import numpy as np
 
 from granular.effects.effect import Effect
 from granular.engine.columns import width
-from granular.engine.constants import Constants
 from granular.engine.far import total_force
-from granular.engine.state import HEIGHT, State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import HEIGHT, State
 from granular.run.variables import (
     FRAME_HEIGHT,
     FRAME_TIME,

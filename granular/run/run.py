@@ -12,7 +12,7 @@ from granular.engine import columns
 from granular.engine.departure import take_out
 from granular.engine.failures import restless, unbalanced
 from granular.engine.far import hold_far_field
-from granular.engine.ledger import Ledger, is_coarse
+from granular.engine.ledger import Ledger
 from granular.engine.loop import (
     DEPARTED,
     HIGHEST,
@@ -27,14 +27,15 @@ from granular.engine.loop import (
     Window,
     advance,
 )
-from granular.engine.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.engine.step_size import REVIEW, Pace
+from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.motion import path
 from granular.protocol.stage import Timed, stage_motion
 from granular.run.pace import set_pace, set_steps
 from granular.run.standing import PLACE, Standing
 from granular.run.threads import Threads
 from granular.run.watch import watch_of
+from granular.scene.dryness import is_coarse
 from granular.shared.errors import NotFiniteError
 
 CALL_SECONDS = 0.1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.engine.state import HEIGHT, SPEED
+from granular.kernel_data.state import HEIGHT, SPEED
 from granular.protocol.stage import Timed
 from granular.run.watch import rest_limit
 

@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.engine.ledger import doubtful
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.step_size import Step
-from granular.engine.system import System, natural_system, own_code_compiles
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
 from granular.run.accuracy import accurate
@@ -33,7 +31,9 @@ from granular.run.store import Store, read_settings
 from granular.run.threads import Threads, set_threads, threads_of
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
+from granular.scene.dryness import doubtful
 from granular.scene.scene import Scene
+from granular.scene.system import System, natural_system, own_code_compiles
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stops import Stop, deferred_stop
 from granular.shared.version import versions

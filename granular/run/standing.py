@@ -11,16 +11,17 @@ from granular.engine.checkpoint import Progress
 from granular.engine.failures import misplaced
 from granular.engine.ledger import Ledger
 from granular.engine.loop import STIFFEST, TURNED, look
-from granular.engine.state import STEPS, TIME, Measurement, State, new_measurement, new_state
+from granular.engine.new_state import new_measurement, new_state
 from granular.engine.step import plan_of
 from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
-from granular.engine.system import System
+from granular.kernel_data.state import STEPS, TIME, Measurement, State
 from granular.methods import Method
 from granular.protocol import Stage
 from granular.protocol.motion import Motion
 from granular.protocol.stage import Timed
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
+from granular.scene.system import System
 from granular.shared.errors import NotFiniteError, RunError
 
 PLACE = "place the grains apart from each other, inside the walls and below the piston"

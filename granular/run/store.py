@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from granular.engine.system import System
 from granular.run.arrays import (
     append,
     check_metadata,
@@ -41,6 +40,7 @@ from granular.run.manifest import MANIFEST, manifest_of, new_manifest, unchanged
 from granular.run.recorder import Recorder
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
+from granular.scene.system import System
 from granular.shared.errors import StoreError
 
 

@@ -4,11 +4,28 @@ from __future__ import annotations
 
 from granular.scene.scene import Scene
 
+DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
+"""Residual of the energy ledger, over the energy turned over, beyond which a run is called
+degraded; the second where `is_coarse` holds, see `granular.engine.ledger.COARSE_FACTOR`."""
+
 
 def dry_parts(scene: Scene) -> tuple[str, ...]:
     """Names of the dry parts that act: of the bed, and of a piston that is free to move."""
-    found = [effect.key for effect in scene.effects.laws if effect.dry]
+    names = [effect.key for effect in scene.effects.laws if effect.dry]
     piston = scene.piston
     if piston is not None and piston.mass is not None and piston.friction > 0.0:
-        found.append("piston.friction")
-    return tuple(found)
+        names.append("piston.friction")
+    return tuple(names)
+
+
+def is_coarse(scene: Scene) -> bool:
+    """Whether grains rub by de Paula's regularised friction, or with its list of pairs."""
+    friction = scene.effects.friction
+    return friction is not None and (
+        friction.scheme == "regularised" or scene.pair_method == "verlet-list"
+    )
+
+
+def doubtful(scene: Scene) -> float:
+    """Residual over the energy turned over beyond which a run of the scene is called degraded."""
+    return COARSE_DOUBTFUL if is_coarse(scene) else DOUBTFUL

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular.observables.plots import draw_bed
 from granular.shared.html import Page, number
-from granular.shared.plotting import COLOURS, READABLE, STYLES, draw_bed, figure
+from granular.shared.plotting import COLOURS, READABLE, STYLES, figure
 from reduced_models.identification.page_record import thinned
 from reduced_models.records.sources import step_text
 
@@ -65,7 +66,7 @@ def _overlap_note(page: Page, run: Trajectory) -> None:
 
 
 def _ledger(page: Page, run: Trajectory) -> None:
-    from granular.engine.ledger import doubtful
+    from granular.scene.dryness import doubtful
 
     page.section("Energy ledger")
     data = run.dataset

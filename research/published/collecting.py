@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.engine.ledger import is_coarse
+from granular.scene.dryness import is_coarse
 from granular.shared.shelf import Shelf
 from research.campaign import Plain, made_now
 from research.published.calculations import kept

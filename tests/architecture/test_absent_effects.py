@@ -12,9 +12,9 @@ import pytest
 
 from granular import Scene, load_scene, simulate
 from granular.engine.loop import advance
-from granular.engine.state import new_state
-from granular.engine.system import natural_system
+from granular.engine.new_state import new_state
 from granular.methods import METHODS
+from granular.scene.system import natural_system
 from granular.shared.caches import read_sealed
 
 TRACES = ("7effects", "5pairs", "ContactLaw", "_kick_with_friction")

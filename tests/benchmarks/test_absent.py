@@ -8,7 +8,7 @@ import pytest
 from benchmarks.absent import hand_and_engine
 from benchmarks.hand import KERNELS
 from benchmarks.timing import least_seconds
-from granular.engine.state import LOSSES
+from granular.kernel_data.state import LOSSES
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
 
 
 def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
-    from granular.engine.ledger import doubtful
+    from granular.scene.dryness import doubtful
 
     assert run.complete
     bad = unfinite(run)

@@ -45,6 +45,15 @@ _OF_A_LONE_GRAIN = (
     Stage(True, ("tests/granular/effects/test_single_grain.py",)),
 )
 
+_OF_THE_LOOP = (
+    Stage(False, (_FORCES, _SMALL, *_RUBBING, "tests/granular/engine")),
+    Stage(True, ("tests/physics/test_energy.py", "tests/physics/test_friction.py")),
+    Stage(
+        True,
+        ("tests/granular/protocol", "tests/granular/run", "tests/regression", "tests/physics"),
+    ),
+)
+
 _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     "granular/effects/contact": (
         Stage(False, (_FORCES, _SMALL)),
@@ -70,14 +79,8 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
         Stage(False, (_FORCES, _SMALL)),
         Stage(True, ("tests/physics", "tests/granular/run/test_drive.py")),
     ),
-    "granular/engine": (
-        Stage(False, (_FORCES, _SMALL, *_RUBBING, "tests/granular/engine")),
-        Stage(True, ("tests/physics/test_energy.py", "tests/physics/test_friction.py")),
-        Stage(
-            True,
-            ("tests/granular/protocol", "tests/granular/run", "tests/regression", "tests/physics"),
-        ),
-    ),
+    "granular/engine": _OF_THE_LOOP,
+    "granular/kernel_data": _OF_THE_LOOP,
     "granular/pairs": (
         Stage(False, (_FORCES, _SMALL, "tests/granular/pairs/test_verlet_list.py")),
         Stage(True, ("tests/physics/test_pair_sum.py", "tests/granular/pairs")),

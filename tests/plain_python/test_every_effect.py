@@ -13,9 +13,9 @@ import pytest
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
 from granular.effects.registry import effects
 from granular.engine.departure import grain_constants, take_out
-from granular.engine.state import new_state
-from granular.engine.system import natural_system
+from granular.engine.new_state import new_state
 from granular.methods import METHODS
+from granular.scene.system import natural_system
 
 pytestmark = [
     pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),

@@ -18,8 +18,8 @@ import granular.engine.ledger
 import granular.engine.step
 from granular import Scene, load_scene, simulate
 from granular.effects.excitation import Excitation, excitation_at
-from granular.engine.constants import Constants
-from granular.engine.state import State
+from granular.kernel_data.constants import Constants
+from granular.kernel_data.state import State
 from granular.schema.scales import Scales
 
 pytestmark = pytest.mark.skipif(

@@ -23,7 +23,7 @@ def edited(name: str, old: str, new: str) -> dict[str, bytes]:
         ("effects/drag.py", '"""Viscous drag:', '"""Other words:'),
         ("effects/drag.py", "    z = rate * span", "    # A comment.\n\n    z = (rate  * span)"),
         (
-            "effects/dipole.py",
+            "pairs/dipole.py",
             '    """Repulsion',
             '    """More.\n\n    Lines.\n    """\n    """Repulsion',
         ),
@@ -41,9 +41,9 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
     ("name", "old", "new"),
     [
         ("effects/drag.py", "z = rate * span", "z = rate + span"),
-        ("effects/dipole.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
+        ("pairs/dipole.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
         ("pairs/split.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
-        ("engine/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
+        ("kernel_data/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
         ("pairs/lanes.py", "WIDTH = 8", "WIDTH = 4"),
         ("compiled/__init__.py", 'fastmath={"contract"}', 'fastmath={"reassoc"}'),
     ],

@@ -15,11 +15,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import load_scene, load_trajectory, simulate
-from granular.engine.system import natural_system
 from granular.methods import METHODS
 from granular.pairs.far_field import FarField
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
+from granular.scene.system import natural_system
 from granular.shared.errors import InputError, SceneError
 
 ROOT = Path(__file__).parents[3]

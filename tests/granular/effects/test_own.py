@@ -17,9 +17,9 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
 from granular.effects.registry import names
-from granular.engine.system import natural_system
 from granular.own import import_own
 from granular.run.sources import own_sources
+from granular.scene.system import natural_system
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases
 from granular.studies.measures import measure_named

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.engine.state import kept_lists, put_lists
+from granular.engine.checkpoint import kept_lists, put_lists
 from granular.pairs import cut_off, direct
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum

@@ -13,12 +13,12 @@ from granular import Scene, simulate
 from granular.compiled import entry
 from granular.engine.far import add_far_field, find_far_field, refresh_far_field
 from granular.engine.step_size import Step
-from granular.engine.system import natural_system
 from granular.methods import method_named
 from granular.pairs.far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
 from granular.run.snapshot import restore, snapshot
 from granular.run.standing import PLACE
+from granular.scene.system import natural_system
 
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)

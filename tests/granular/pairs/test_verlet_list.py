@@ -7,7 +7,7 @@ import pytest
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.engine.state import kept_lists, put_lists
+from granular.engine.checkpoint import kept_lists, put_lists
 from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values

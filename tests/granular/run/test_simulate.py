@@ -314,7 +314,7 @@ def test_two_processes_do_not_write_to_one_run(scene: Scene, tmp_path: Path) -> 
 import time
 from granular.run.store import Store
 from granular import load_scene
-from granular.engine.system import natural_system
+from granular.scene.system import natural_system
 scene = load_scene({str(tmp_path / "run" / "scene.toml")!r})
 Store(__import__("pathlib").Path({str(tmp_path / "run")!r}), scene, natural_system(scene)).hold()
 print("held", flush=True)

@@ -6,12 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.engine.constants import Acting
-from granular.methods import Method
-from granular.pairs.direct import padded_coordinates, part_buffers
-from granular.pairs.far_field import FarForces, far_forces_room
-from granular.pairs.stripes import LISTED, Stripes, stripes_room
-from granular.pairs.verlet_list import VerletList, verlet_list_room
+from granular.pairs.far_field import FarForces
+from granular.pairs.stripes import Stripes
+from granular.pairs.verlet_list import VerletList
 
 X, Y, VX, VY = range(4)
 """Rows of what is kept of the grains' places and velocities together."""
@@ -68,6 +65,8 @@ class State(NamedTuple):
         The far field, and its forces.
     rooms : tuple
         Scratch of each law, or None; arrays of it are zero behind the grains.
+    host : HostRoom or None
+        That of what carries the cell, which moves all the others.
     scratch : float64 (m,)
         For sums over the grains; zero behind them.
     buffers : float64 (parts, 5, m) or None
@@ -94,6 +93,7 @@ class State(NamedTuple):
     verlet_list: VerletList | None
     far_forces: FarForces | None
     rooms: tuple[Any, ...]
+    host: Any
     scratch: np.ndarray
     buffers: np.ndarray | None
     rounding: np.ndarray | None
@@ -120,81 +120,3 @@ class Measurement(NamedTuple):
 
 KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")
 """Fields that a checkpoint holds; the others are scratch."""
-
-
-def new_state(
-    positions: np.ndarray, velocities: np.ndarray, height: float, acting: Acting, method: Method
-) -> State:
-    """A state from positions [D], velocities [D/tau] and the piston's height [D].
-
-    Arrays are made only for the effects that act.
-    """
-    count = len(positions)
-    x, y = padded_coordinates(positions)
-    vx, vy = np.zeros_like(x), np.zeros_like(x)
-    vx[:count], vy[:count] = velocities[:, 0], velocities[:, 1]
-    return State(
-        x=x,
-        y=y,
-        vx=vx,
-        vy=vy,
-        fx=np.zeros_like(x),
-        fy=np.zeros_like(x),
-        piston=np.array([height, 0.0, 0.0, 0.0]),
-        ledger=np.zeros(LOSSES + len(acting.laws)),
-        clock=np.array([0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
-        wall_forces=np.zeros(4),
-        label=np.arange(x.size),
-        load=None if acting.weight is None else np.zeros_like(x),
-        stripes=_stripes(x.size, acting),
-        verlet_list=None
-        if acting.listing is None
-        else verlet_list_room(x.size, acting.listing.radius),
-        far_forces=_far_forces(x.size, acting),
-        rooms=tuple(_room(law, x.size, count) for law in acting.laws),
-        scratch=np.zeros_like(x),
-        buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
-        rounding=np.zeros((4, x.size)) if method.compensated else None,
-        slopes=None if method.tableau is None else _slopes(len(method.tableau), x.size),
-    )
-
-
-def _room(law: Any, size: int, count: int) -> Any:
-    return law.room(size, count) if hasattr(law, "room") else None
-
-
-def _stripes(size: int, acting: Acting) -> Stripes | None:
-    if acting.cut is None:
-        return None
-    cut = acting.cut
-    return stripes_room(
-        size, moments=cut.moments, loaded=acting.weight is not None, periods=cut.periods
-    )
-
-
-def _far_forces(size: int, acting: Acting) -> FarForces | None:
-    if acting.far is None:
-        return None
-    return far_forces_room(acting.far, size, loaded=acting.weight is not None)
-
-
-def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
-    """What a checkpoint holds of the lists of partners: the places that they were made at."""
-    if lists is None:
-        return {}
-    return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
-
-
-def put_lists(lists: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
-    """Let the lists be made again at the places that a checkpoint holds."""
-    if lists is not None and "near_built" in kept:
-        lists.built[:], lists.memory[:] = kept["near_built"], kept["near_memory"]
-        lists.memory[LISTED] = 0.0
-
-
-def _slopes(rows: int, size: int) -> Slopes:
-    return Slopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
-
-
-def new_measurement(state: State) -> Measurement:
-    return Measurement(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))

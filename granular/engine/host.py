@@ -1,4 +1,4 @@
-"""The motion of a host and of the cell on it, as the loop takes it.
+"""The motion of a host and of the cell on it (`granular.effects.host`).
 
 Everything is told in the frame of the cell, as without a host; the frame has the acceleration A, so
 that every mass in it feels the force -m A. Let V be the velocity of the frame, v_i those of the
@@ -30,168 +30,68 @@ Seen from a free cell (``mount = "piston"``), the piston is one body with the ch
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-
 from granular.compiled import Array, compiled
-from granular.effects.excitation import Drive, excitation_at, excitation_over
-from granular.effects.host_chain import (
+from granular.effects.excitation import excitation_at, excitation_over
+from granular.effects.host import (
     FIXED,
     PISTON_MOUNT,
     PULL,
     PUSH,
     Chain,
+    HostLaw,
     HostRoom,
-    chain_forces,
-    enter_dashpots,
-    kick_bodies,
+    bed_momentum,
+    last_speed,
 )
 from granular.effects.wall_side import TOP
-from granular.engine.constants import Constants, value_of
 from granular.engine.kick import kick_grains
 from granular.engine.piston import kick_piston
-from granular.engine.state import LOSSES, SPEED, WORK, State
+from granular.kernel_data.constants import Constants, value_of
+from granular.kernel_data.state import SPEED, WORK, State
 from granular.protocol.motion import Motion, outer_force
 
 
-class HostLaw(NamedTuple):
-    """The host as the kernels take it.
+@compiled(inline=True)
+def kick_host(
+    law: HostLaw, room: HostRoom, span: float, state: State, constants: Constants, motion: Motion,
+    time: float, start: float, opening: bool,
+) -> None:  # fmt: skip
+    """Kick host, grains and piston."""
+    apart = law.mount == PISTON_MOUNT and motion.free
+    if apart and not opening:
+        _damp(law, room, span, state)
+    _kick(law, room, span, state, constants, motion, time, start, opening)
+    if apart and opening:
+        _damp(law, room, span, state)
 
-    Attributes
-    ----------
-    mount : int
-    chain : Chain
-    drive : Drive
-    frame_mass : float
-        Of what is fixed to the frame while the piston is free [m].
-    piston_mass : float
-        With the body that carries it; 0 where none is given [m].
-    bed_mass : float
-        [m]
-    reacts : bool
-        Whether something dissipates, on either side of the frame.
-    first_record : int
-        Place of the first of its records.
-    driven : bool
-        Whether something shakes it.
-    """
 
-    mount: int
-    chain: Chain
-    drive: Drive
-    frame_mass: float
-    piston_mass: float
-    bed_mass: float
-    reacts: bool
-    first_record: int
-    driven: bool
-
-    def room(self, size: int, count: int) -> HostRoom:
-        """Room for the motion of the host."""
-        bodies = max(len(self.chain.masses), 1)
-        return HostRoom(
-            kept=np.zeros((2, bodies)),
-            present=np.zeros(2),
-            forces=np.zeros(bodies),
-            changes=np.zeros(bodies),
-            diagonal=np.zeros(bodies),
-            speeds=np.zeros((2, size)),
-            push=np.zeros(size),
-            ledger=np.zeros(LOSSES + 64),
-        )
-
-    @staticmethod
-    @compiled(inline=True)
-    def kick_all(
-        law: HostLaw, room: HostRoom, place: int, span: float, state: State, constants: Constants,
-        motion: Motion, time: float, start: float, opening: bool,
-    ) -> int:  # fmt: skip
-        """Kick host, grains and piston."""
-        apart = law.mount == PISTON_MOUNT and motion.free
-        if apart and not opening:
-            _damp(law, room, LOSSES + place, span, state)
-        _kick(law, LOSSES + place, room, span, state, constants, motion, time, start, opening)
-        if apart and opening:
-            _damp(law, room, LOSSES + place, span, state)
-        return 0
-
-    @staticmethod
-    @compiled(inline=True)
-    def held_back(
-        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants
-    ) -> float:
-        """What a free piston feels less of, for the frame is accelerated [F*]."""
-        return constants.piston_mass * room.present[PUSH] - room.present[PULL]
-
-    @staticmethod
-    @compiled(inline=True)
-    def drift(law: HostLaw, room: HostRoom, place: int, span: float, state: State) -> int:
-        """Move the bodies."""
+@compiled(inline=True)
+def drift_host(law: HostLaw | None, room: HostRoom | None, span: float, state: State) -> None:
+    """Move the bodies, where there is a host."""
+    if law is not None and room is not None:
         last = law.chain.masses.size - 1
         for k in range(last):
             room.kept[0, k] += span * room.kept[1, k]
         if last >= 0:
-            room.kept[0, last] += span * _last_speed(law, room, state)
-        return 0
+            room.kept[0, last] += span * last_speed(law, room, state)
 
-    @staticmethod
-    @compiled
-    def measure(
-        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants, time: float,
-        stiffness: Array, energies: Array,
-    ) -> int:  # fmt: skip
-        """Enter the energy of the bodies and springs, and of the frame's motion."""
-        chain, last = law.chain, law.chain.masses.size - 1
-        total, below = 0.0, 0.0
-        for k in range(last + 1):
-            x, speed = room.kept[0, k], room.kept[1, k]
-            total += 0.5 * chain.stiffness[k] * (x - below) * (x - below)
-            if k < last:
-                total += 0.5 * chain.masses[k] * speed * speed
-            below = x
-        if law.mount != FIXED:
-            frame, piston = room.kept[1, last], state.piston[SPEED]
-            momentum = _bed_momentum(state, constants)
-            total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
-            total += law.piston_mass * frame * (0.5 * frame + piston)
-        energies[place] = total
-        return 0
 
-    @staticmethod
-    @compiled
-    def record(
-        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants, time: float,
-        values: Array,
-    ) -> int:  # fmt: skip
-        """Enter motion and drive."""
-        last, at = law.chain.masses.size - 1, law.first_record
+@compiled
+def record_host(
+    law: HostLaw | None, room: HostRoom | None, state: State, time: float, values: Array
+) -> None:
+    """Enter motion and drive, where there is a host."""
+    if law is not None and room is not None:
+        last, at = law.chain.masses.size - 1, 0
         if last >= 0:
             values[at] = room.kept[0, last]
-            values[at + 1] = _last_speed(law, room, state)
+            values[at + 1] = last_speed(law, room, state)
             at += 2
         for k in range(last):
             values[at] = room.kept[0, k]
             at += 1
         if law.driven:
             values[at] = excitation_at(law.drive, time)
-        return 0
-
-
-@compiled(inline=True)
-def _last_speed(law: HostLaw, room: HostRoom, state: State) -> float:
-    """Velocity of the last body over the base."""
-    speed = room.kept[1, law.chain.masses.size - 1]
-    return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
-
-
-@compiled
-def _bed_momentum(state: State, constants: Constants) -> float:
-    """Vertical momentum of the grains in the frame."""
-    total = 0.0
-    for i in range(constants.grains):
-        total += value_of(constants.masses, i) * state.vy[i]
-    return total
 
 
 @compiled
@@ -214,7 +114,7 @@ def _power(law: HostLaw, room: HostRoom, state: State) -> float:
     for k in range(last):
         total += law.chain.share[k] * room.kept[1, k]
     if last >= 0:
-        total += law.chain.share[last] * _last_speed(law, room, state)
+        total += law.chain.share[last] * last_speed(law, room, state)
     return total
 
 
@@ -260,14 +160,14 @@ def _take_back(room: HostRoom, state: State, constants: Constants, speed: float)
 
 @compiled
 def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
-    law: HostLaw, entry: int, room: HostRoom, span: float, state: State, constants: Constants,
+    law: HostLaw, room: HostRoom, span: float, state: State, constants: Constants,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     shake = excitation_over(law.drive, start + time, span, opening)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1
-    chain = chain_forces(law.chain, room, force)
+    chain = _chain_forces(law.chain, room, force)
     outer, top = 0.0, 0.0
     if free:
         outer = outer_force(motion, time)
@@ -288,7 +188,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     else:
         weight += law.piston_mass
         push = (chain - bed_force) / weight
-    bed, speed = _bed_momentum(state, constants), state.piston[SPEED]
+    bed, speed = bed_momentum(state, constants), state.piston[SPEED]
     power, whole = _power(law, room, state), _momentum(law, room, bed, speed)
     frame = room.kept[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
@@ -298,11 +198,11 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         _keep(room, state, constants)
     before, first = push, 0.0
     for attempt in range(passes):
-        held = kick_bodies(law.chain, room, span, base, span * (push - base), dashpots)
+        held = _kick_bodies(law.chain, room, span, base, span * (push - base), dashpots)
         _kick_in_frame(push, room, span, state, constants, motion, time, start, opening)
         if attempt == passes - 1:
             break
-        gain = span * (bed_force - law.bed_mass * push) - (_bed_momentum(state, constants) - bed)
+        gain = span * (bed_force - law.bed_mass * push) - (bed_momentum(state, constants) - bed)
         if free:
             pull = top + outer + room.present[PULL] - law.piston_mass * push
             gain += span * pull - law.piston_mass * (state.piston[SPEED] - speed)
@@ -314,24 +214,24 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
             push += missing * _share(first, missing)
         _take_back(room, state, constants, speed)
     if law.mount != FIXED:
-        taken = _bed_momentum(state, constants) - bed
+        taken = bed_momentum(state, constants) - bed
         if free:
             taken += law.piston_mass * (state.piston[SPEED] - speed)
         mass = law.frame_mass + law.piston_mass + law.bed_mass
         change = (span * (chain + held + outer) - taken) / mass - span * base
         room.changes[last] = change
         if dashpots:
-            enter_dashpots(law.chain, room, entry, span, state)
+            _enter_dashpots(law, room, span, state)
         for k in range(last + 1):
             room.kept[1, k] += room.changes[k]
         state.ledger[WORK] += span * outer * 0.5 * (frame + room.kept[1, last])
     power += _power(law, room, state)
-    whole += _momentum(law, room, _bed_momentum(state, constants), state.piston[SPEED])
+    whole += _momentum(law, room, bed_momentum(state, constants), state.piston[SPEED])
     state.ledger[WORK] += 0.5 * span * (force * power - base * whole)
 
 
 @compiled
-def _damp(law: HostLaw, room: HostRoom, entry: int, span: float, state: State) -> None:
+def _damp(law: HostLaw, room: HostRoom, span: float, state: State) -> None:
     """Dashpots over a span, alone, of a chain that carries the piston of a free cell."""
     chain, count = law.chain, law.chain.masses.size
     half = 0.5 * span
@@ -355,7 +255,7 @@ def _damp(law: HostLaw, room: HostRoom, entry: int, span: float, state: State) -
     below = 0.0
     for k in range(count):
         mean = _speed(law, room, state, k) + 0.5 * room.changes[k]
-        state.ledger[entry] += span * chain.damping[k] * (mean - below) * (mean - below)
+        state.ledger[law.entry] += span * chain.damping[k] * (mean - below) * (mean - below)
         below = mean
     for k in range(count - 1):
         room.kept[1, k] += room.changes[k]
@@ -368,5 +268,66 @@ def _speed(law: HostLaw, room: HostRoom, state: State, k: int) -> float:
     if k < 0:
         return 0.0
     if k == law.chain.masses.size - 1:
-        return _last_speed(law, room, state)
+        return last_speed(law, room, state)
     return room.kept[1, k]
+
+
+@compiled
+def _chain_forces(chain: Chain, room: HostRoom, force: float) -> float:
+    """Fill in the force of springs and from outside on each body; that on the last one."""
+    count = chain.masses.size
+    tension, found = 0.0, 0.0
+    for back in range(count):
+        k = count - 1 - back
+        below = room.kept[0, k - 1] if k > 0 else 0.0
+        own = chain.stiffness[k] * (room.kept[0, k] - below)
+        room.forces[k] = tension - own + chain.share[k] * force
+        tension = own
+    if count > 0:
+        found = room.forces[count - 1]
+    return found
+
+
+@compiled
+def _kick_bodies(
+    chain: Chain, room: HostRoom, span: float, base: float, change: float, dashpots: bool
+) -> float:
+    """Fill in what the bodies below the last one gain, where that gains ``change``; its dashpot's
+    force, at mean velocities. By elimination from the base upwards.
+    """
+    last, half = chain.masses.size - 1, 0.5 * span
+    for k in range(last):
+        own, above = chain.damping[k], chain.damping[k + 1]
+        if not dashpots:
+            own, above = 0.0, 0.0
+        speed, below = room.kept[1, k], room.kept[1, k - 1] if k > 0 else 0.0
+        drag = above * (room.kept[1, k + 1] - speed) - own * (speed - below)
+        gain = span * (room.forces[k] - chain.masses[k] * base + drag)
+        if k == last - 1:
+            gain += half * above * change
+        room.diagonal[k] = chain.masses[k] + half * (own + above)
+        if k > 0:
+            ratio = half * own / room.diagonal[k - 1]
+            room.diagonal[k] -= ratio * half * own
+            gain += ratio * room.changes[k - 1]
+        room.changes[k] = gain
+    for back in range(last):
+        k = last - 1 - back
+        if k < last - 1 and dashpots:
+            room.changes[k] += half * chain.damping[k + 1] * room.changes[k + 1]
+        room.changes[k] /= room.diagonal[k]
+    if last < 0 or not dashpots:
+        return 0.0
+    room.changes[last] = change
+    below = room.kept[1, last - 1] + 0.5 * room.changes[last - 1] if last > 0 else 0.0
+    return -chain.damping[last] * (room.kept[1, last] + 0.5 * change - below)
+
+
+@compiled
+def _enter_dashpots(law: HostLaw, room: HostRoom, span: float, state: State) -> None:
+    """Enter what the dashpots take at the mean velocities of a kick."""
+    below = 0.0
+    for k in range(law.chain.masses.size):
+        mean = room.kept[1, k] + 0.5 * room.changes[k]
+        state.ledger[law.entry] += span * law.chain.damping[k] * (mean - below) * (mean - below)
+        below = mean

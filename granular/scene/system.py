@@ -10,7 +10,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from granular.effects.effect import Effect, Setting
-from granular.engine.constants import Acting, Constants, Resistance, Sides
+from granular.kernel_data.constants import Acting, Constants, Resistance, Sides
 from granular.methods import Method
 from granular.pairs.direct import padded_values
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
@@ -114,8 +114,12 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
     elif radius is not None:
         several = len(grains.species) > 1 or grains.spread > 0.0
         cut = CutOff(radius, several, None if far is None else True, periods)
+    laws = tuple(effect.law(setting) for effect in effects)
+    named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
     return Acting(
-        laws=tuple(effect.law(setting) for effect in effects),
+        laws=laws,
+        host=named.get("host"),
+        top=None if walls is None else named["walls"].top,
         dipole=None if dipole is None else True,
         sides=Sides()
         if walls is None
@@ -138,11 +142,7 @@ def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
     effects = scene.effects.laws
     places = {effect.key: place for place, effect in enumerate(effects)}
     acting = {effect.key: effect for effect in scene.effects.all}
-    first, firsts = 0, {}
-    for effect in effects:
-        firsts[effect.key] = first
-        first += len(effect.records)
-    return Setting(scene.grains, scene.cell, scales, species, acting, places, scene.piston, firsts)
+    return Setting(scene.grains, scene.cell, scales, species, acting, places, scene.piston)
 
 
 @contextlib.contextmanager

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from granular import Scene
-from granular.engine.system import FAR_EVERY, natural_system
 from granular.methods import METHODS
+from granular.scene.system import FAR_EVERY, natural_system
 from granular.shared.errors import InputError
 
 

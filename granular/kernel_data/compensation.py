@@ -7,7 +7,7 @@ Integration (2006), VIII.5.
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.engine.state import VX, VY, State
+from granular.kernel_data.state import VX, VY, State
 
 
 @compiled

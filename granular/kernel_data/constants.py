@@ -27,6 +27,10 @@ class Acting(NamedTuple):
     laws : tuple
         A named tuple for each effect that acts but for the dipole, in the order in which the loop
         takes them; see `granular.effects.effect`.
+    host : HostLaw or None
+        The one among them that carries the cell, and moves all the others.
+    top : law of a wall, or None
+        That of the top wall, which a free piston is.
     dipole : bool or None
     sides : Sides
     weight : float64 (m,) or None
@@ -43,6 +47,8 @@ class Acting(NamedTuple):
     """
 
     laws: tuple[Any, ...]
+    host: Any
+    top: Any
     dipole: bool | None
     sides: Sides
     weight: Array | None

@@ -1,0 +1,82 @@
+"""The arrays of a state, made only for the effects that act."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from granular.kernel_data.constants import Acting
+from granular.kernel_data.state import LOSSES, Measurement, Slopes, State
+from granular.methods import Method
+from granular.pairs.direct import padded_coordinates, part_buffers
+from granular.pairs.far_field import FarForces, far_forces_room
+from granular.pairs.stripes import Stripes, stripes_room
+from granular.pairs.verlet_list import verlet_list_room
+
+
+def new_state(
+    positions: np.ndarray, velocities: np.ndarray, height: float, acting: Acting, method: Method
+) -> State:
+    """A state from positions [D], velocities [D/tau] and the piston's height [D].
+
+    Arrays are made only for the effects that act.
+    """
+    count = len(positions)
+    x, y = padded_coordinates(positions)
+    rooms = tuple(_room(law, x.size, count) for law in acting.laws)
+    hosts = [room for law, room in zip(acting.laws, rooms, strict=True) if law is acting.host]
+    vx, vy = np.zeros_like(x), np.zeros_like(x)
+    vx[:count], vy[:count] = velocities[:, 0], velocities[:, 1]
+    return State(
+        x=x,
+        y=y,
+        vx=vx,
+        vy=vy,
+        fx=np.zeros_like(x),
+        fy=np.zeros_like(x),
+        piston=np.array([height, 0.0, 0.0, 0.0]),
+        ledger=np.zeros(LOSSES + len(acting.laws)),
+        clock=np.array([0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
+        wall_forces=np.zeros(4),
+        label=np.arange(x.size),
+        load=None if acting.weight is None else np.zeros_like(x),
+        stripes=_stripes(x.size, acting),
+        verlet_list=None
+        if acting.listing is None
+        else verlet_list_room(x.size, acting.listing.radius),
+        far_forces=_far_forces(x.size, acting),
+        rooms=rooms,
+        host=hosts[0] if hosts else None,
+        scratch=np.zeros_like(x),
+        buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
+        rounding=np.zeros((4, x.size)) if method.compensated else None,
+        slopes=None if method.tableau is None else _slopes(len(method.tableau), x.size),
+    )
+
+
+def _room(law: Any, size: int, count: int) -> Any:
+    return law.room(size, count) if hasattr(law, "room") else None
+
+
+def _stripes(size: int, acting: Acting) -> Stripes | None:
+    if acting.cut is None:
+        return None
+    cut = acting.cut
+    return stripes_room(
+        size, moments=cut.moments, loaded=acting.weight is not None, periods=cut.periods
+    )
+
+
+def _far_forces(size: int, acting: Acting) -> FarForces | None:
+    if acting.far is None:
+        return None
+    return far_forces_room(acting.far, size, loaded=acting.weight is not None)
+
+
+def _slopes(rows: int, size: int) -> Slopes:
+    return Slopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
+
+
+def new_measurement(state: State) -> Measurement:
+    return Measurement(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))

@@ -1,0 +1,1 @@
+"""What kernels see: the state that a run changes, its constants, and sums without rounding."""
