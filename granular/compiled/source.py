@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent.parent
-ROOMS = ("compiled", "effects", "engine", "pairs", "protocol")
+ROOMS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", "protocol")
 """The folders of the package with the kernels and all that kernels take from other files."""
 
 _DECORATORS = {"compiled", "entry", "intrinsic"}

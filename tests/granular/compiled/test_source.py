@@ -59,6 +59,5 @@ def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> No
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):
                 room = (node.module or "").split(".")[1]
                 constants = [one.name for one in node.names if one.name.isupper()]
-                inside = room in ROOMS or Path(name).stem in ("system", "ledger")
-                assert inside or not constants, (name, node.module, constants)
+                assert room in ROOMS or not constants, (name, node.module, constants)
     assert {path.name for path in PACKAGE.iterdir()} >= set(ROOMS)
