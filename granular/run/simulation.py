@@ -170,6 +170,9 @@ class _Job:
             except RunError as error:
                 error.trajectory = self._result(complete=False, until=run.time)
                 raise
+            except KeyboardInterrupt:  # from a compilation
+                stop.trajectory = self._result(complete=False, until=run.time)
+                raise
         stop.trajectory = trajectory = self._result(complete, until)
         if complete:
             _warn_of_doubts(trajectory)

@@ -51,6 +51,8 @@ class Stop:
 
     def _take(self, number: int, _: FrameType | None) -> None:
         self.number = number
+        if _compiles():
+            raise self.error()
 
 
 @contextlib.contextmanager
@@ -58,12 +60,13 @@ def deferred_stop() -> Iterator[Stop]:
     """Let a stop wait to be looked at, instead of breaking off in the middle of something.
 
     It is raised at the end of the block, also in place of an error that ends it: whoever goes on
-    after that error would lose it. Outside the main thread, which alone has signals, none comes.
+    after that error would lose it. A compilation, which may take a minute, is broken off. Outside
+    the main thread, which alone has signals, none comes.
 
     Raises
     ------
     KeyboardInterrupt
-        At the end, if a stop was asked for.
+        At the end, if a stop was asked for, or from the midst of a compilation.
     """
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
@@ -81,6 +84,12 @@ def deferred_stop() -> Iterator[Stop]:
             signal.signal(number, handler)
         if stop.asked:
             raise stop.error()
+
+
+def _compiles() -> bool:
+    """Whether this thread compiles: it then holds the lock of Numba's compiler."""
+    module = sys.modules.get("numba.core.compiler_lock")
+    return module is not None and module.global_compiler_lock.is_locked()
 
 
 @contextlib.contextmanager

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.compiler_lock import global_compiler_lock
 
+import granular.run.run
 import granular.run.simulation
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import Interrupted, RunError
@@ -101,6 +103,32 @@ def test_a_stop_after_the_last_step_is_raised_with_the_whole_run(
     assert isinstance(run, Trajectory)
     assert run.complete
     assert run.dataset.equals(simulate(scene, t_end=END, progress=False).dataset)
+
+
+@pytest.mark.parametrize("calls", [0, 1])
+def test_a_stop_breaks_off_a_compilation(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
+) -> None:
+    """To compile a set of effects takes long, up to a minute; the run goes on from its disk."""
+    plain, made = granular.run.run.advance, iter(range(100))
+
+    def advance(*known: object) -> object:
+        if next(made) == calls:
+            with global_compiler_lock:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.01)
+            pytest.fail("it was compiled to the end")
+        return plain(*known)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("granular.run.run.advance", advance)
+    with pytest.raises(Interrupted) as caught:
+        simulate(scene, t_end=END, out=tmp_path / "run", progress=False)
+    monkeypatch.undo()
+    assert not caught.value.trajectory.complete
+    whole = simulate(scene, t_end=END, progress=False)
+    resumed = simulate(scene, t_end=END, out=tmp_path / "run", resume=True, progress=False)
+    assert resumed.dataset.equals(whole.dataset)
+    assert resumed.complete
 
 
 def test_a_stop_is_not_lost_to_a_run_that_fails(
