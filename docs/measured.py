@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, Scene, Trajectory, load_scene, simulate
-from reduced_models import HeightMap, judged_falls
+from reduced_models import HeightMap, score_drops
 from reduced_models.laws.elliptic import (
     OSCILLATORS,
     averaged_amplitude,
@@ -86,7 +86,7 @@ def falls() -> str:
         }  # fmt: skip
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            judged = judged_falls(let_fall(scene, 20), unseen, laws)
+            judged = score_drops(let_fall(scene, 20), unseen, laws)
         for row in judged.rows:
             errors = " | ".join(f"{100.0 * one:.2g} %" for one in row.errors)
             rows.append(f"| `{name}` | `{row.name}` | {errors} |")

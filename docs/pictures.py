@@ -33,8 +33,8 @@ from granular.run.prices import table as prices
 from granular.shared.plotting import COLOURS, GREY, figure, line_look
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
-from reduced_models.machines import BedOnHost, SmallSwing, design_for, predicted_response
-from reduced_models.machines.predicted import response_of
+from reduced_models.machines import design_for, predicted_response
+from reduced_models.machines.response import CoupledSystem, SmallSwing, response_of
 from research.published.judging import judged
 from research.published.results import committed
 from validation import convergence, exact_problem
@@ -445,7 +445,7 @@ def write_machine_law() -> None:
     ]  # fmt: skip
     numbers = fit(damper_run().piston(), "linear").parameters
     fitted = SmallSwing(numbers["omega"], numbers["lam"])
-    law = BedOnHost.of(scene)
+    law = CoupledSystem.of(scene)
     rows = [
         "| force | swing of the piston | simulated, three starts | law | its small swing "
         "| linear law of a fitted swing |",

@@ -26,8 +26,8 @@ import warnings
 
 from granular import InputError, simulate
 from granular.render import still
-from reduced_models import Candidate, damper_maps, design, fit
-from reduced_models.designs import Wish, plot_design, plot_maps, propose
+from reduced_models import Candidate, DesignTarget, damper_maps, design, fit, propose_design
+from reduced_models.designs.page import plot_maps
 
 QUICK = True  # False: 368 grains for the first design, the published number
 
@@ -86,7 +86,7 @@ found = design(wanted_frequency, wanted_damping, grains=184 if QUICK else None, 
 print(found)
 
 # %%
-plot_design(found, maps)
+found.plot(maps)
 
 # %% [markdown]
 # ## Checked once more, by hand
@@ -112,7 +112,7 @@ still(run, colour="force")
 # With the mass fixed, the number of grains is what is free. Only the proposal, without a check:
 
 # %%
-loaded = propose(maps, Wish(frequency=3.6, damping=0.1, mass=4.0))
+loaded = propose_design(maps, DesignTarget(frequency=3.6, damping=0.1, mass=4.0))
 print(f"{loaded.mass:g} kg on {loaded.grains} grains, {loaded.drag:.3g} kg/s each")
 print(f"a liquid of {loaded.viscosity:.2g} Pa s, by Stokes's law")
 

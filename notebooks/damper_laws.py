@@ -17,7 +17,7 @@ import numpy as np
 
 from granular import GranularError, PistonRecord, damper, simulate
 from reduced_models import Comparison, ReducedModel, compare, discover
-from reduced_models.identification import comparison_page
+from reduced_models.identification.page import comparison_page
 from reduced_models.laws import LAWS
 
 TRAINING, JUDGED = (0.2, 2.0), 1.5

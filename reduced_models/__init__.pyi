@@ -3,10 +3,12 @@ from .calibration.result import Calibration
 from .designs.candidate import Candidate
 from .designs.design import design
 from .designs.maps import DamperMaps, damper_maps
+from .designs.proposal import DesignTarget, propose_design
 from .designs.result import Design
 from .designs.study import run_study
-from .discovery.discovering import discover
-from .falls.judging import judged_falls
+from .discovery.discovery import discover
+from .falls.scores import score_drops
+from .falls.shaking import shaking_range
 from .falls.theory import predict
 from .falls.whole_fall import whole_fall
 from .fitting.fitting import fit
@@ -27,9 +29,10 @@ from .records.release import from_release
 from .records.sources import read_record
 
 __all__ = [
-    "Calibration", "Candidate", "Comparison", "DamperMaps", "Design", "FirstGuesses",
-    "HeightMap", "Law", "LawEstimator", "PistonRecord", "ReducedModel", "calibrate", "compare",
-    "damper_maps", "design", "discover", "fit", "forced_law", "from_release", "identify",
-    "judged_falls", "law_named", "load_model", "posterior", "predict", "read_record", "roll_out",
-    "run_study", "whole_fall",
+    "Calibration", "Candidate", "Comparison", "DamperMaps", "Design", "DesignTarget",
+    "FirstGuesses", "HeightMap", "Law", "LawEstimator", "PistonRecord", "ReducedModel",
+    "calibrate", "compare", "damper_maps", "design", "discover", "fit", "forced_law",
+    "from_release", "identify", "law_named", "load_model", "posterior", "predict",
+    "propose_design", "read_record", "roll_out", "run_study", "score_drops", "shaking_range",
+    "whole_fall",
 ]  # fmt: skip

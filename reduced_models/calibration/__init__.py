@@ -1,5 +1,1 @@
 """Numbers of a scene from a lab record, by fitting simulations to it."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -248,12 +248,12 @@ examples:
 )  # fmt: skip
 def discover(options: Any) -> None:
     """Discover a law in the records of some sources."""
-    from reduced_models.discovery import discovering
+    from reduced_models.discovery import discovery
     from reduced_models.discovery.proposal import AUTO
 
     require(options, sources="SOURCE")
     records = records_from(options.sources, options)
-    result = discovering.discover(
+    result = discovery.discover(
         records[0] if len(records) == 1 else records,
         method=options.method,
         form=options.form,
@@ -355,7 +355,7 @@ def _compare_laws(options: Any) -> None:
 def _compare_response(options: Any) -> None:
     """Solve the law, say how far off it is, and write the report."""
     from granular.response import load_response
-    from reduced_models.machines.beside import law_page
+    from reduced_models.machines.comparison import law_page
 
     response = load_response(options.response)
     page, law, why = law_page(response)

@@ -1,5 +1,1 @@
 """Dampers for a wanted frequency and damping: maps from a study, proposals, checks."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

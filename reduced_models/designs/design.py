@@ -1,7 +1,7 @@
 """`design`: a damper for a wanted frequency and damping, checked by simulation.
 
 The maps propose; fresh simulations of the proposal, from random starts that the study did not use,
-say what it does. Where they differ from the wish by more than is allowed, the next proposal aims as
+say what it does. Where they differ from the target by more than is allowed, the next one aims as
 far to the other side (a secant step with the slopes of the maps). Some numbers of grains come to
 rest in one order or another, by their start, with dampings that differ by a fifth: where the starts
 disagree by more than is allowed, another number of grains is tried.
@@ -18,10 +18,10 @@ from granular.scene.beds import damper
 from granular.shared.errors import GranularError, InputError
 from granular.studies.sweep import sweep
 from reduced_models.designs.candidate import Candidate
-from reduced_models.designs.figures import check_figures
 from reduced_models.designs.maps import DamperMaps, damper_maps
-from reduced_models.designs.proposal import Wish, narrowed, proposal, propose
+from reduced_models.designs.proposal import DesignTarget, narrowed, proposal, propose_design
 from reduced_models.designs.result import Check, Design, Round
+from reduced_models.designs.study import check_figures
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 SEEDS = (2, 3, 4)
@@ -35,7 +35,7 @@ MOST = 8
 
 
 class DesignError(GranularError, RuntimeError):
-    """The simulations of all proposals missed the wish.
+    """The simulations of all proposals missed the target.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ def design(
         Share of grains of 0.6 D, which makes the bed softer: the piston rests lower, and swings
         faster.
     seeds : sequence of int
-        Random starts of the checks, each of which must meet the wish.
+        Random starts of the checks, each of which must meet the target.
     maps : DamperMaps, optional
         From a study of one's own.
     out : str or Path, optional
@@ -98,17 +98,19 @@ def design(
     Raises
     ------
     InputError
-        If the wish lies outside the maps; the message tells what can be had.
+        If the target lies outside the maps; the message tells what can be had.
     DesignError
         If the proposals missed it, or a simulation failed.
     """
-    wish = Wish(frequency, damping, grains, mass, small_share)
+    target = DesignTarget(frequency, damping, grains, mass, small_share)
     if not seeds:
         raise InputError("seeds is empty; give at least one random start")
     chosen = damper_maps() if maps is None else maps
-    propose(chosen, wish)  # refuses what the maps do not hold, before anything is simulated
+    propose_design(
+        chosen, target
+    )  # refuses what the maps do not hold, before anything is simulated
     rounds: list[Round] = []
-    ways = narrowed(wish)
+    ways = narrowed(target)
     for one in ways:
         aim = (frequency, damping)
         first = len(rounds)
@@ -120,21 +122,21 @@ def design(
                 checks = _checked(candidate, seeds, out, executor, workers, progress)
             except GranularError as error:
                 raise DesignError(
-                    str(error), Design(wish, tuple(rounds)) if rounds else None
+                    str(error), Design(target, tuple(rounds)) if rounds else None
                 ) from None
             rounds.append(Round(candidate, chosen.predict(candidate), checks))
-            found = Design(wish, tuple(rounds))
+            found = Design(target, tuple(rounds))
             if found.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 if out is not None:
                     found.save(out, chosen)
                 return found
             if len(ways) > 1 and not found.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
-            aim = _corrected(wish, rounds[first:])
+            aim = _corrected(target, rounds[first:])
     raise DesignError(_missed(found), found)
 
 
-def _corrected(wish: Wish, rounds: Sequence[Round]) -> tuple[float, float]:
+def _corrected(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
     """What to aim at in the maps next.
 
     The damping goes with the drag; the frequency, which a bed that falls into another order changes
@@ -142,9 +144,9 @@ def _corrected(wish: Wish, rounds: Sequence[Round]) -> tuple[float, float]:
     """
     last = rounds[-1]
     aim = last.promise.frequency
-    if abs(last.mean("frequency") / wish.frequency - 1.0) > 0.5 * FREQUENCY_TOLERANCE:
-        aim *= (wish.frequency / last.mean("frequency")) ** (1.0 / _slope(rounds))
-    return aim, last.promise.damping_ratio * wish.damping / last.mean("damping_ratio")
+    if abs(last.mean("frequency") / target.frequency - 1.0) > 0.5 * FREQUENCY_TOLERANCE:
+        aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _slope(rounds))
+    return aim, last.promise.damping_ratio * target.damping / last.mean("damping_ratio")
 
 
 def _slope(rounds: Sequence[Round]) -> float:
@@ -191,15 +193,15 @@ def _checked(
 
 def _missed(found: Design) -> str:
     low, high = found.spread("damping_ratio")
-    wish = found.wish
-    if wish.mass is not None:
+    target = found.target
+    if target.mass is not None:
         remedy = "give another mass, or leave it free"
-    elif wish.grains is not None:
+    elif target.grains is not None:
         remedy = "give another number of grains, or leave it free"
     else:
         remedy = "ask for a heavier damping, or another frequency"
     return (
         f"{len(found.rounds)} proposals missed the wish; the last has {found.frequency:.4g} Hz for "
-        f"{wish.frequency:g} Hz and a damping ratio of {low:.3g} to {high:.3g}, by the "
-        f"random start, for {wish.damping:g}: {remedy}"
+        f"{target.frequency:g} Hz and a damping ratio of {low:.3g} to {high:.3g}, by the "
+        f"random start, for {target.damping:g}: {remedy}"
     )

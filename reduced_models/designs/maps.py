@@ -16,8 +16,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
-from reduced_models.designs.candidate import HIGHEST, LOWEST, NAMES, Candidate
+from reduced_models.designs.candidate import (
+    ASPECT,
+    DIAMETER,
+    EXPONENT,
+    GRAVITY,
+    HIGHEST,
+    LOWEST,
+    NAMES,
+    REFERENCE_MASS,
+    REFERENCE_REST,
+    Candidate,
+)
 from reduced_models.designs.study import COMMITTED
 
 if TYPE_CHECKING:
@@ -31,6 +43,9 @@ PLAIN = ("quadratic", "cubic")
 """k2 h/k1 and k3 h^2/k1: how the spring bends, over the rest height h."""
 DEGREES = {**dict.fromkeys(LOGARITHMIC, 2), **dict.fromkeys(PLAIN, 3)}
 """Degrees of the maps: that of the least leave-one-out error over the study."""
+TEMPLATE = Path(__file__).with_name("view.html")
+"""Of the page with sliders."""
+_VIEW_HEIGHT = 560
 _EDGE = 1.01
 """How far a damper at the edge of the box may lie beyond it: its number of grains is rounded."""
 
@@ -151,14 +166,19 @@ class DamperMaps:
 
     def view(self) -> LivePage:
         """The maps under sliders, as a page for a notebook; ``.save`` writes it for a browser."""
-        from reduced_models.designs.view import Terms, view_of
+        from granular.shared.live import LivePage
 
-        return view_of(
-            {
-                name: Terms(one.coefficients, _powers(DEGREES[name]), one.error)
-                for name, one in self.surfaces.items()
-            }
-        )
+        surfaces = {
+            name: {"coefficients": one.coefficients.tolist(), "powers": _powers(DEGREES[name]),
+                   "error": one.error}
+            for name, one in self.surfaces.items()
+        }  # fmt: skip
+        data = {
+            "surfaces": surfaces, "lowest": LOWEST, "highest": HIGHEST, "aspect": ASPECT,
+            "diameter": DIAMETER, "exponent": EXPONENT, "gravity": GRAVITY,
+            "mass": REFERENCE_MASS, "rest": REFERENCE_REST, "count": REFERENCE_COUNT,
+        }  # fmt: skip
+        return LivePage.of(TEMPLATE, "The damper by its maps", data, _VIEW_HEIGHT)
 
 
 @functools.cache

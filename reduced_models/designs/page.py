@@ -1,4 +1,4 @@
-"""Pages of maps and designs, and their figures."""
+"""The page of the maps, and their pictures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.shared.html import Page, number
-from granular.shared.plotting import COLOURS, GREY, figure
+from granular.shared.plotting import COLOURS, figure
 from granular.shared.version import versions
 from reduced_models.designs.candidate import (
     DIAMETER,
@@ -17,12 +17,13 @@ from reduced_models.designs.candidate import (
     Candidate,
     candidate_at,
 )
-from reduced_models.designs.data import DesignData
 from reduced_models.designs.maps import DamperMaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+__all__ = ["plot_maps"]
 
 _SIDE = 41
 _SHORTEST = 15
@@ -137,37 +138,14 @@ def plot_maps(maps: DamperMaps, share: float = 0.0) -> Figure:
     """
     with figure(1, len(COUNTS), width=10.0, height=3.6) as (drawing, axes):
         for place, count in zip(axes, COUNTS, strict=True):
-            _draw(place, maps, count, share)
+            draw_map(place, maps, count, share)
             place.set_title(f"{count} grains", fontsize=10)
-        _legend(drawing)
+        add_legend(drawing)
         axes[0].set_ylabel("drag of a grain [kg/s]")
         return drawing
 
 
-def plot_design(found: DesignData, maps: DamperMaps) -> Figure:
-    """The map that the design lies on, and the motions of its checks."""
-    with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
-        _draw(left, maps, found.damper.grains, found.damper.small_share)
-        for k, one in enumerate(found.rounds):
-            last = k == len(found.rounds) - 1
-            if one.damper.grains != found.damper.grains:
-                continue  # lies on another map
-            left.plot(one.damper.mass, one.damper.drag, "*" if last else "o", color="black",
-                      markersize=14 if last else 5)  # fmt: skip
-        _legend(drawing)
-        left.set_ylabel("drag of a grain [kg/s]")
-        left.set_title(f"{found.damper.grains} grains; star: the design", fontsize=10)
-        for colour, check in zip(COLOURS, found.checks, strict=False):
-            right.plot(check.times, 1e3 * np.array(check.heights), color=colour, linewidth=0.9,
-                       label=f"random start {check.seed}")  # fmt: skip
-        right.axhline(1e3 * found.rest_height, color=GREY, linestyle=":")
-        right.set_xlabel("time [s]")
-        right.set_ylabel("height of the piston [mm]")
-        right.legend()
-        return drawing
-
-
-def _draw(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
+def draw_map(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
     """Contours over mass and drag; the box is sheared in them."""
     side = np.linspace(-1.0, 1.0, _SIDE)
     grains = Candidate(1.0, count, 1.0, share).coordinates()[[1, 3]]
@@ -206,7 +184,7 @@ def _label(axes: Axes, name: str, level: float, way: np.ndarray) -> None:
     )  # fmt: skip
 
 
-def _legend(drawing: Figure) -> None:
+def add_legend(drawing: Figure) -> None:
     """What the lines of a map are, above it."""
     from matplotlib.lines import Line2D
 
@@ -220,51 +198,3 @@ def _legend(drawing: Figure) -> None:
 def _exact(place: np.ndarray, count: int) -> Candidate:
     """The damper at a place, with the number of grains of the picture."""
     return candidate_at(place)._replace(grains=count)
-
-
-def design_page(found: DesignData, maps: DamperMaps) -> Page:
-    """A design as a page."""
-    one, wish = found.damper, found.wish
-    page = Page(
-        f"A damper of {wish.frequency:g} Hz and damping ratio {wish.damping:g}",
-        f"A piston of {one.mass:.4g} kg on {one.grains} grains with a drag of {one.drag:.4g} kg/s "
-        f"each: simulated, it swings at {found.frequency:.4g} Hz with a damping ratio of "
-        f"{found.damping_ratio:.4g}.",
-    )
-    for note in found.notes:
-        page.note(note)
-    page.table(
-        ("", "wanted", "maps", *(f"random start {check.seed}" for check in found.checks)),
-        [
-            ("frequency of the undamped swing [Hz]", number(wish.frequency),
-             number(found.promise.frequency), *(number(c.frequency) for c in found.checks)),
-            ("damping ratio", number(wish.damping), number(found.promise.damping_ratio),
-             *(number(c.damping_ratio) for c in found.checks)),
-            ("height of rest [D]", "", number(found.promise.rest_height / DIAMETER),
-             *(number(c.rest_height / DIAMETER) for c in found.checks)),
-            ("least gap at rest, over contact", "", "",
-             *(number(c.rest_gap) for c in found.checks)),
-            ("error of the energy ledger", "", "", *(number(c.ledger, 2) for c in found.checks)),
-        ],
-    )  # fmt: skip
-    page.table(
-        ("number", "value", "unit"),
-        [
-            ("mass of the piston", number(one.mass), "kg"),
-            ("grains of 6 mm" if not one.small_share else "grains of 6 and 3.6 mm",
-             str(one.grains), ""),
-            ("share of small grains", number(one.small_share), ""),
-            ("width of the cell", number(found.scene.cell.width), "m"),
-            ("drag of a large grain", number(one.drag), "kg/s"),
-            ("viscosity of the liquid, by Stokes's law", number(one.viscosity, 3), "Pa s"),
-        ],
-    )  # fmt: skip
-    page.figure(
-        plot_design(found, maps),
-        "Left: frequency, damping ratio and height of rest over mass and drag; dots are earlier "
-        "proposals with as many grains. Right: the simulated motions after a lift of 0.2 D.",
-    )
-    page.section("The scene")
-    page.preformatted(found.scene.to_toml())
-    page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
-    return page

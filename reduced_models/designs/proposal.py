@@ -26,7 +26,7 @@ COUNTS = tuple(round(count) for count in np.geomspace(HIGHEST[1], LOWEST[1], 24)
 """Numbers of grains that are tried, in this order, where none is given."""
 
 
-class Wish(NamedTuple):
+class DesignTarget(NamedTuple):
     """What a damper shall do, and what of it is fixed.
 
     Attributes
@@ -48,7 +48,7 @@ class Wish(NamedTuple):
     small_share: float = 0.0
 
     def check(self) -> None:
-        """Refuse what is no wish.
+        """Refuse values out of range.
 
         Raises
         ------
@@ -87,54 +87,55 @@ Places = Callable[[float, float], np.ndarray | None]
 """Two numbers from -1 to 1 -> a place in the box; None outside it."""
 
 
-def propose(maps: DamperMaps, wish: Wish) -> Candidate:
+def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     """The damper of which the maps promise what is wished.
 
     Parameters
     ----------
     maps : DamperMaps
-    wish : Wish
+    target : DesignTarget
         With neither grains nor mass fixed, the number of grains is 368 if that does, and else the
         nearest that does.
 
     Raises
     ------
     InputError
-        If the wish is none, or no damper of the maps meets it: the message tells what can be had.
+        If a value is out of range, or no damper of the maps meets the target: the message tells
+        what can be had.
     """
-    wish.check()
-    aim = (wish.frequency, wish.damping)
-    found = (proposal(maps, one, aim) for one in narrowed(wish))
+    target.check()
+    aim = (target.frequency, target.damping)
+    found = (proposal(maps, one, aim) for one in narrowed(target))
     first = next((one for one in found if one is not None), None)
     if first is None:
-        raise InputError(_refusal(maps, wish))
+        raise InputError(_refusal(maps, target))
     return first
 
 
-def narrowed(wish: Wish) -> list[Wish]:
-    """The wish with each number of grains that may be tried; as it is where that is settled."""
-    if wish.grains is not None or wish.mass is not None:
-        return [wish]
-    return [wish._replace(grains=count) for count in COUNTS]
+def narrowed(target: DesignTarget) -> list[DesignTarget]:
+    """The target with each number of grains that may be tried; as it is where that is settled."""
+    if target.grains is not None or target.mass is not None:
+        return [target]
+    return [target._replace(grains=count) for count in COUNTS]
 
 
-def proposal(maps: DamperMaps, wish: Wish, aim: tuple[float, float]) -> Candidate | None:
-    """The damper of a narrowed wish to which the maps give a frequency and a damping ratio.
+def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -> Candidate | None:
+    """The damper of a narrowed target to which the maps give a frequency and a damping ratio.
 
-    ``aim`` differs from the wish where simulations have shown that the maps are a little off. None
-    if there is no such damper in the maps.
+    ``aim`` differs from the target where simulations have shown that the maps are a little off.
+    None if there is no such damper in the maps.
     """
-    found = _solved(maps, _places(wish), aim)
-    return found if found is None or wish.mass is None else found._replace(mass=wish.mass)
+    found = _solved(maps, _places(target), aim)
+    return found if found is None or target.mass is None else found._replace(mass=target.mass)
 
 
-def _places(wish: Wish) -> Places:
+def _places(target: DesignTarget) -> Places:
     """Ways through the box on which mass and drag, or grains and drag, are free."""
-    share = _unit(wish.small_share, LOWEST[3], HIGHEST[3])
-    if wish.mass is not None:
-        return _of_mass(wish.mass, share)
-    assert wish.grains is not None
-    return _of_grains(wish.grains, share)
+    share = _unit(target.small_share, LOWEST[3], HIGHEST[3])
+    if target.mass is not None:
+        return _of_mass(target.mass, share)
+    assert target.grains is not None
+    return _of_grains(target.grains, share)
 
 
 def _of_grains(count: float, share: float) -> Places:
@@ -157,11 +158,11 @@ def _unit(value: float, low: float, high: float) -> float:
     return 2.0 * (value - low) / (high - low) - 1.0
 
 
-def _solved(maps: DamperMaps, places: Places, target: tuple[float, float]) -> Candidate | None:
-    """The damper of a family that meets the target; None if there is none."""
+def _solved(maps: DamperMaps, places: Places, aim: tuple[float, float]) -> Candidate | None:
+    """The damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 
-    wanted = np.log(target)
+    wanted = np.log(aim)
 
     def misses(free: np.ndarray) -> np.ndarray:
         place = places(*free)
@@ -181,38 +182,41 @@ def _solved(maps: DamperMaps, places: Places, target: tuple[float, float]) -> Ca
     return candidate_at(place)
 
 
-def _refusal(maps: DamperMaps, wish: Wish) -> str:
+def _refusal(maps: DamperMaps, target: DesignTarget) -> str:
     """Why there is no such damper, and what can be had."""
     pairs = np.array(
         [
             [maps.at(name, place) for name in ("frequency", "damping_ratio")]
-            for narrow in [*narrowed(wish)[::4], narrowed(wish)[-1]]
+            for narrow in [*narrowed(target)[::4], narrowed(target)[-1]]
             for one in _GRID
             for other in _GRID
             if (place := _places(narrow)(one, other)) is not None
         ]
     )
     fixed = "the maps hold no damper"
-    if wish.mass is not None and not len(pairs):
+    if target.mass is not None and not len(pairs):
         least = LOWEST[0] * math.sqrt(LOWEST[1] / REFERENCE_COUNT)
         return (
-            f"mass = {wish.mass:g} kg; {fixed} with this piston: give a mass from {least:.3g} to "
+            f"mass = {target.mass:g} kg; {fixed} with this piston: give a mass from {least:.3g} to "
             f"{HIGHEST[0]:g} kg"
         )
-    if wish.grains is not None:
-        fixed += f" of {wish.grains} grains"
-    if wish.mass is not None:
-        fixed += f" with a piston of {wish.mass:g} kg"
+    if target.grains is not None:
+        fixed += f" of {target.grains} grains"
+    if target.mass is not None:
+        fixed += f" with a piston of {target.mass:g} kg"
     frequencies, ratios = np.exp(pairs).T
-    if not ratios.min() <= wish.damping <= ratios.max():
+    if not ratios.min() <= target.damping <= ratios.max():
         return (
-            f"damping = {wish.damping:g}; {fixed} with that damping ratio: give one from "
+            f"damping = {target.damping:g}; {fixed} with that damping ratio: give one from "
             f"{ratios.min():.3g} to {ratios.max():.3g}"
         )
-    near = np.abs(np.log(ratios / wish.damping)) < 0.1
+    near = np.abs(np.log(ratios / target.damping)) < 0.1
     low, high = frequencies[near].min(), frequencies[near].max()
-    more = "" if wish.grains is None and wish.mass is None else ", or leave grains and mass free"
+    more = (
+        "" if target.grains is None and target.mass is None else ", or leave grains and mass free"
+    )
     return (
-        f"frequency = {wish.frequency:g} Hz with a damping ratio of {wish.damping:g}; {fixed} of "
-        f"that kind: give a frequency from {low:.3g} to {high:.3g} Hz{more}, or another small_share"
+        f"frequency = {target.frequency:g} Hz with a damping ratio of {target.damping:g}; {fixed} "
+        f"of that kind: give a frequency from {low:.3g} to {high:.3g} Hz{more}, or another "
+        "small_share"
     )

@@ -1,19 +1,272 @@
-"""A design: the data, and the files that they are written to."""
+"""A design: the damper, what the maps promised, and what the simulations said."""
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from granular.scene.scene import Scene
 from granular.shared.files import write_json
-from reduced_models.designs.data import Check, DesignData, Round
-from reduced_models.designs.maps import DamperMaps
+from granular.shared.html import Page, number
+from granular.shared.plotting import COLOURS, GREY, figure
+from granular.shared.version import versions
+from reduced_models.designs.candidate import ASPECT, DIAMETER, Candidate
+from reduced_models.designs.maps import DamperMaps, Prediction
+from reduced_models.designs.page import add_legend, draw_map
+from reduced_models.designs.proposal import DesignTarget
 from reduced_models.records.sources import prepared
 
-__all__ = ["Check", "Design", "Round"]
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
 
 
-class Design(DesignData):
-    """A damper for a wish: `DesignData` that can be saved."""
+class Check(NamedTuple):
+    """A simulation of a proposal.
+
+    Attributes
+    ----------
+    seed : int
+        Of its random start.
+    rest_height, frequency, damping_ratio, lam, k1, k2, k3
+        As in `Prediction`, measured.
+    misfit : float
+        Rms error of the law over the rms swing.
+    rest_gap, fall_gap : float
+        As in `damper_figures`.
+    ledger : float
+        Error of the energy ledger over the energy turned over.
+    times, heights : list of float
+        The motion after the release [s], [m].
+    """
+
+    seed: int
+    rest_height: float
+    frequency: float
+    damping_ratio: float
+    lam: float
+    k1: float
+    k2: float
+    k3: float
+    misfit: float
+    rest_gap: float
+    fall_gap: float
+    ledger: float
+    times: Sequence[float]
+    heights: Sequence[float]
+
+
+class Round(NamedTuple):
+    """A proposal with its promise and its checks."""
+
+    damper: Candidate
+    promise: Prediction
+    checks: tuple[Check, ...]
+
+    def mean(self, name: str) -> float:
+        """Of a figure, over the checks."""
+        return sum(getattr(one, name) for one in self.checks) / len(self.checks)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Design:
+    """A damper for a target.
+
+    Attributes
+    ----------
+    target : DesignTarget
+    rounds : tuple of Round
+        The last one is the design.
+    """
+
+    target: DesignTarget
+    rounds: tuple[Round, ...]
+
+    @property
+    def damper(self) -> Candidate:
+        """Mass of the piston, number of grains, drag, mixture; ``viscosity`` of the liquid."""
+        return self.rounds[-1].damper
+
+    @property
+    def promise(self) -> Prediction:
+        """What the maps say of it."""
+        return self.rounds[-1].promise
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """What the simulations say of it."""
+        return self.rounds[-1].checks
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the first check."""
+        return self.damper.scene(self.checks[0].seed)
+
+    @property
+    def frequency(self) -> float:
+        """Of the undamped small swing [Hz], mean over the checks."""
+        return self.rounds[-1].mean("frequency")
+
+    @property
+    def damping_ratio(self) -> float:
+        """Mean over the checks."""
+        return self.rounds[-1].mean("damping_ratio")
+
+    @property
+    def rest_height(self) -> float:
+        """[m], mean over the checks."""
+        return self.rounds[-1].mean("rest_height")
+
+    def met(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
+        """Whether every check lies within these relative tolerances of the target."""
+        return all(
+            abs(one.frequency / self.target.frequency - 1.0) <= frequency_tolerance
+            and abs(one.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
+            for one in self.checks
+        )
+
+    def spread(self, name: str) -> tuple[float, float]:
+        """Least and greatest value over the random starts of the last round."""
+        values = [getattr(one, name) for one in self.checks]
+        return min(values), max(values)
+
+    def agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
+        """Whether the random starts differ by so little that all could be within the tolerances."""
+        pairs = (
+            ("frequency", frequency_tolerance * self.target.frequency),
+            ("damping_ratio", damping_tolerance * self.target.damping),
+        )
+        return all(high - low <= 2.0 * room for name, room in pairs
+                   for low, high in [self.spread(name)])  # fmt: skip
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be doubted, in plain words."""
+        found = []
+        gap = min(one.fall_gap for one in self.checks)
+        contact = 1.0 if self.target.small_share == 0.0 else ASPECT
+        if gap < contact:
+            found.append(
+                f"in the fall two grains came as near as {gap:.3g} D, closer than their contact, "
+                "which the scene does not hold; drop the piston from lower down"
+            )
+        if min(one.rest_gap for one in self.checks) < 1.0:
+            found.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
+        return tuple(found)
+
+    def __str__(self) -> str:
+        one, target = self.damper, self.target
+        share = f", {100.0 * one.small_share:.3g} % of them small" if one.small_share else ""
+        lines = [
+            f"damper for {target.frequency:g} Hz and a damping ratio of {target.damping:g}:",
+            f"  piston {one.mass:.4g} kg on {one.grains} grains{share}",
+            f"  drag {one.drag:.4g} kg/s a grain (a liquid of {one.viscosity:.3g} Pa s, by Stokes)",
+            f"  rests at {self.rest_height:.4g} m",
+        ]
+        lines += [
+            f"  simulated from random start {check.seed}: {check.frequency:.4g} Hz "
+            f"({_off(check.frequency, target.frequency)}), damping ratio "
+            f"{check.damping_ratio:.4g} ({_off(check.damping_ratio, target.damping)})"
+            for check in self.checks
+        ]
+        lines.append(
+            f"  the maps had promised {self.promise.frequency:.4g} Hz and "
+            f"{self.promise.damping_ratio:.4g}; proposals simulated: {len(self.rounds)}"
+        )
+        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
+
+    def to_plain(self) -> dict[str, Any]:
+        """The design as plain data (numbers, texts, lists)."""
+        return {
+            "wish": self.target._asdict(),
+            "damper": self.damper._asdict() | {"viscosity": self.damper.viscosity},
+            "frequency": self.frequency,
+            "damping_ratio": self.damping_ratio,
+            "rest_height": self.rest_height,
+            "rounds": [
+                {
+                    "damper": one.damper._asdict(),
+                    "promise": one.promise._asdict(),
+                    "checks": [_without_motion(check) for check in one.checks],
+                }
+                for one in self.rounds
+            ],
+            "notes": list(self.notes),
+        }
+
+    def plot(self, maps: DamperMaps) -> Figure:
+        """The map that the design lies on, and the motions of its checks."""
+        with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
+            draw_map(left, maps, self.damper.grains, self.damper.small_share)
+            for k, one in enumerate(self.rounds):
+                last = k == len(self.rounds) - 1
+                if one.damper.grains != self.damper.grains:
+                    continue  # lies on another map
+                left.plot(one.damper.mass, one.damper.drag, "*" if last else "o", color="black",
+                          markersize=14 if last else 5)  # fmt: skip
+            add_legend(drawing)
+            left.set_ylabel("drag of a grain [kg/s]")
+            left.set_title(f"{self.damper.grains} grains; star: the design", fontsize=10)
+            for colour, check in zip(COLOURS, self.checks, strict=False):
+                right.plot(check.times, 1e3 * np.array(check.heights), color=colour, linewidth=0.9,
+                           label=f"random start {check.seed}")  # fmt: skip
+            right.axhline(1e3 * self.rest_height, color=GREY, linestyle=":")
+            right.set_xlabel("time [s]")
+            right.set_ylabel("height of the piston [mm]")
+            right.legend()
+            return drawing
+
+    def page(self, maps: DamperMaps) -> Page:
+        """A design as a page."""
+        one, target = self.damper, self.target
+        page = Page(
+            f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
+            f"A piston of {one.mass:.4g} kg on {one.grains} grains with a drag of {one.drag:.4g} "
+            f"kg/s each: simulated, it swings at {self.frequency:.4g} Hz with a damping ratio of "
+            f"{self.damping_ratio:.4g}.",
+        )
+        for note in self.notes:
+            page.note(note)
+        page.table(
+            ("", "wanted", "maps", *(f"random start {check.seed}" for check in self.checks)),
+            [
+                ("frequency of the undamped swing [Hz]", number(target.frequency),
+                 number(self.promise.frequency), *(number(c.frequency) for c in self.checks)),
+                ("damping ratio", number(target.damping), number(self.promise.damping_ratio),
+                 *(number(c.damping_ratio) for c in self.checks)),
+                ("height of rest [D]", "", number(self.promise.rest_height / DIAMETER),
+                 *(number(c.rest_height / DIAMETER) for c in self.checks)),
+                ("least gap at rest, over contact", "", "",
+                 *(number(c.rest_gap) for c in self.checks)),
+                ("error of the energy ledger", "", "", *(number(c.ledger, 2) for c in self.checks)),
+            ],
+        )  # fmt: skip
+        page.table(
+            ("number", "value", "unit"),
+            [
+                ("mass of the piston", number(one.mass), "kg"),
+                ("grains of 6 mm" if not one.small_share else "grains of 6 and 3.6 mm",
+                 str(one.grains), ""),
+                ("share of small grains", number(one.small_share), ""),
+                ("width of the cell", number(self.scene.cell.width), "m"),
+                ("drag of a large grain", number(one.drag), "kg/s"),
+                ("viscosity of the liquid, by Stokes's law", number(one.viscosity, 3), "Pa s"),
+            ],
+        )  # fmt: skip
+        page.figure(
+            self.plot(maps),
+            "Left: frequency, damping ratio and height of rest over mass and drag; dots are "
+            "earlier proposals with as many grains. Right: the simulated motions after a lift of "
+            "0.2 D.",
+        )
+        page.section("The scene")
+        page.preformatted(self.scene.to_toml())
+        page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+        return page
 
     def save(self, out: str | Path, maps: DamperMaps) -> None:
         """Write report.html, design.json and scene.toml.
@@ -23,10 +276,16 @@ class Design(DesignData):
         StoreError
             If the directory cannot be made or written to.
         """
-        from reduced_models.designs.page import design_page
+        folder = prepared(out)
+        assert folder is not None
+        write_json(folder / "design.json", self.to_plain())
+        self.scene.save(folder / "scene.toml")
+        self.page(maps).save(folder / "report.html")
 
-        target = prepared(out)
-        assert target is not None
-        write_json(target / "design.json", self.to_plain())
-        self.scene.save(target / "scene.toml")
-        design_page(self, maps).save(target / "report.html")
+
+def _off(value: float, wanted: float) -> str:
+    return f"{100.0 * (value / wanted - 1.0):+.2g} %"
+
+
+def _without_motion(check: Check) -> dict[str, Any]:
+    return {k: v for k, v in check._asdict().items() if k not in ("times", "heights")}

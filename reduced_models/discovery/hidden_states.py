@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.discovery.symbols import INPUT
+from reduced_models.discovery.terms import INPUT
 
 Step = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
 """From the state (k,), the step's strain -d(log z) and its duration to the next state, for each of

@@ -1,4 +1,4 @@
-"""Discovery with memory: sums of terms that hold a hidden state, whose values the record tells.
+"""Structures with memory: sums of terms that hold a hidden state, whose values the record tells.
 
 A hidden state is known along the record once its inner scales are: it follows from the heights
 before. So it enters the terms as an input would, and all that judges sums of terms judges these as
@@ -10,31 +10,37 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.errors import GranularError, InputError
-from reduced_models.discovery.choice import notes_on, polished_front
-from reduced_models.discovery.force_form import force_form, without_noise
+from granular.shared.errors import InputError
 from reduced_models.discovery.hidden_states import HIDDEN_STATES, HiddenState, Memory
 from reduced_models.discovery.libraries import MEMORY, own_terms
-from reduced_models.discovery.motion import motion_of
-from reduced_models.discovery.polishing import STARTS, law_of, parametrised, smoothed
-from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
+from reduced_models.discovery.polishing import parametrised
+from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.selection import Judge, Scored, all_subsets, scored
-from reduced_models.discovery.structures import Search, candidate_of, symbolic_candidates
+from reduced_models.discovery.structures import (
+    Search,
+    Structures,
+    candidate_of,
+    symbolic_candidates,
+)
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import WeakForm, weak_form
-from reduced_models.fitting.fitting import fit
+from reduced_models.discovery.weak_form import (
+    WeakForm,
+    force_form,
+    motion_of,
+    weak_form,
+    without_noise,
+)
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
 HIDDEN = "w"
-"""What own terms call what of the hidden states is in the force."""
+"""Name of the hidden state's share of the force in own terms."""
 PLAIN_TERMS = ("1", "z**-2", "z**-2.5", "z**-3", "z'", "z'/z", "abs(z')*z'", "sign(z')*z**-2.5")
 """Weight, the pressure of a bed that is squeezed, drag, and friction that grows with the pressure.
 """
@@ -46,8 +52,6 @@ _FAR = 10.0
 _FINER = 9
 """Values of each scale on the finer grids."""
 _ROUNDS = 2
-_RESOLUTION = 2
-"""Of laws with a hidden state, in the steps of smooth ones."""
 _KEPT = 20
 """Sums of each hidden state that are candidates."""
 
@@ -60,17 +64,16 @@ class _Judged(NamedTuple):
     judge: Judge
 
 
-def memory_discovery(
+def structures_with_memory(
     records: Sequence[PistonRecord],
     search: Search | None,
     *,
     terms: Sequence[str] = (),
     derivative: DerivativeMethod = "savitzky-golay",
     force: bool = False,
-    polish: int = 3,
     sparse: bool = True,
-) -> Discovery:
-    """Equations with hidden states, as `discover` gives them; z is the height [m].
+) -> Structures:
+    """Candidates with the hidden state that sums need most, or with none; z is the height [m].
 
     Parameters
     ----------
@@ -83,9 +86,7 @@ def memory_discovery(
     derivative : str
         Estimator of z'.
     force : bool
-        Explain the measured force [N] and not z''; such equations are not polished.
-    polish : int
-        How many of the best are fitted through their differential equations.
+        Explain the measured force [N] and not z''.
     sparse : bool
         Whether sums of terms are candidates, beside what a search proposes.
 
@@ -101,45 +102,43 @@ def memory_discovery(
         )
     motions = [motion_of(one, HeightMap(), derivative) for one in records]
     weak = force_form(records, motions) if force else weak_form(*motions)
-    plain = tuple(own_terms(PLAIN_TERMS, HIDDEN))
-    more = tuple(own_terms((*HIDDEN_TERMS, *terms), HIDDEN))
-    known = (*plain, *(one for one in more if one not in plain))
-    judged = _all(weak, known)
-    excess = min(one.judge.excess for one in judged)
-    if not force and excess > _FAR**2:
-        judged = _all(without_noise(weak), known)
-        excess = min(one.judge.excess for one in judged)
+    plain = own_terms(PLAIN_TERMS, HIDDEN)
+    known = tuple(dict.fromkeys((*plain, *own_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
+    judged = _judge_states(weak, known)
+    if not force and min(one.judge.excess for one in judged) > _FAR**2:
+        judged = _judge_states(without_noise(weak), known)
     # All in one unit of misfit: that of the hidden state with which least is left.
-    groups = [_candidates(one, excess) for one in judged]
+    excess = min(one.judge.excess for one in judged)
+    judged = [one._replace(judge=dataclasses.replace(one.judge, excess=excess)) for one in judged]
+    groups = [_candidates(one) for one in judged]
     best = min(range(len(judged)), key=lambda k: groups[k][0].criterion)
     candidates = [one for group in groups for one in group] if sparse else []
     if search is not None:
-        candidates += _searched(judged[best], known, search, excess)
-    chosen_state = judged[best]
-    own = [one for one in candidates if _kind(one) == _kind(groups[best][0])]
-    front, chosen = polished_front(
-        own,
-        lambda one: _polished(_remembered(one, chosen_state), records),
-        0 if force else polish,
-        dataclasses.replace(chosen_state.judge, excess=excess),
-    )
-    front, chosen = _with_others(front, chosen, candidates, force)
-    notes = (*_notes(groups, best), *notes_on(front[chosen], judged[best].judge))
-    searches = ("sindy" if sparse else "", "" if search is None else search.method)
-    method = " and ".join(name for name in searches if name)
-    left = "force" if force else "z''"
-    return Discovery(
-        f"{method}, with memory, {left}", tuple(front), chosen, HeightMap(), notes=notes
+        candidates += _search_candidates(judged[best], known, search)
+    if force:
+        candidates = [dataclasses.replace(one, left="force") for one in candidates]
+    memory, judge = judged[best].memory, judged[best].judge
+    state = None if memory is None else memory.state
+    return Structures(
+        [one for one in candidates if _state(one) is state],
+        judge,
+        others=[one for one in pareto_front(candidates) if _state(one) is not state],
+        notes=_notes(groups, best),
+        memory=memory,
     )
 
 
-def _all(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_Judged]:
+def _state(candidate: CandidateEquation) -> HiddenState | None:
+    return None if candidate.memory is None else candidate.memory.state
+
+
+def _judge_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_Judged]:
     """The best sums without a hidden state, and with each of them."""
     still = tuple(one for one in known if not one.driven)
     white = _White(weak, known)
     return [
         _Judged(None, *scored(weak, still, still, all_subsets(len(still)))),
-        *(_with(state, white, known) for state in HIDDEN_STATES),
+        *(_judge_state(state, white, known) for state in HIDDEN_STATES),
     ]
 
 
@@ -154,7 +153,7 @@ class _White:
         self.driven = [one for one in known if one.driven]
 
     def least(self, state: HiddenState, scales: np.ndarray) -> int:
-        """Which of the scales (k, s) leaves the least squares, with all terms."""
+        """Index of the scales (k, s) that leave the least squares, with all terms."""
         squares = []
         for one in _strained(self.weak, state, scales):
             columns = np.hstack([self.still, self.whitening @ one.matrix(self.driven)])
@@ -164,7 +163,7 @@ class _White:
         return int(np.argmin(squares))
 
 
-def _with(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _Judged:
+def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _Judged:
     """The best sums with a hidden state, at the scales where all terms together leave least."""
     weak = white.weak
     scales = state.tried(weak.motions[0].period)
@@ -173,9 +172,9 @@ def _with(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _Judge
     width = _ratio(scales)
     for _ in range(_ROUNDS):
         grid = best * width ** np.linspace(-1.0, 1.0, _FINER)[:, None]
-        for place in range(len(best)):  # one scale after the other
+        for k in range(len(best)):  # one scale after the other
             scales = np.tile(best, (_FINER, 1))
-            scales[:, place] = np.clip(grid[:, place], lows[place], highs[place])
+            scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
             best = scales[white.least(state, scales)]
         width = width ** (2.0 / (_FINER - 1))
     strained = _strained(weak, state, best[None])[0]
@@ -184,8 +183,8 @@ def _with(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _Judge
 
 
 def _ratio(scales: np.ndarray) -> np.ndarray:
-    """Of neighbours on the first grid, scale by scale."""
-    different = [np.unique(scales[:, place]) for place in range(scales.shape[1])]
+    """Ratio of neighbours on the first grid, scale by scale."""
+    different = [np.unique(column) for column in scales.T]
     return np.array([float((one[1:] / one[:-1]).max()) for one in different])
 
 
@@ -203,105 +202,48 @@ def _strained(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[We
     ]
 
 
-def _candidates(judged: _Judged, excess: float) -> list[CandidateEquation]:
-    """The best sums first, with the criterion that counts inner scales as numbers."""
-    found = []
-    judge = dataclasses.replace(judged.judge, excess=excess)
-    for one in judged.ranked:
-        count = len(one.terms)
-        # A sum that does not hold the hidden state is one without memory.
-        if judged.memory is not None and not any(term.driven for term in one.terms):
-            continue
-        squares = one.misfit**2 * max(1, judge.rows - count)
-        found.append(
-            _remembered(
-                dataclasses.replace(candidate_of(one), criterion=judge.criterion(squares, count)),
-                judged,
-            )
-        )
+def with_memory(
+    candidate: CandidateEquation, memory: Memory | None, judge: Judge
+) -> CandidateEquation:
+    """Return a candidate with its hidden state, whose scales cost what other numbers do."""
+    if memory is None or candidate.memory is not None:
+        return candidate
+    count = len(memory.scales)
+    return dataclasses.replace(
+        candidate,
+        memory=memory,
+        complexity=candidate.complexity + count,
+        criterion=candidate.criterion + count * math.log(judge.weak.samples),
+    )
+
+
+def _weighed_anew(candidate: CandidateEquation, count: int, judged: _Judged) -> CandidateEquation:
+    """A candidate with so many numbers by the common unit of misfit, with its hidden state."""
+    judge = judged.judge
+    squares = candidate.error**2 * max(1, judge.rows - count)
+    again = dataclasses.replace(candidate, criterion=judge.criterion(squares, count))
+    return with_memory(again, judged.memory, judge)
+
+
+def _candidates(judged: _Judged) -> list[CandidateEquation]:
+    """The best sums first; one that does not hold the hidden state is one without memory."""
+    found = [
+        _weighed_anew(candidate_of(one), len(one.terms), judged)
+        for one in judged.ranked
+        if judged.memory is None or any(term.driven for term in one.terms)
+    ]
     return sorted(found, key=lambda one: one.criterion)[:_KEPT]
 
 
-def _remembered(candidate: CandidateEquation, judged: _Judged) -> CandidateEquation:
-    """A candidate with its hidden state, whose scales cost what other numbers do."""
-    if judged.memory is None or candidate.memory is not None:
-        return candidate
-    count = len(judged.memory.scales)
-    return dataclasses.replace(
-        candidate,
-        memory=judged.memory,
-        complexity=candidate.complexity + count,
-        criterion=candidate.criterion + count * math.log(judged.judge.weak.samples),
-    )
-
-
-def _searched(
-    judged: _Judged, known: Sequence[AnyTerm], search: Search, excess: float
+def _search_candidates(
+    judged: _Judged, known: Sequence[AnyTerm], search: Search
 ) -> list[CandidateEquation]:
     """What a symbolic regression proposes, with the hidden state as a variable."""
-    weak = judged.judge.weak
     if judged.memory is None:
         return []
     terms = [one for one in known if one.driven or one.still]
-    found, _ = symbolic_candidates(weak, terms, search)
-    judge = dataclasses.replace(judged.judge, excess=excess)
-    rows = judge.rows
-    candidates = []
-    for one in found:
-        count = len(parametrised(one.expression)[1])
-        squares = one.error**2 * max(1, rows - count)
-        again = dataclasses.replace(one, criterion=judge.criterion(squares, count))
-        candidates.append(_remembered(again, judged))
-    return candidates
-
-
-def _with_others(
-    front: Sequence[CandidateEquation], chosen: int, candidates: list[CandidateEquation],
-    force: bool,
-) -> tuple[list[CandidateEquation], int]:  # fmt: skip
-    """The front beside the best sums with other hidden states, and the place of the choice."""
-    rest = [one for one in pareto_front(candidates) if _kind(one) != _kind(front[chosen])]
-    shown = sorted([*front, *rest], key=lambda one: (one.complexity, -one.error))
-    place = next(k for k, one in enumerate(shown) if one is front[chosen])
-    if force:
-        shown = [dataclasses.replace(one, left="force") for one in shown]
-    return shown, place
-
-
-def _kind(candidate: CandidateEquation) -> str:
-    return "" if candidate.memory is None else candidate.memory.state.name
-
-
-def _polished(candidate: CandidateEquation, records: Sequence[PistonRecord]) -> CandidateEquation:
-    """A candidate with all numbers, those of the hidden state too, fitted to the motion."""
-    import sympy
-
-    template, values = parametrised(candidate.expression)
-    memory = candidate.memory
-    if memory is not None:
-        values |= dict(zip(memory.state.scales, memory.scales, strict=True))
-    law = law_of(smoothed(template, records, HeightMap()), values)
-    if memory is not None:
-        law = dataclasses.replace(
-            law,
-            name=f"discovered, with a {memory.state.name}",
-            equation=memory.state.within(law.equation),
-            positive=memory.state.scales,
-            resolution=max(_RESOLUTION, law.resolution),
-        )
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # notes stand in the model
-            models = fit(list(records), law, map=HeightMap(), starts=STARTS, holdout=0.0)
-    except GranularError as error:
-        return dataclasses.replace(candidate, note=str(error))
-    numbers = models[0].parameters
-    expression = template.xreplace(
-        {one: sympy.Float(numbers[one.name]) for one in template.free_symbols if one.name in values}
-    )
-    if memory is not None:
-        memory = memory._replace(scales=tuple(numbers[name] for name in memory.state.scales))
-    return dataclasses.replace(candidate, expression=expression, models=models, memory=memory)
+    found, _ = symbolic_candidates(judged.judge.weak, terms, search)
+    return [_weighed_anew(one, len(parametrised(one.expression)[1]), judged) for one in found]
 
 
 def _notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:

@@ -13,8 +13,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.symbols import symbols, text_of
-from reduced_models.discovery.terms import complexity, in_order, terms_of
+from reduced_models.discovery.terms import complexity, in_order, symbols, terms_of, text_of
 from reduced_models.fitting.fitting import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -28,6 +27,7 @@ _SPREAD = 0.1  # of the start values about the coefficients found
 _MOST_NUMBERS = 12
 _STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
 _RESOLUTION = 4  # of laws with it, in the steps of smooth ones
+_MEMORY_RESOLUTION = 2  # of laws with a hidden state
 NAME = "discovered"
 
 
@@ -44,7 +44,7 @@ def polished(
     Parameters
     ----------
     candidate : CandidateEquation
-        Of z''.
+        Of z''. The scales of its hidden state are numbers as well.
     records : sequence of PistonRecord
         That share all numbers but their initial states.
     height_map : HeightMap
@@ -59,7 +59,18 @@ def polished(
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
         )
+    memory = candidate.memory
+    if memory is not None:
+        values |= dict(zip(memory.state.scales, memory.scales, strict=True))
     law = law_of(smoothed(template, records, height_map), values, column, name)
+    if memory is not None:
+        law = dataclasses.replace(
+            law,
+            name=f"{name}, with a {memory.state.name}",
+            equation=memory.state.within(law.equation),
+            positive=memory.state.scales,
+            resolution=max(_MEMORY_RESOLUTION, law.resolution),
+        )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
@@ -68,10 +79,16 @@ def polished(
         return dataclasses.replace(candidate, note=str(error))
     import sympy
 
-    numbers = {sympy.Symbol(name): sympy.Float(models[0].parameters[name]) for name in values}
-    expression = template.xreplace(numbers)
+    numbers = models[0].parameters
+    expression = template.xreplace(
+        {sympy.Symbol(name): sympy.Float(numbers[name]) for name in values}
+    )
+    nodes = complexity(expression)
+    if memory is not None:
+        nodes += len(memory.scales)
+        memory = memory._replace(scales=tuple(numbers[name] for name in memory.state.scales))
     return dataclasses.replace(
-        candidate, expression=expression, complexity=complexity(expression), models=models
+        candidate, expression=expression, complexity=nodes, models=models, memory=memory
     )
 
 

@@ -9,12 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.discovery.libraries import LIBRARIES, PHYSICAL, terms_named
-from reduced_models.discovery.motion import map_of, motion_of
+from reduced_models.discovery.libraries import LIBRARIES, PHYSICAL, fault, terms_named
 from reduced_models.discovery.selection import Judge, all_subsets, scored
-from reduced_models.discovery.soundness import fault
 from reduced_models.discovery.terms import AnyTerm, in_order, sum_text
-from reduced_models.discovery.weak_form import WeakForm, weak_form
+from reduced_models.discovery.weak_form import WeakForm, map_of, motion_of, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 

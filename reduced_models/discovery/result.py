@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
 from reduced_models.discovery.hidden_states import Memory
-from reduced_models.discovery.symbols import text_of
-from reduced_models.discovery.terms import AnyTerm, terms_of
+from reduced_models.discovery.terms import AnyTerm, terms_of, text_of
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.model import ReducedModel
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from reduced_models.discovery.own_terms import OwnTerm
+from reduced_models.discovery.hidden_states import Memory
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import (
     Judge,
@@ -18,15 +19,23 @@ from reduced_models.discovery.selection import (
     pruned,
     scored,
 )
-from reduced_models.discovery.symbols import symbols
-from reduced_models.discovery.terms import AnyTerm, complexity, in_order, sum_of, terms_of
+from reduced_models.discovery.terms import (
+    AnyTerm,
+    OwnTerm,
+    columns,
+    complexity,
+    in_order,
+    sum_of,
+    symbols,
+    terms_of,
+)
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
 if TYPE_CHECKING:
     import sympy
 
 _MOST_POINTS = 500  # of a symbolic regression
-_EDGE = 0.02
+_EDGE = 0.02  # of the record at each end, where derivatives are poor
 _MOST_UNION = 120
 _ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
 
@@ -51,12 +60,70 @@ class Search(NamedTuple):
     seed: int = 0
 
 
-def sindy_supports(
+class Structures(NamedTuple):
+    """Candidates, and what judges them.
+
+    Attributes
+    ----------
+    candidates : list of CandidateEquation
+    judge : Judge
+    inclusion : dict of str to float
+        Share of the members of an ensemble that held each term.
+    others : list of CandidateEquation
+        With other hidden states, to be shown only.
+    notes : tuple of str
+        On the hidden state.
+    memory : Memory or None
+        The hidden state of all candidates, if any.
+    """
+
+    candidates: list[CandidateEquation]
+    judge: Judge
+    inclusion: dict[str, float] = {}  # noqa: RUF012  # nobody changes it
+    others: Sequence[CandidateEquation] = ()
+    notes: tuple[str, ...] = ()
+    memory: Memory | None = None
+
+
+def structures(
+    weak: WeakForm,
+    terms: Sequence[AnyTerm],
+    search: Search | None,
+    *,
+    sparse: bool = True,
+    form: str = "weak",
+    ensemble: bool = False,
+    seed: int = 0,
+) -> Structures:
+    """Propose sums of terms, and what a symbolic regression finds, judged alike.
+
+    Parameters
+    ----------
+    weak : WeakForm
+    terms : sequence of terms
+        Of the library.
+    search : Search, optional
+        Of the symbolic regression.
+    sparse : bool
+        Whether sums of terms are candidates.
+    form, ensemble, seed
+        As of `discover`, for the sums.
+    """
+    supports, inclusion = list[np.ndarray](), dict[str, float]()
+    if sparse:
+        supports, inclusion = _sparse_supports(weak, terms, form, ensemble, seed)
+    if search is None:
+        ranked, judge = scored(weak, terms, terms, supports)
+        return Structures([candidate_of(one) for one in ranked], judge, inclusion)
+    return Structures(*symbolic_candidates(weak, terms, search, supports), inclusion)
+
+
+def _sparse_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], form: str, ensemble: bool, seed: int
 ) -> tuple[list[np.ndarray], dict[str, float]]:
     if form == "weak" and not ensemble:
         return all_subsets(len(terms)), {}
-    from reduced_models.discovery.sparse import (
+    from reduced_models.discovery.structures import (
         ensemble_supports,
         strong_regression,
         weak_regression,
@@ -193,3 +260,82 @@ def _judged(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
     return CandidateEquation(
         expression, complexity(expression), misfit, judge.criterion(squares, count)
     )
+
+
+_THRESHOLDS = np.geomspace(1e-3, 0.5, 24)
+"""On coefficients of columns of unit size, as shares of the target's size."""
+_MODELS = 100
+_INCLUDED = (0.9, 0.75, 0.5, 0.25)
+_MOST_ROWS = 4000
+
+
+class Regression:
+    """A linear regression for PySINDy's optimizers, with columns and target of unit size."""
+
+    def __init__(self, matrix: np.ndarray, target: np.ndarray) -> None:
+        sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        self.matrix = matrix / sizes * np.sqrt(len(matrix))
+        self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
+
+    def thresholded(self, threshold: float) -> Any:
+        import pysindy
+
+        return pysindy.STLSQ(threshold=float(threshold), alpha=1e-8)
+
+    def supports(self) -> list[list[int]]:
+        """Supports along a ladder of thresholds (sequentially thresholded least squares)."""
+        found = []
+        for threshold in _THRESHOLDS:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that a high threshold leaves nothing
+                fitted = self.thresholded(threshold).fit(self.matrix, self.target[:, None])
+            found.append(np.flatnonzero(fitted.coef_[0]).tolist())
+        return found
+
+    def inclusion(self, threshold: float, seed: int) -> np.ndarray:
+        """Share (p,) of bootstrap resamples whose fit keeps each term."""
+        import pysindy
+
+        ensemble = pysindy.EnsembleOptimizer(
+            self.thresholded(threshold), bagging=True, n_models=_MODELS
+        )
+        state = np.random.get_state()  # noqa: NPY002  PySINDy draws from NumPy's global generator
+        np.random.seed(seed)  # noqa: NPY002
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                ensemble.fit(self.matrix, self.target[:, None])
+        finally:
+            np.random.set_state(state)  # noqa: NPY002
+        return np.asarray(np.mean(np.stack(ensemble.coef_list)[:, 0] != 0.0, axis=0))
+
+
+def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> Regression:
+    """The estimates of z'' against the terms, sample by sample, away from the ends."""
+    rows = [_inner_rows(motion, terms, len(motions)) for motion in motions]
+    matrices, targets = zip(*rows, strict=True)
+    return Regression(np.concatenate(matrices), np.concatenate(targets))
+
+
+def _inner_rows(
+    motion: SmoothedMotion, terms: Sequence[AnyTerm], motions: int
+) -> tuple[np.ndarray, np.ndarray]:
+    count = len(motion.time)
+    edge = int(_EDGE * count)
+    rows = slice(edge, count - edge, max(1, count * motions // _MOST_ROWS))
+    matrix = columns(terms, motion.smooth, motion.velocity, motion.drive)
+    return matrix[rows], motion.acceleration[rows]
+
+
+def weak_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> Regression:
+    """The weak form, whitened for the noise of z''."""
+    whitening = weak.whitening((), np.zeros(0))
+    return Regression(whitening @ weak.matrix(terms), whitening @ weak.target)
+
+
+def ensemble_supports(
+    regression: Regression, threshold: float, seed: int
+) -> tuple[list[list[int]], np.ndarray]:
+    """Supports of the terms that most resamples keep, and the shares (p,) that keep each."""
+    shares = regression.inclusion(threshold, seed)
+    return [np.flatnonzero(shares >= least).tolist() for least in _INCLUDED], shares

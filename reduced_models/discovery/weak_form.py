@@ -17,8 +17,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.formulas.algebra import function_of
-from reduced_models.discovery.symbols import symbols
-from reduced_models.discovery.terms import AnyTerm
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from granular.shared.messages import quoted
+from reduced_models.discovery.terms import AnyTerm, symbols
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.records.derivatives import DerivativeMethod, derivatives
+from reduced_models.records.first_guesses import first_guesses, noise_level
+from reduced_models.records.inputs import column
 
 if TYPE_CHECKING:
     import sympy
@@ -215,3 +221,99 @@ def evaluated(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     with np.errstate(all="ignore"):
         found = function(motion.smooth, motion.velocity, drive)
     return np.broadcast_to(np.asarray(found, dtype=np.float64), motion.time.shape)
+
+
+_FLOOR = 1e-6  # least noise, in standard deviations of the record or the force: rounding
+
+
+def motion_of(
+    record: PistonRecord,
+    height_map: HeightMap,
+    derivative: DerivativeMethod,
+    drive: str | None = None,
+) -> SmoothedMotion:
+    """The motion of a record in z, with estimates of its derivatives and noise."""
+    guess = first_guesses(record)
+    smooth = derivatives(record, derivative)
+    size = abs(height_map.scale)
+    swing = float(record.height.std())
+    return SmoothedMotion(
+        time=record.time - record.time[0],
+        z=np.asarray(height_map.to_law(record.height)),
+        smooth=np.asarray(height_map.to_law(smooth.height)),
+        velocity=smooth.velocity / height_map.scale,
+        acceleration=smooth.acceleration / height_map.scale,
+        drive=None if drive is None else column(record, drive),
+        noise=max(smooth.record_noise, _FLOOR * swing) / size,
+        acceleration_noise=max(smooth.noise.acceleration, _FLOOR * swing) / size,
+        period=guess.period,
+    )
+
+
+def map_of(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
+    """The map that is wanted; "auto" is the height, or the swing about rest in amplitudes."""
+    if isinstance(wanted, HeightMap):
+        return wanted
+    if wanted != "auto":
+        raise InputError(f"map = {quoted(wanted)}; give 'auto' or a HeightMap")
+    guess = max((first_guesses(each) for each in records), key=lambda one: one.amplitude)
+    # Powers of a height that hardly changes could not be told apart.
+    if abs(guess.rest) <= guess.amplitude:
+        return HeightMap()
+    return HeightMap(guess.rest, guess.amplitude)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForceIntegrals(Integrals):
+    """Integrals with errors that are white noise of the force; `Integrals` tells of attributes.
+
+    Attributes
+    ----------
+    deviation : float
+        Of that noise, in the target's unit.
+    """
+
+    deviation: float
+
+    def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
+        """Of the force's noise alone, in units of the motion's."""
+        return self.bump * (self.deviation / self.motion.noise)
+
+
+def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
+    """The weak form of the measured forces [N] of some motions.
+
+    Raises
+    ------
+    RecordError
+        If a record has no force.
+    """
+    parts = []
+    for record, one in zip(records, weak_form(*motions).parts, strict=True):
+        force = record.force
+        if force is None:
+            raise RecordError(
+                "target = 'force' needs a measured force, which the record does not have; give "
+                "one with a column force"
+            )
+        noise = max(noise_level(force, record.time), _FLOOR * float(force.std()))
+        motion = one.motion._replace(acceleration=force, acceleration_noise=noise)
+        parts.append(
+            ForceIntegrals(
+                motion, one.bump, one.slope, one.curvature, np.asarray(one.bump @ force), noise
+            )
+        )
+    return WeakForm(tuple(parts))
+
+
+def without_noise(weak: WeakForm) -> WeakForm:
+    """A weak form of z'' whose errors are white noise of z'', as large as in its estimate."""
+    return WeakForm(
+        tuple(
+            ForceIntegrals(
+                one.motion, one.bump, one.slope, one.curvature, one.target,
+                one.motion.acceleration_noise,
+            )
+            for one in weak.parts
+        )
+    )  # fmt: skip

@@ -73,7 +73,7 @@ PUSHED = (
 )
 
 
-class Shaken(NamedTuple):
+class ShakingRange(NamedTuple):
     """Where the law may stand in for a bed under shaking, and how well it does.
 
     Attributes
@@ -102,7 +102,7 @@ LOSS_ERROR = 0.13
 """Greatest of prescribed sines of 0.5 to 3 D, of 368 and 736 grains."""
 
 
-def shaken(scene: Scene) -> Shaken:
+def shaking_range(scene: Scene) -> ShakingRange:
     """The range in which ``annealing-bed`` may stand in for the bed of a scene.
 
     Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured.
@@ -116,4 +116,4 @@ def shaken(scene: Scene) -> Shaken:
     grains = scene.grains
     unit = math.sqrt(grains.count / 368) * grains.species[0].diameter
     least, greatest = AMPLITUDES
-    return Shaken((least * unit, greatest * unit), FREQUENCIES, RESPONSE_ERROR, LOSS_ERROR)
+    return ShakingRange((least * unit, greatest * unit), FREQUENCIES, RESPONSE_ERROR, LOSS_ERROR)

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.errors import InputError
+from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import quoted, times
-from reduced_models.identification.screening import HOPELESS, Screening, screened
+from reduced_models.discovery.selection import scored
+from reduced_models.discovery.terms import Term, library
+from reduced_models.discovery.weak_form import (
+    SmoothedMotion,
+    WeakForm,
+    map_of,
+    motion_of,
+    weak_form,
+)
 from reduced_models.laws.catalogue import LAWS, law_named
+from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.records.first_guesses import FirstGuesses
+from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.inputs import column, column_names
 
 CANDIDATES = (
@@ -108,7 +119,7 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     )
 
 
-def unused_columns(record: PistonRecord, laws: tuple[Law, ...]) -> tuple[str, ...]:
+def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
     """Columns that change in the course of the record, and that no law names."""
     named = {name for law in laws for name in law.inputs}
     return tuple(
@@ -117,3 +128,128 @@ def unused_columns(record: PistonRecord, laws: tuple[Law, ...]) -> tuple[str, ..
         if name not in named and math.isfinite(spread := float(np.ptp(column(record, name))))
         and spread > 0.0
     )  # fmt: skip
+
+
+HOPELESS = 4.0
+"""Misfit, over the least one, beyond which a law is left out."""
+CLEARLY_LESS = 0.7
+"""Misfit of all terms of a library, over that of the best law, below which discovery may help."""
+_STARTS = 4
+_LINEAR = (Term(0), Term(1), Term(0, 1, True))
+_DEGREE = 3  # of the library
+_EVALUATIONS = 60
+_LARGEST = 1e12  # of a rate, in amplitudes: more is as hopeless
+_FEWEST_ROWS = 12  # integrals beyond a law's parameters, that say something
+
+
+@dataclasses.dataclass(frozen=True)
+class Screening:
+    """What a glance says of some laws.
+
+    Attributes
+    ----------
+    misfits : mapping of str to float
+        What each law leaves of the integrals, in standard deviations of the record's noise: 1 where
+        the law holds. Laws that could not be looked at are not in it.
+    library : float
+        The same of all terms that a discovery searches, together.
+    """
+
+    misfits: Mapping[str, float]
+    library: float
+
+    @property
+    def least(self) -> float:
+        """Of the laws; infinite where none could be looked at."""
+        return min(self.misfits.values(), default=math.inf)
+
+    def hopeless(self, name: str) -> bool:
+        """Whether a law cannot win."""
+        return self.misfits.get(name, 0.0) > HOPELESS * max(self.least, 1.0)
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether other terms explain the record clearly better than any of the laws does."""
+        return max(self.library, 1.0) < CLEARLY_LESS * self.least and math.isfinite(self.least)
+
+
+def screened(record: PistonRecord, laws: Sequence[Law]) -> Screening:
+    """A glance at laws without hidden states and inputs; of others it says nothing.
+
+    A record that is too short for it, or too noisy, is said nothing of as well.
+    """
+    try:
+        guess = first_guesses(record)
+        height_map = map_of([record], "auto")
+        weak = weak_form(motion_of(record, height_map, "savitzky-golay"))
+        # The noise of the integrals is that which the linear law makes of the record's.
+        _, judge = scored(weak, library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]])
+    except (GranularError, np.linalg.LinAlgError):
+        return Screening({}, math.inf)
+    misfits = {}
+    for law in laws:
+        if not law.hidden and not law.inputs:
+            found = _misfit(law, weak, judge.whitening, guess, height_map)
+            if math.isfinite(found):
+                misfits[law.name] = found
+    return Screening(misfits, math.sqrt(judge.excess))
+
+
+class _View(NamedTuple):
+    """A law's rate along a motion, in the units of the integrals, and where its search starts."""
+
+    rate: Callable[..., np.ndarray]
+    names: Sequence[str]
+    positive: Sequence[str]
+    starts: Mapping[str, np.ndarray] | None
+
+
+def _view(law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: HeightMap) -> _View:
+    random = np.random.default_rng(0)
+    if law.swing_form is None:
+        # The law holds for the height, and the integrals are of the swing in amplitudes.
+        z, v = height_map.to_height(motion.z), height_map.scale * motion.velocity
+        starts = None if law.start is None else law.start(guess, random, _STARTS)
+        plain, size = law, height_map.scale
+    else:
+        z, v, size, plain = motion.z, motion.velocity, 1.0, law.swing_form.law
+        inner = guess.seen_as(height_map.shift, height_map.scale)
+        starts = law.swing_form.start(motion.time, motion.smooth, inner, random, _STARTS)
+    field = compiled_field(plain.equation, (), "numpy")
+
+    def rate(values: np.ndarray) -> np.ndarray:
+        with np.errstate(all="ignore"):
+            found = np.nan_to_num(field(z, v, *values)[0] / size, nan=_LARGEST)
+        return np.broadcast_to(np.clip(found, -_LARGEST, _LARGEST), z.shape)
+
+    return _View(rate, plain.parameters, plain.positive, starts)
+
+
+def _misfit(
+    law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, height_map: HeightMap
+) -> float:
+    """Of a law whose parameters are fitted to the integrals; infinite where that fails."""
+    from scipy.optimize import least_squares
+
+    (part,) = weak.parts
+    view = _view(law, part.motion, guess, height_map)
+    target = whitening @ weak.target
+    if view.starts is None or len(target) < len(view.names) + _FEWEST_ROWS:
+        return math.inf
+    inside = whitening @ part.bump
+    logarithmic = np.array([name in view.positive for name in view.names])
+    least = math.inf
+    for start in np.stack([view.starts[name] for name in view.names], axis=1):
+        units = np.where(np.abs(start) > 0.0, start, 1.0)
+
+        def left(x: np.ndarray, units: np.ndarray = units) -> np.ndarray:
+            values = units * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
+            return np.asarray(target - inside @ view.rate(values))
+
+        found = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
+        least = min(least, _rms(found.fun, len(units)))
+    return least
+
+
+def _rms(left: np.ndarray, free: int) -> float:
+    return math.sqrt(float(left @ left) / max(1, len(left) - free))

@@ -1,13 +1,22 @@
-"""Further runs of a scene: what time step and random start do to a figure, and another lift."""
+"""Further runs of a scene: step error and scatter of its figures, another lift, other falls."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from granular.run.record import PistonRecord
-from granular.shared.errors import RecordError
+from granular.shared.errors import GranularError, InputError, RecordError
+from reduced_models.falls.scores import DropScores, score_drops
+from reduced_models.fitting.fitting import fit
+from reduced_models.identification.engineering import Figure
+from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -19,6 +28,15 @@ LIFT_TIMES = 3.0
 """Height of a lift that no law sees, over that of the scene: far enough that a law's shape counts.
 """
 _RESOLVED = 1.0  # step times highest frequency up to which a method shows its order; half the limit
+DROPS = (0.4, 0.6, 1.4, 1.8)
+"""Heights, over that of the scene's drop, from which the piston falls instead."""
+PERIODS = 10.0
+"""Of the small swing, for which falls are followed: by then they have died out, or swing small."""
+FEWEST = 100
+"""Samples of a fall."""
+STARTS = 8
+"""Of each fit: a fall without noise, which few starts find, and the scene says where to begin."""
+_STILL = 0.05  # of the drop: what falls less far is a nudge
 
 
 class RunCheck(NamedTuple):
@@ -55,6 +73,115 @@ class StepCheck(NamedTuple):
 
     check: RunCheck
     factor: float
+
+
+class FurtherRuns(NamedTuple):
+    """Records of further runs of a scene, and laws judged on its falls.
+
+    Attributes
+    ----------
+    swings : tuple of (str, PistonRecord or Failure)
+        With another time step, and then from other random starts, each behind its name.
+    step_factor : float
+        See `StepCheck`.
+    lift : PistonRecord or None
+        With another lift.
+    falls : DropScores or None
+    failures : tuple of Failure
+        Of all that were asked for.
+    """
+
+    swings: tuple[tuple[str, PistonRecord | Failure], ...]
+    step_factor: float
+    lift: PistonRecord | None
+    falls: DropScores | None
+    failures: tuple[Failure, ...]
+
+
+def further_runs(
+    run: Trajectory, period: float | None, executor: Executor | None, progress: bool, *, lift: bool
+) -> FurtherRuns:
+    """Run the scene of a run with another step, other random starts, another lift, other falls.
+
+    Parameters
+    ----------
+    run : Trajectory
+    period : float, optional
+        Of the small swing [s], where falls are asked for. They are run where the scene begins with
+        one.
+    executor, progress
+        As of `identify`.
+    lift : bool
+        Whether another lift is run.
+    """
+    step, seeds = step_check(run), seed_checks(run)
+    swings = [step.check, *seeds]
+    lifts = [other] if lift and (other := held_out_lift(run.scene)) is not None else []
+    fall = None if period is None else fall_of(run, period)
+    falls = [] if fall is None else fall_checks(run, fall)
+    records = checked_records(run, [*swings, *lifts, *falls], executor, progress)
+    failures = [one for one in records if isinstance(one, Failure)]
+    first, last = len(swings), len(swings) + len(lifts)
+    scores = None if fall is None else falls_of(run, fall, falls, records[last:])
+    if isinstance(scores, Failure):
+        failures.append(scores)
+    return FurtherRuns(
+        swings=tuple(zip((one.what for one in swings), records[:first], strict=True)),
+        step_factor=step.factor,
+        lift=next((one for one in records[first:last] if isinstance(one, PistonRecord)), None),
+        falls=scores if isinstance(scores, DropScores) else None,
+        failures=tuple(failures),
+    )
+
+
+def check_figures(
+    figures: Mapping[str, Figure], model: ReducedModel, record: PistonRecord, runs: FurtherRuns
+) -> tuple[dict[str, Figure], list[Failure]]:
+    """Return figures with step error and scatter, as far as there are runs, and what failed.
+
+    The records of the runs are fitted by the law and map of the figures' model, over the duration
+    of its record.
+    """
+    duration = float(record.time[-1] - record.time[0])
+    results = [_refitted(what, swing, duration, model) for what, swing in runs.swings]
+    other, *scattered = [None if isinstance(one, Failure) else one for one in results]
+    checked = {}
+    for name, figure in figures.items():
+        values = [figure.value, *(values[name] for values in scattered if values is not None)]
+        values = [value for value in values if math.isfinite(value)]
+        checked[name] = dataclasses.replace(
+            figure,
+            step_error=(
+                None if other is None else runs.step_factor * abs(figure.value - other[name])
+            ),
+            seed_spread=float(np.std(values, ddof=1)) if len(values) > 1 else None,
+        )
+    return checked, [one for one in results if isinstance(one, Failure)]
+
+
+def _refitted(
+    what: str, record: PistonRecord | Failure, duration: float, model: ReducedModel
+) -> dict[str, float] | Failure:
+    if isinstance(record, Failure):
+        return record
+    start = float(record.time[0])
+    try:
+        part = record.between(start, start + duration * (1.0 + 1e-9))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            again = fit(
+                part,
+                model.law,
+                map="fitted" if model.map.fitted else model.map,
+                starts=model.quality.starts,
+                holdout=0.0,
+            )
+    except GranularError as error:
+        return Failure(what, str(error))
+    if again.at_rest is None:
+        return Failure(what, "its fit has no level of rest")
+    values = dataclasses.asdict(again.at_rest)
+    return {name: values[name] for name in model.at_rest.intervals} if model.at_rest else {}
 
 
 def step_check(run: Trajectory) -> StepCheck:
@@ -139,3 +266,78 @@ def _forced_end(run: Trajectory) -> float | None:
     if run.scene.protocol[-1].span(height) is not None:
         return None
     return float(run.dataset["time"].values[-1])
+
+
+def fall_of(run: Trajectory, period: float) -> PistonRecord | None:
+    """The fall with which a run begins; None where it begins otherwise."""
+    from granular.protocol.free import Free
+
+    scene = run.scene
+    if scene.piston is None or scene.effects.gravity is None or not scene.protocol:
+        return None
+    first = scene.protocol[0]
+    if not isinstance(first, Free):
+        return None
+    try:
+        record = run.piston(first.name)
+    except RecordError:
+        return None
+    start = float(record.time[0])
+    record = record.between(start, min(float(record.time[-1]), start + PERIODS * period))
+    rest = run.stage(first.name).height
+    falls = record.height[0] - rest > _STILL * rest
+    return record if falls and len(record) >= FEWEST else None
+
+
+def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
+    """Runs of the fall alone, from other heights that the grains fit under, and other starts."""
+    scene = run.scene
+    assert scene.piston is not None
+    first = scene.protocol[0]
+    rest, height = run.stage(first.name).height, scene.piston.height
+    grid = scene.arrangement.height
+    stage = {"kind": "free", "name": first.name,
+             "duration": float(fall.time[-1] - fall.time[0])}  # fmt: skip
+    alone = {"protocol": [stage], "output.record": first.name}
+    found = []
+    for ratio in DROPS:
+        other = rest + ratio * (height - rest)
+        below = None if grid is None else other - (height - grid)
+        changes = {**alone, "piston.height": other, "arrangement.height": below}
+        found.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
+    seed = scene.arrangement.seed + 1
+    found += [
+        RunCheck(f"start {k}", {**alone, "arrangement.seed": k})
+        for k in range(seed, seed + CHECK_SEEDS)
+    ]
+    return [one for one in found if _fits(scene, one)]
+
+
+def _fits(scene: Scene, check: RunCheck) -> bool:
+    """Whether a scene can be changed so; grains may not fit under a lower piston."""
+    try:
+        scene.replace(**check.changes)
+    except GranularError:
+        return False
+    return True
+
+
+def falls_of(
+    run: Trajectory,
+    fall: PistonRecord,
+    checks: Sequence[RunCheck],
+    records: Sequence[PistonRecord | Failure],
+) -> DropScores | Failure:
+    """The laws judged on the falls that could be run."""
+    unseen = {
+        check.what: record
+        for check, record in zip(checks, records, strict=True)
+        if isinstance(record, PistonRecord)
+    }
+    try:
+        return score_drops(
+            fall, unseen, rest=run.stage(run.scene.protocol[0].name).height, scene=run.scene,
+            starts=STARTS,
+        )  # fmt: skip
+    except InputError as cause:
+        return Failure("other falls", str(cause))

@@ -99,6 +99,11 @@ class Comparison:
         """The model of the law that is first, for the first record."""
         return self.rows[0].models[0]
 
+    def by_last_record(self) -> list[tuple[RollOut, str]]:
+        """Errors and names of the laws on the last held-out record, the best first."""
+        scored = [(row.records[-1], row.name) for row in self.rows if row.records]
+        return sorted(scored, key=lambda pair: pair[0].relative)
+
     @property
     def header(self) -> tuple[str, ...]:
         """Of `cells`."""
@@ -213,6 +218,16 @@ class Comparison:
     def drawing_height(self) -> float:
         """Height of a drawing with a bar for each law [inch]."""
         return 1.8 + 0.45 * sum(not row.failure for row in self.rows)
+
+
+def best_text(best: Row) -> str:
+    """Return the error of the first law of a record in a sentence."""
+    if math.isinf(best.error):
+        return "No law predicts what it has not seen."
+    return (
+        f"The best law of the record, {best.name}, predicts what it has not seen to "
+        f"{100 * best.error:.2g} % of the swing."
+    )
 
 
 def pooled(errors: Sequence[float]) -> float:

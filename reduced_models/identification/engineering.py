@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
+from granular.shared.html import number
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.response import HarmonicCycle
@@ -23,6 +24,8 @@ SHARES = (1.0, 0.5, 0.25, 0.1)
 DAMPING_RATIO = "damping ratio"
 _MOST_DIGITS = 8
 _UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
+_NO_CHANGE = 5e-3  # per cent of a change that is none
+_BY_RATIO = ("ζ", "δ", "Q", "F")  # signs of what is as uncertain as the damping ratio
 
 
 class Quantity(NamedTuple):
@@ -243,3 +246,124 @@ def at_amplitudes(model: ReducedModel, record: PistonRecord) -> list[HarmonicCyc
 
 def _ends(record: PistonRecord) -> tuple[float, float]:
     return float(record.height.min()), float(record.height.max())
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """A number with all its uncertainties.
+
+    Attributes
+    ----------
+    value : float
+    interval : (float, float)
+        Confidence interval of the fit.
+    step_error : float or None
+        Estimated error of the simulation's time step, from a run with another step and the same fit
+        of the same law; see `reduced_models.identification.checks.step_check`.
+    seed_spread : float or None
+        Standard deviation over random starts of the bed.
+    """
+
+    value: float
+    interval: tuple[float, float]
+    step_error: float | None = None
+    seed_spread: float | None = None
+
+    @property
+    def checked(self) -> bool:
+        """True where a further run says something of it."""
+        return self.step_error is not None or self.seed_spread is not None
+
+
+def figures_of(model: ReducedModel) -> dict[str, Figure]:
+    """Return rest height, period and damping ratio of a model; none where it has no rest."""
+    if model.at_rest is None:
+        return {}
+    values = dataclasses.asdict(model.at_rest)
+    return {name: Figure(values[name], pair) for name, pair in model.at_rest.intervals.items()}
+
+
+def error_of(one: Quantity, figures: Mapping[str, Figure], which: str) -> str:
+    """Error of a quantity that follows from rest, period and damping ratio, by a check.
+
+    ``which`` is ``"step_error"`` or ``"seed_spread"``; empty where that is not known.
+    """
+    known = {name: getattr(figure, which) for name, figure in figures.items()}
+    if any(known.get(name) is None for name in ("height", "period", "damping_ratio")):
+        return ""
+    if one.name == "level of rest":
+        rest = figures["height"]
+        return number(abs(one.value * known["height"] / rest.value), 2) if rest.value else ""
+    period = known["period"] / figures["period"].value
+    ratio = known["damping_ratio"] / abs(figures["damping_ratio"].value or math.inf)
+    if one.symbol in _BY_RATIO:
+        relative = ratio
+    elif one.name == "stiffness":
+        relative = 2.0 * period
+    else:
+        relative = math.hypot(period, ratio) if one.name == "damping" else period
+    return number(abs(one.value) * relative, 2)
+
+
+def swing_text(
+    quantities: Sequence[Quantity], figures: Mapping[str, Figure], angle: bool, mass: float | None
+) -> str:
+    """Rest, frequency, damping and stiffness of the swing in a sentence or two."""
+    known = {one.name: _widened(one, figures) for one in quantities}
+    rest, frequency = (known[name].text for name in ("level of rest", "natural frequency"))
+    words = (
+        f"{'The angle' if angle else 'The piston'} comes to rest at {rest}, and small swings about "
+        f"that have {frequency}{_damping_text(known)}."
+    )
+    if mass is not None and "damping" in known:
+        words += (
+            f" A mass of {mass:.4g} kg on a spring of {known['stiffness'].text} with a dashpot of "
+            f"{known['damping'].text} does the same."
+        )
+    return words
+
+
+def _widened(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
+    """A quantity whose interval is no narrower than its step error and scatter."""
+    errors = [error_of(one, figures, name) for name in ("step_error", "seed_spread")]
+    wide = max([0.5 * (one.high - one.low), *(float(each) for each in errors if each)])
+    return one._replace(low=one.value - wide, high=one.value + wide)
+
+
+def _damping_text(known: Mapping[str, Quantity]) -> str:
+    """The damping, behind the frequency of small swings."""
+    if DAMPING_RATIO in known:
+        words = f" and a damping ratio of {known[DAMPING_RATIO].text}"
+        if "logarithmic decrement" in known:
+            left = math.exp(-known["logarithmic decrement"].value)
+            words += f": each swing is {100 * left:.3g} % as wide as the one before"
+        return words
+    ratios = [
+        f"{one.text}{name.removeprefix(DAMPING_RATIO)}"
+        for name, one in known.items()
+        if name.startswith(DAMPING_RATIO)
+    ]
+    words = f". The damping ratio is {' and '.join(ratios)}"
+    return words + (f"; friction is {known['friction'].text}" if "friction" in known else "")
+
+
+def amplitude_text(cycles: Sequence[HarmonicCycle], units: Units) -> str:
+    """Change of frequency and damping from the narrowest cycle to the widest; empty without two."""
+    if len(cycles) < 2:
+        return ""
+    wide, narrow = cycles[0], cycles[-1]
+    frequency = 100.0 * (wide.frequency / narrow.frequency - 1.0)
+    damping = 100.0 * (wide.damping / narrow.damping - 1.0) if narrow.damping else math.inf
+    return (
+        f" At an amplitude of {units.scale * wide.amplitude:.3g} {units.length} the frequency is "
+        f"{_changed(frequency)} and the damping {_changed(damping)} than at "
+        f"{units.scale * narrow.amplitude:.3g} {units.length}."
+    )
+
+
+def _changed(per_cent: float) -> str:
+    if not math.isfinite(per_cent):
+        return "other"
+    if abs(per_cent) < _NO_CHANGE:
+        return "no other"
+    return f"{abs(per_cent):.2g} % {'higher' if per_cent > 0.0 else 'lower'}"

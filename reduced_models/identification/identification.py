@@ -9,29 +9,23 @@ import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted, visible
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
-from reduced_models.identification.checked import figures_of, with_checks
-from reduced_models.identification.comparison import compare, law_name
+from reduced_models.identification.checks import check_figures, further_runs
+from reduced_models.identification.comparison import compare, judged_on, law_name
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.data import IdentificationData
+from reduced_models.identification.engineering import figures_of
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
-from reduced_models.records.sources import (
-    METHOD,
-    RunOptions,
-    prepared,
-    record_of,
-    run_notes,
-)
+from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, run_notes
 
 GLANCED = "sindy"
 """Method of a discovery that nobody asked for: it needs nothing beyond what a fit needs."""
@@ -92,7 +86,7 @@ def identify(
         Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter, and with another lift, which all
         laws then have to predict. Where no laws are named and the scene begins with a fall, laws
-        of the whole fall (`reduced_models.falls.judging.FALL_LAWS`) are fitted to it, and judged
+        of the whole fall (`reduced_models.falls.scores.FALL_LAWS`) are fitted to it, and judged
         on falls from other heights and random starts. What was identified is saved before; a check
         that fails becomes a note.
     executor : concurrent.futures.Executor, optional
@@ -109,38 +103,68 @@ def identify(
     UserWarning
         For each note: a run that was cut, a check that failed, and those of `fit`.
     """
-    _check(laws, mass)
+    _check_arguments(laws, mass)
     check_options(starts=starts)
-    options = RunOptions(changes or {}, dt, method, threads, progress)
     target = prepared(out)
     clock = _Stopwatch()
+    options = RunOptions(changes or {}, dt, method, threads, progress)
     record, run = record_of(source, target, options)
-    mass = _mass(mass, record, run)
+    mass = _moving_mass(mass, record, run)
     clock.lap("record" if run is None else "simulation")
-    wanted, left_out, incomplete = _wanted(record, laws, drive)
+
+    left_out: tuple[str, ...] = ()
+    if laws is None:
+        chosen = candidates(record, drive)
+        wanted: list[Any] = list(chosen.laws)
+        left_out = chosen.left_out
+        if discovery is None and chosen.screening.incomplete:
+            discovery = GLANCED
+    else:
+        wanted = [_with_drive(law, record, drive) for law in laws]
     clock.lap("a glance at the laws")
-    if discovery is None and incomplete:
-        discovery = GLANCED
     if discovery is not None:
-        wanted.append(_discovered(record, discovery, drive))
+        from reduced_models.discovery.discovery import discover
+
+        wanted.append(discover(record, method=cast("Any", discovery), input=drive).model)
         clock.lap(f"discovery by {discovery}")
+
     comparison = compare(record, wanted, starts=starts)
     clock.lap("fits and comparison")
-    found = _identified(record, run, comparison, wanted)
-    found = dataclasses.replace(found, mass=mass, left_out=left_out, seconds=clock.seconds)
-    found = dataclasses.replace(found, advice=advice(found, discovery))
-    _warn(found)
+    names = [law_name(law) for law in wanted]
+    sound = [row for row in comparison.rows if row.models]
+    models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
+    best = comparison.best
+    shown = next((one for one in (best, *models) if one.at_rest is not None), best)
+    found = Identification(
+        record=record,
+        models=models,
+        comparison=comparison,
+        run=run,
+        figures=figures_of(shown),
+        figures_law=shown.law.name,
+        notes=_notes(record, run, comparison, models),
+        seconds=clock.seconds,
+        mass=mass,
+        left_out=left_out,
+        residuals={model.law.name: residual_tests(model, record) for model in models},
+        advice=advice(comparison, models, record, run, discovery),
+    )
+    doubts = [f"fit of {best.law.name}: {note}" for note in best.notes]
+    for note in (*found.notes, *doubts):
+        warnings.warn(note, stacklevel=2)
     if target is not None:
         found.save(target)
-    if checks and run is not None and run.complete and found.figures:
-        found = with_checks(found, run, executor, progress, falls=laws is None)
-        clock.lap("checks of step, seeds, lift and falls")
-        if target is not None:
-            found.save(target)
+    if not (checks and run is not None and run.complete and found.figures):
+        return found
+
+    found = _checked(found, run, executor, progress, falls=laws is None)
+    clock.lap("checks of step, seeds, lift and falls")
+    if target is not None:
+        found.save(target)
     return found
 
 
-def _check(laws: Sequence[str | Law] | None, mass: float | None) -> None:
+def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
     if laws is not None and not laws:
         raise InputError("laws is empty; name at least one")
     for law in laws or ():
@@ -150,8 +174,8 @@ def _check(laws: Sequence[str | Law] | None, mass: float | None) -> None:
         raise InputError(f"mass = {quoted(mass)} kg; give one above 0")
 
 
-def _mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:
-    """What moves [kg]: as given, else the piston of a scene."""
+def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:
+    """Mass that moves [kg]: as given, else the piston of a scene."""
     if mass is not None and record.angle:
         raise InputError(f"mass = {mass:g} kg, and the record is one of an angle; leave it out")
     if mass is None and run is not None and run.scene.piston is not None:
@@ -159,69 +183,59 @@ def _mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> f
     return mass
 
 
-class _Wanted(NamedTuple):
-    """Laws to compare, why others are not, and whether other terms would explain more."""
-
-    laws: list[Any]
-    left_out: tuple[str, ...]
-    incomplete: bool
-
-
-def _wanted(record: PistonRecord, laws: Sequence[str | Law] | None, drive: str | None) -> _Wanted:
-    if laws is None:
-        found = candidates(record, drive)
-        return _Wanted(list(found.laws), found.left_out, found.screening.incomplete)
-    if drive is None:
-        return _Wanted(list(laws), (), False)
-    driven = [
-        driven_law(LAWS[law], record, drive) if isinstance(law, str) and law in LAWS else law
-        for law in laws
-    ]
-    return _Wanted(driven, (), False)
+def _with_drive(law: str | Law, record: PistonRecord, drive: str | None) -> str | Law:
+    """A law that is asked for; one of the package's is driven, where a drive is named."""
+    if drive is not None and isinstance(law, str) and law in LAWS:
+        return driven_law(LAWS[law], record, drive)
+    return law
 
 
-def _discovered(record: PistonRecord, method: str, drive: str | None) -> ReducedModel:
-    from reduced_models.discovery.discovering import discover
-
-    return discover(record, method=cast("Any", method), input=drive).model
-
-
-def _identified(
-    record: PistonRecord, run: Trajectory | None, comparison: Comparison, wanted: Sequence[Any]
-) -> Identification:
-    names = [law_name(law) for law in wanted]
-    sound = [row for row in comparison.rows if row.models]
-    models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
+def _notes(
+    record: PistonRecord, run: Trajectory | None, comparison: Comparison,
+    models: Sequence[ReducedModel],
+) -> tuple[str, ...]:  # fmt: skip
+    """What is to be doubted in a run, fits that failed, and columns that were not used."""
     notes = [] if run is None else list(run_notes(run))
     notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows
               if row.failure]  # fmt: skip
     if run is None:
-        laws = tuple(model.law for model in models)
         notes += [
             f"the column {visible(name)} was not used; as a drive of all laws: --input "
             f"{visible(name)}"
-            for name in unused_columns(record, laws)
+            for name in unused_columns(record, [model.law for model in models])
         ]
-    best = comparison.best
-    shown = next((model for model in (best, *models) if model.at_rest is not None), best)
-    return Identification(
-        record=record,
-        models=models,
-        comparison=comparison,
-        run=run,
-        figures=figures_of(shown),
-        figures_law=shown.law.name,
-        notes=tuple(notes),
-        seconds={},
-        residuals={model.law.name: residual_tests(model, record) for model in models},
-    )
+    return tuple(notes)
 
 
-def _warn(found: Identification) -> None:
-    """Of what is to be doubted, and in the best model."""
-    doubts = [f"fit of {found.best.law.name}: {note}" for note in found.best.notes]
-    for note in (*found.notes, *doubts):
+def _checked(
+    found: Identification, run: Trajectory, executor: Executor | None, progress: bool, falls: bool
+) -> Identification:
+    """What was identified, judged on another lift and other falls, with step errors and scatter.
+
+    A check that fails becomes a note. The other lift is run where there are laws to choose from,
+    and other falls, if asked for, where the scene begins with one.
+    """
+    period = found.figures["period"].value if falls else None
+    checks = further_runs(run, period, executor, progress, lift=len(found.models) > 1)
+    comparison, model, figures = found.comparison, found.shown, found.figures
+    if checks.lift is not None:  # the laws are ranked anew, and the best one now gives the figures
+        comparison = judged_on(comparison, [checks.lift])
+        order = [row.models[0] for row in comparison.rows if row.models]
+        model = next((one for one in order if one.at_rest is not None), order[0])
+        figures = figures_of(model)
+    figures, failed = check_figures(figures, model, found.record, checks)
+    failures = dict.fromkeys((*checks.failures, *failed))
+    notes = tuple(f"the check with {one.what} failed: {one.cause}" for one in failures)
+    for note in notes:
         warnings.warn(note, stacklevel=3)
+    models = tuple(
+        dataclasses.replace(one, notes=one.notes + notes) if one is model else one
+        for one in found.models
+    )
+    return dataclasses.replace(
+        found, models=models, comparison=comparison, figures=figures, figures_law=model.law.name,
+        notes=found.notes + notes, lift=checks.lift, falls=checks.falls,
+    )  # fmt: skip
 
 
 class _Stopwatch:
@@ -237,25 +251,26 @@ class _Stopwatch:
         self._last = now
 
 
-def advice(found: IdentificationData, discovery: str | None) -> tuple[str, ...]:
+def advice(
+    comparison: Comparison, models: Sequence[ReducedModel], record: PistonRecord,
+    run: Trajectory | None, discovery: str | None,
+) -> tuple[str, ...]:  # fmt: skip
     """Words on what to try, the most promising first; nothing where the best law is good.
 
     ``discovery`` is the method that was tried already, if any.
     """
-    best = found.comparison.rows[0]
-    noise = found.comparison.noise
-    if best.error < max(POOR, _NOISE_TIMES * noise):
+    best = comparison.rows[0]
+    if best.error < max(POOR, _NOISE_TIMES * comparison.noise):
         return ()
-    record, model = found.record, found.best
     words = [
         f"even the best law, {best.name}, misses what it has not seen by "
         f"{100 * best.error:.3g} % of the swing"
     ]
-    columns = unused_columns(record, tuple(one.law for one in found.models))
-    if found.run is None and columns:
+    columns = unused_columns(record, [model.law for model in models])
+    if run is None and columns:
         words.append(f"drive the laws by a column that was not used: --input {columns[0]}")
-    if model.at_rest is not None:
-        turns = float(record.time[-1] - record.time[0]) / model.at_rest.period
+    if comparison.best.at_rest is not None:
+        turns = float(record.time[-1] - record.time[0]) / comparison.best.at_rest.period
         if turns < _USEFUL_TURNS:
             words.append(f"record longer: {turns:.2g} periods say little of a law")
     words.append(

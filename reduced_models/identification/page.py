@@ -1,86 +1,138 @@
-"""The report of an identification: one HTML file."""
+"""Blocks of the report of an identification: the figures, the laws compared, each law, falls."""
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from granular.run.record import PistonRecord
 from granular.shared.html import Page, number
 from granular.shared.messages import times
 from granular.shared.plotting import GREY, READABLE, figure, line_look, plain_label
 from granular.shared.version import versions
-from reduced_models.falls.data import Falls
+from reduced_models.falls.scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.data import IdentificationData
-from reduced_models.identification.engineering import between, decimals, fixed
-from reduced_models.identification.page_engineering import add_engineering, engineering_words
-from reduced_models.identification.page_equation import add_equations
-from reduced_models.identification.page_record import (
-    add_fits,
-    add_lift,
-    add_portrait,
-    add_record,
-    thinned,
+from reduced_models.identification.engineering import (
+    DAMPING_RATIO,
+    Figure,
+    Quantity,
+    at_amplitudes,
+    between,
+    decimals,
+    error_of,
+    fixed,
+    swing_words,
+    units_of,
 )
-from reduced_models.identification.page_run import add_run
-from reduced_models.identification.words import direction_words, sentence
-from reduced_models.laws.printing import symbol
+from reduced_models.identification.pictures import downsampled
+from reduced_models.identification.residual_tests import ResidualTests
+from reduced_models.laws.printing import mathml, mathml_of_rate, rounded_expression, symbol
 from reduced_models.models.model import ReducedModel
+
+__all__ = ["comparison_page"]
 
 _MOST_LINES = 3  # of laws over a fall; more hide each other
 
 
-def identification_page(found: IdentificationData) -> Page:
-    """The report as a page: the answer in an engineer's words, the record, then the rest."""
-    name = "a record" if found.run is None else f"scene {found.run.scene.name!r}"
-    page = Page(f"The equation of {name}", engineering_words(found))
-    add_engineering(page, found)
-    add_record(page, found)
-    if found.falls is not None:
-        add_falls(page, found.falls)
-    page.section("Which law")
-    page.text(found.verdict)
-    for words in found.advice:
-        page.note(f"{sentence(words)}.")
-    for note in found.notes:
-        page.note(f"{sentence(note)}.")
-    _table(page, found.comparison)
-    _left_out(page, found)
-    if found.lift is not None:
-        add_lift(page, found)
-    _residuals(page, found)
-    _equations(page, found)
-    add_fits(page, found)
-    add_portrait(page, found)
-    if found.run is not None:
-        add_run(page, found.run)
-    _times(page, found)
-    page.footer(_made())
-    return page
-
-
 def comparison_page(table: Comparison) -> Page:
-    """A comparison of laws as a page."""
+    """Return a comparison of laws as a page."""
     page = Page("Laws compared", table.verdict)
-    _table(page, table)
+    add_comparison(page, table)
     for row in table.rows:
         for model in row.models[:1]:
-            _equation(page, model, " (first)" if row is table.rows[0] else "")
-    page.footer(_made())
+            add_model(page, model, " (first)" if row is table.rows[0] else "")
+    page.footer(made_text())
     return page
 
 
-def _made() -> str:
+def made_text() -> str:
     """When, and with which versions of what made the fits."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     found = versions(("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib"))
     return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in found.items())
 
 
-def _table(page: Page, table: Comparison) -> None:
+def sentence(words: str) -> str:
+    """Return words with a capital in front."""
+    return words[:1].upper() + words[1:]
+
+
+def add_engineering(
+    page: Page, quantities: Sequence[Quantity], figures: Mapping[str, Figure],
+    model: ReducedModel, record: PistonRecord, mass: float | None, averaging: str,
+) -> None:  # fmt: skip
+    """Add frequency, damping and stiffness of the swing, and how they change with amplitude.
+
+    ``averaging`` is what elliptic averaging says of the law; empty where it says nothing.
+    """
+    if not quantities:
+        page.note("The law has no level of rest near the record, so no small swing can be told.")
+        return
+    page.section("Frequency, damping, stiffness")
+    checks = ("step_error", "seed_spread") if any(one.checked for one in figures.values()) else ()
+    header = ["figure", "sign", "value", f"{100 * model.confidence:g} % interval"]
+    page.table(
+        [*header, "step error", "scatter"] if checks else header,
+        [
+            (one.name, one.symbol, one.text, one.interval,
+             *(error_of(one, figures, name) for name in checks))
+            for one in quantities
+        ],
+    )  # fmt: skip
+    page.text(_explained(quantities, model, record.angle, mass))
+    if checks:
+        page.text(
+            "The step error is what twice the time step changes in the same fit (half of it, and "
+            "the order of the method, where twice is too coarse), which is more than the error of "
+            "the step itself; the scatter is the standard deviation over random starts of the bed. "
+            "Where the step error is not smaller than the scatter, it is the scatter that it "
+            "shows: another step lets the bed pack in another way."
+        )
+    if averaging:
+        page.text(f"{sentence(averaging)}.")
+    cycles = at_amplitudes(model, record)
+    if len(cycles) < 2:
+        return
+    units = units_of(record.angle, mass)
+    page.text("How they change with amplitude, in harmonic cycles about rest:")
+    page.table(
+        (f"amplitude [{units.length}]", "frequency [Hz]", "damping ratio [%]",
+         f"stiffness [{units.stiffness}]", f"damping [{units.damping}]"),
+        [
+            (number(units.scale * one.amplitude, 3), number(one.frequency / (2.0 * math.pi), 5),
+             number(100.0 * one.damping_ratio, 4), number(units.inertia * one.stiffness, 5),
+             number(units.inertia * one.damping, 4))
+            for one in cycles
+        ],
+    )  # fmt: skip
+
+
+def _explained(
+    quantities: Sequence[Quantity], model: ReducedModel, angle: bool, mass: float | None
+) -> str:
+    words = f"Of the {swing_words(model)} about rest, from the fit of {model.law.name}. "
+    if any(one.name.startswith(f"{DAMPING_RATIO} at ") for one in quantities):
+        words += (
+            "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "
+            "4π times that of its swing; friction is the constant force that, beside a dashpot, "
+            "loses as much at both. "
+        )
+    if angle:
+        return words + "Stiffness and damping are per unit of the moment of inertia."
+    if mass is None:
+        return words + (
+            "Stiffness and damping are per kilogram of what moves; --mass gives them in N/m and "
+            "N s/m."
+        )
+    return words + f"Stiffness and damping are those of the mass, {mass:.6g} kg."
+
+
+def add_comparison(page: Page, table: Comparison) -> None:
+    """Add the table of laws and their held-out errors."""
     page.section("The laws compared")
     header, cells = table.header, table.cells()
     if not any(row.blow_ups for row in table.rows):
@@ -97,23 +149,17 @@ def _table(page: Page, table: Comparison) -> None:
         page.figure(drawing, "Held-out errors of the laws.")
 
 
-def _left_out(page: Page, found: IdentificationData) -> None:
-    if found.left_out:
-        page.text("Laws that cannot win were not fitted:")
-        page.listing([f"{sentence(words)}." for words in found.left_out])
-
-
-def _residuals(page: Page, found: IdentificationData) -> None:
-    """What each law leaves over, and whether that is noise."""
-    if not found.residuals:
+def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -> None:
+    """Add what each law leaves over, and whether that is noise."""
+    if not tests:
         return
-    unit, scale = ("°", 180.0 / math.pi) if found.record.angle else ("µm", 1e6)
+    unit, scale = ("°", 180.0 / math.pi) if angle else ("µm", 1e6)
     rows = [
         (
             name, one.verdict, f"{number(scale * one.rms, 3)} {unit}", times(one.swing),
             times(one.double), _probability(one.whiteness), _probability(one.signs),
         )
-        for name, one in found.residuals.items()
+        for name, one in tests.items()
     ]  # fmt: skip
     page.section("What the laws leave over")
     page.table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
@@ -130,12 +176,8 @@ def _probability(value: float) -> str:
     return "< 0.001" if value < 1e-3 else number(value, 2)
 
 
-def _equations(page: Page, found: IdentificationData) -> None:
-    for model in found.models:
-        _equation(page, model, " (best)" if model is found.best else "")
-
-
-def _equation(page: Page, model: ReducedModel, remark: str) -> None:
+def add_model(page: Page, model: ReducedModel, remark: str) -> None:
+    """Add a fitted law: its equations, parameters, notes and quality."""
     page.section(f"{model.law.name}{remark}")
     add_equations(page, model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.angle else 'metres'}"
@@ -148,13 +190,41 @@ def _equation(page: Page, model: ReducedModel, remark: str) -> None:
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"),
         _parameter_rows(model),
     )
-    for direction in model.undetermined:
-        page.note(f"{sentence(direction_words(direction))}.")
-    for note in model.notes:
+    # Open directions have the signs of their parameters as formulas have them.
+    powers = [
+        {symbol(name): power for name, power in one.powers.items()} for one in model.undetermined
+    ]
+    open_directions = [
+        str(dataclasses.replace(one, powers=named))
+        for one, named in zip(model.undetermined, powers, strict=True)
+    ]
+    for note in (*open_directions, *model.notes):
         page.note(f"{sentence(note)}.")
+    page.text(_quality_text(model))
+
+
+def add_equations(page: Page, model: ReducedModel) -> None:
+    """Add a law with symbols and with its numbers, and those of its hidden states."""
+    symbols = {
+        name: rounded_expression(rate, model.printed_digits)
+        for name, rate in model.law.sympy_hidden().items()
+    }
+    for equation, rates in (
+        (model.equation, symbols), (model.printed_equation, model.printed_hidden),
+    ):  # fmt: skip
+        page.equation(mathml(equation))
+        for name, rate in rates.items():
+            page.equation(mathml_of_rate(name, rate))
+    if model.law.hidden:
+        starts = (f"{name} = {number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden)
+        page.text(f"At the start {', '.join(starts)}.")
+
+
+def _quality_text(model: ReducedModel) -> str:
     quality = model.quality
+    size, unit = (180.0 / math.pi, "degrees") if model.angle else (1e6, "micrometres")
     words = (
-        f"Residual {_small(quality.residual, model.angle)}, {100 * quality.relative:.3g} % of "
+        f"Residual {size * quality.residual:.3g} {unit}, {100 * quality.relative:.3g} % of "
         f"the rms swing, over {quality.samples} samples. {quality.converged} of "
         f"{quality.starts} random starts led to this fit."
     )
@@ -169,13 +239,7 @@ def _equation(page: Page, model: ReducedModel, remark: str) -> None:
             f"{100 * quality.holdout_at_rest:.3g} % there; "
             "only a smaller error speaks for the law."
         )
-    page.text(words)
-
-
-def _small(size: float, angle: bool) -> str:
-    if angle:
-        return f"{180.0 / math.pi * size:.3g} degrees"
-    return f"{1e6 * size:.3g} micrometres"
+    return words
 
 
 def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
@@ -187,33 +251,18 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         low, high = model.intervals[name]
         size = math.floor(math.log10(abs(value))) if value else 0
         # As many digits as the interval is worth, and no fewer than the equation has.
-        places = max(decimals(value, low, high), model.printed_digits - 1 - size)
-        rows.append(
-            (symbol(name), fixed(value, places), model.unit_of(name),
-             interval_text(low, high, value, places))
-        )  # fmt: skip
+        digits = max(decimals(value, low, high), model.printed_digits - 1 - size)
+        # One that is much wider than the value is called open.
+        interval = "open" if high - low > 20.0 * abs(value) else between(low, high, digits)
+        rows.append((symbol(name), fixed(value, digits), model.unit_of(name), interval))
     return rows
 
 
-def interval_text(low: float, high: float, value: float, places: int) -> str:
-    """An interval for people; one that is much wider than the value is called open."""
-    if high - low > 20.0 * abs(value):
-        return "open"
-    return between(low, high, places)
-
-
-def _times(page: Page, found: IdentificationData) -> None:
-    page.section("What it took")
-    rows = [(name, f"{seconds:.2f}") for name, seconds in found.seconds.items()]
-    page.table(("part", "seconds"), rows)
-
-
-def add_falls(page: Page, falls: Falls) -> None:
-    """The law of the fall, what it says of falls that it has not seen, and the others beside it."""
+def add_falls(page: Page, falls: DropScores) -> None:
+    """Add the law of the fall, what it says of falls that it has not seen, and the other laws."""
     page.section("The whole fall")
-    best = falls.best.model
-    if best is not None:
-        add_equations(page, best)
+    if falls.best.model is not None:
+        add_equations(page, falls.best.model)
     page.table(falls.header, falls.cells())
     page.text(
         "Each law was fitted to the scene's own fall, and predicts the others from the height that "
@@ -221,27 +270,24 @@ def add_falls(page: Page, falls: Falls) -> None:
         "the height of the drop. How far a bed from another random start falls otherwise is what "
         "no law can tell."
     )
-    _drawn_fall(page, falls)
-    with figure(height=4.4, size=READABLE) as (drawing, axes):
-        falls.plot(axes)
-        page.figure(drawing, "Errors of the laws over the height that the piston fell from.")
-
-
-def _drawn_fall(page: Page, falls: Falls) -> None:
-    """The fall from farthest away, and what the best laws predict of it."""
     far = max(falls.unseen, key=lambda one: float(one.height[0]))
     time = far.time - far.time[0]
     with figure(height=4.4, size=READABLE) as (drawing, axes):
-        axes.plot(*thinned(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
+        axes.plot(
+            *downsampled(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated"
+        )
         sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median)]
         for k, row in enumerate(sound[:_MOST_LINES]):
             assert row.model is not None
             motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
             axes.plot(
-                *thinned(time, 1e3 * motion.height), linewidth=1.2, label=plain_label(row.name),
-                **line_look(k),
+                *downsampled(time, 1e3 * motion.height), linewidth=1.2,
+                label=plain_label(row.name), **line_look(k),
             )  # fmt: skip
         axes.set_xlabel("time [s]")
         axes.set_ylabel("height [mm]")
         axes.legend(loc="upper right")
         page.figure(drawing, "A fall from farther up, and what the best laws predict of it.")
+    with figure(height=4.4, size=READABLE) as (drawing, axes):
+        falls.plot(axes)
+        page.figure(drawing, "Errors of the laws over the height that the piston fell from.")

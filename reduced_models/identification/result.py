@@ -1,34 +1,292 @@
-"""What was identified: the data, and the files that they are written to."""
+"""The result of an identification: data, what it says in words, and its files."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from granular.run.record import PistonRecord
 from granular.shared.files import make_directory, write_text
-from reduced_models.identification.data import IdentificationData
+from granular.shared.html import Page
+from granular.shared.messages import times
+from reduced_models.falls.scores import DropScores
+from reduced_models.identification import page as blocks
+from reduced_models.identification import pictures
+from reduced_models.identification.comparison_table import Comparison, best_text
+from reduced_models.identification.elliptic import (
+    Averaging,
+    averaging_of,
+    elliptic_motion_of,
+    elliptic_text,
+)
+from reduced_models.identification.engineering import (
+    Figure,
+    Quantity,
+    amplitude_text,
+    at_amplitudes,
+    engineering,
+    swing_text,
+    swing_words,
+    units_of,
+)
+from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.elliptic import EllipticMotion
+from reduced_models.models.model import ReducedModel
+from reduced_models.records.sources import step_text
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import Trajectory
 
 
-class Identification(IdentificationData):
-    """What was identified: `IdentificationData` that can be saved."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class Identification:
+    """The laws of a motion, judged.
+
+    Attributes
+    ----------
+    record : PistonRecord
+    models : tuple of ReducedModel
+        One a law, in the order asked for.
+    comparison : Comparison
+        Table of the laws, and the verdict.
+    run : Trajectory or None
+        Where the record comes from a simulation.
+    figures : mapping of str to Figure
+        ``height`` [m], ``period`` [s] and ``damping_ratio`` of the small swing about rest.
+    figures_law : str
+        The law whose fit they come from.
+    notes : tuple of str
+        What is to be doubted in the run or its checks, and what was not used.
+    seconds : mapping of str to float
+        Wall time of each part.
+    mass : float or None
+        Of what moves [kg], where it is known.
+    left_out : tuple of str
+        Laws that were not fitted, and why.
+    residuals : mapping of str to ResidualTests
+        Of each law, what it leaves over of the record.
+    advice : tuple of str
+        What to try where even the best law is poor.
+    lift : PistonRecord or None
+        A lift that no law has seen.
+    falls : DropScores or None
+        Laws of the whole fall, judged on falls that no law has seen.
+    """
+
+    record: PistonRecord
+    models: tuple[ReducedModel, ...]
+    comparison: Comparison
+    run: Trajectory | None
+    figures: Mapping[str, Figure]
+    figures_law: str
+    notes: tuple[str, ...]
+    seconds: Mapping[str, float]
+    mass: float | None = None
+    left_out: tuple[str, ...] = ()
+    residuals: Mapping[str, ResidualTests] = dataclasses.field(default_factory=dict)
+    advice: tuple[str, ...] = ()
+    lift: PistonRecord | None = None
+    falls: DropScores | None = None
+
+    @property
+    def best(self) -> ReducedModel:
+        """The model of the law that the comparison puts first."""
+        first = self.comparison.rows[0].name
+        return next(model for model in self.models if model.law.name == first)
+
+    @property
+    def shown(self) -> ReducedModel:
+        """The model that the figures come from: the best one with a level of rest."""
+        return next((one for one in self.models if one.law.name == self.figures_law), self.best)
+
+    @property
+    def elliptic(self) -> EllipticMotion | None:
+        """The elliptic motion of the fitted Duffing law; None where that is not the best law."""
+        return elliptic_motion_of(self.comparison, self.record)
+
+    @functools.cached_property
+    def averaging(self) -> Averaging | None:
+        """Elliptic averaging of the best law, where that is Duffing's or the Van der Pol-like."""
+        return averaging_of(self.best, self.record)
+
+    @property
+    def engineering(self) -> tuple[Quantity, ...]:
+        """Rest, frequency, damping, stiffness of the swing about rest, with intervals."""
+        return engineering(self.shown, self.record.angle, self.mass)
+
+    @property
+    def verdict(self) -> str:
+        """Verdicts on unseen falls, the comparison, an unseen lift and the residuals."""
+        words = [] if self.falls is None else [self.falls.verdict]
+        words += [self.comparison.verdict, elliptic_text(self.comparison, self.record)]
+        if self.lift is not None:
+            words.append(lift_verdict(self.comparison))
+        tests = self.residuals.get(self.best.law.name)
+        if tests is not None and tests.structured:
+            words.append(
+                f"What {self.best.law.name} leaves of the record is {100 * tests.relative:.2g} % "
+                f"of its swing, but no white noise ({tests.verdict})."
+            )
+        return " ".join(filter(None, words))
+
+    @property
+    def summary(self) -> str:
+        """The answer in one paragraph, in an engineer's words."""
+        if not self.engineering:
+            return self.verdict
+        best, angle = self.comparison.rows[0], self.record.angle
+        swing = swing_text(self.engineering, self.figures, angle, self.mass)
+        cycles = at_amplitudes(self.shown, self.record)
+        words = f"{swing} {best_text(best)}{amplitude_text(cycles, units_of(angle, self.mass))}"
+        return words if self.falls is None else f"{self.falls.verdict} {words}"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Figures, verdict and models as plain data."""
+        return {
+            "verdict": self.verdict,
+            "best": self.best.law.name,
+            "elliptic": None if self.elliptic is None else self.elliptic._asdict(),
+            "averaging": None if self.averaging is None else self.averaging._asdict(),
+            "comparison": self.comparison.to_plain(),
+            "models": [model.to_plain() for model in self.models],
+            "figures": {name: dataclasses.asdict(figure) for name, figure in self.figures.items()},
+            "figures_law": self.figures_law,
+            "notes": list(self.notes),
+            "time_step": None if self.run is None else step_text(self.run),
+            "seconds": dict(self.seconds),
+            "engineering": [one._asdict() for one in self.engineering],
+            "mass": self.mass,
+            "left_out": list(self.left_out),
+            "residuals": {name: one.to_plain() for name, one in self.residuals.items()},
+            "advice": list(self.advice),
+            "falls": None if self.falls is None else self.falls.to_plain(),
+        }
+
+    def __str__(self) -> str:
+        lines = [*map(str, self.models), "", self.comparison.table]
+        if self.falls is not None:
+            lines += ["", "whole falls, errors over the height of the drop:", self.falls.table]
+            if self.falls.best.model is not None:
+                lines += ["", str(self.falls.best.model)]
+        lines += ["", self.verdict]
+        if self.figures:
+            lines.append(f"{swing_words(self.shown)} about rest, by {self.figures_law}:")
+        lines += [f"  {one.name}: {one.text}  [{one.interval}]" for one in self.engineering]
+        lines += [
+            f"  {_checks_text(name, figure, self.shown.unit)}"
+            for name, figure in self.figures.items()
+            if figure.checked
+        ]
+        if self.averaging is not None:
+            lines.append(self.averaging.text)
+        if self.run is not None:
+            method = self.run.method.name
+            lines.append(f"simulated with {method}, time step {step_text(self.run)}")
+            lines.append(checked_price_text(self.run, self.figures.get("height")))
+        lines += [f"left out: {words}" for words in self.left_out]
+        lines += [f"to try: {words}" for words in self.advice]
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+    def page(self) -> Page:
+        """The report: the answer in an engineer's words, the record, then the rest."""
+        name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
+        page = Page(f"The equation of {name}", self.summary)
+        averaging = "" if self.averaging is None else self.averaging.text
+        blocks.add_engineering(
+            page, self.engineering, self.figures, self.shown, self.record, self.mass, averaging
+        )
+        pictures.add_record(page, self.record, self.best)
+        if self.falls is not None:
+            blocks.add_falls(page, self.falls)
+        page.section("Which law")
+        page.text(self.verdict)
+        for note in (*self.advice, *self.notes):
+            page.note(f"{blocks.sentence(note)}.")
+        blocks.add_comparison(page, self.comparison)
+        if self.left_out:
+            page.text("Laws that cannot win were not fitted:")
+            page.listing([f"{blocks.sentence(words)}." for words in self.left_out])
+        if self.lift is not None:
+            pictures.add_lift(page, self.lift, self.comparison)
+        blocks.add_residuals(page, self.residuals, self.record.angle)
+        for model in self.models:
+            blocks.add_model(page, model, " (best)" if model is self.best else "")
+        pictures.add_fits(page, self.record, self.models, self.best)
+        pictures.add_portrait(page, self.record, self.best)
+        if self.run is not None:
+            pictures.add_run(page, self.run)
+        page.section("What it took")
+        page.table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
+        page.footer(blocks.made_text())
+        return page
 
     def save(self, out: str | Path) -> None:
         """Write report.html, model.json and equations.txt (the best), models/ and record.csv.
 
         Where laws were judged on falls, the best one as fall.json, and its fall as fall.csv.
         """
-        from reduced_models.identification.page import identification_page
-
         out = Path(out)
         make_directory(out / "models")
         self.record.to_csv(out / "record.csv")
         self.best.save(out / "model.json")
         write_text(out / "equations.txt", self.best.text)
-        for place, model in enumerate(self.models):
+        for index, model in enumerate(self.models):
             # The name of a law that was given as an equation is no file name.
-            name = model.law.name if model.law.name in LAWS else f"own-{place + 1}"
+            name = model.law.name if model.law.name in LAWS else f"own-{index + 1}"
             model.save(out / "models" / f"{name}.json")
         if self.falls is not None and self.falls.best.model is not None:
             self.falls.record.to_csv(out / "fall.csv")
             self.falls.best.model.save(out / "fall.json")
-        identification_page(self).save(out / "report.html")
+        self.page().save(out / "report.html")
+
+
+def _checks_text(name: str, figure: Figure, unit: str) -> str:
+    unit = {"height": unit, "period": "s"}.get(name, "")
+    words = [f"{name.replace('_', ' ')} {figure.value:.5g} {unit}".rstrip()]
+    if figure.step_error is not None:
+        words.append(f"step error {figure.step_error:.2g}")
+    if figure.seed_spread is not None:
+        words.append(f"scatter over random starts {figure.seed_spread:.2g}")
+    return ", ".join(words)
+
+
+def lift_verdict(table: Comparison) -> str:
+    """Return the law that predicts the last held-out record best, and by how much."""
+    (best, name), *others = table.by_last_record()
+    if math.isinf(best.relative):
+        return "No law follows a lift three times as high, which none has seen."
+    words = (
+        f"A lift three times as high, which no law has seen, is predicted best by {name}, to "
+        f"{100 * best.relative:.2g} % of its rms swing"
+    )
+    if others:
+        worse = [
+            f"{other} is {times(one.relative / max(best.relative, 1e-300))} times worse"
+            if math.isfinite(one.relative) else f"{other} diverges"
+            for one, other in others
+        ]  # fmt: skip
+        words += "; " + ", ".join(worse)
+    return words + "."
+
+
+def checked_price_text(run: Trajectory, height: Figure | None) -> str:
+    """The price of a run whose rest height [m] was checked; without a check, `price_text`."""
+    if height is None or height.step_error is None or not height.value > 0.0:
+        from granular.run.price import price_text  # fits alone need nothing of the simulation
+
+        return price_text(run)
+    seconds = run.settings()["seconds"]
+    spread, step = height.seed_spread, height.step_error
+    scatter = f"; starts scatter it by {spread / height.value:.1g}" if spread else ""
+    finer = f"twice as fine: {2.0 * seconds:.3g} s"
+    if spread is not None and step <= 2.0 * spread:
+        finer += ", and no better where the starts decide"
+    return (
+        f"price: {seconds:.3g} s; rest height to {step / height.value:.1g} by the step check"
+        f"{scatter}; {finer}"
+    )

@@ -112,7 +112,7 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
         return pysindy_law(record, system, named, tuned), HeightMap()
     if case.method in (OPERON, OPERON_TUNED):
         return pyoperon_law(record, system, named, case.seed, tuned), HeightMap()
-    from reduced_models.discovery.discovering import discover
+    from reduced_models.discovery.discovery import discover
 
     column = INPUT if system.driven else None
     if named:
@@ -125,7 +125,7 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
 def _text(law: sympy.Expr, height_map: HeightMap) -> str:
     import sympy
 
-    from reduced_models.discovery.symbols import text_of
+    from reduced_models.discovery.terms import text_of
 
     numbers = {one: sympy.Float(one, 4) for one in law.atoms(sympy.Float)}
     text = f"z'' = {text_of(law.xreplace(numbers))}"

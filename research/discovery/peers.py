@@ -20,8 +20,7 @@ import numpy as np
 from granular.formulas import algebra, parse
 from granular.run.record import PistonRecord
 from reduced_models.discovery.libraries import terms_named
-from reduced_models.discovery.symbols import symbols
-from reduced_models.discovery.terms import AnyTerm, sum_of
+from reduced_models.discovery.terms import AnyTerm, sum_of, symbols
 from reduced_models.records.first_guesses import first_guesses
 from research.discovery.systems import INPUT, System
 

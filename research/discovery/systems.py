@@ -15,9 +15,7 @@ from granular.formulas import algebra
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.discovery.own_terms import read_terms
-from reduced_models.discovery.symbols import symbols
-from reduced_models.discovery.terms import terms_of
+from reduced_models.discovery.terms import read_terms, symbols, terms_of
 
 if TYPE_CHECKING:
     import sympy

@@ -112,8 +112,8 @@ def test_import_is_light(package: str) -> None:
 
 PACKAGES = (
     "granular", "granular.observables", "granular.schema", "reduced_models",
-    "reduced_models.calibration", "reduced_models.designs", "reduced_models.fitting",
-    "reduced_models.identification", "reduced_models.laws", "validation", "validation.published",
+    "reduced_models.fitting", "reduced_models.laws", "reduced_models.machines", "validation",
+    "validation.published",
 )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ JOBS = {
     "identify": "identification.identification.identify",
     "fit": "fitting.fitting.fit",
     "compare": "identification.comparison.compare",
-    "discover": "discovery.discovering.discover",
+    "discover": "discovery.discovery.discover",
     "calibrate": "calibration.calibration.calibrate",
 }
 TIME = np.arange(0.0, 2.4, 0.002)

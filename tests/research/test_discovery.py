@@ -14,7 +14,7 @@ import sympy
 from granular.shared.errors import InputError
 from reduced_models import HeightMap
 from reduced_models.discovery.libraries import terms_named
-from reduced_models.discovery.symbols import symbols
+from reduced_models.discovery.terms import symbols
 from research.campaign import read_results
 from research.discovery import programme
 from research.discovery.__main__ import CAMPAIGN

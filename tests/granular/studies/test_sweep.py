@@ -142,7 +142,7 @@ def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> N
 
 def test_studies_kept_before_go_on() -> None:
     """Their cases are known by keys that no move of code may change."""
-    from reduced_models.designs.figures import damper_figures
+    from reduced_models.designs.study import damper_figures
 
     settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
     (case,) = make_cases(

@@ -19,7 +19,7 @@ from granular.shared.errors import InputError
 from reduced_models import Candidate, DamperMaps, damper_maps, design, fit
 from reduced_models.designs.candidate import affine_damping_ratio, candidate_at
 from reduced_models.designs.design import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE
-from reduced_models.designs.proposal import Wish, propose
+from reduced_models.designs.proposal import DesignTarget, propose_design
 from reduced_models.designs.study import design_points, run_study
 
 TARGETS = [
@@ -116,14 +116,14 @@ def test_a_damper_of_the_maps_is_found_again(mass, grains, drag, share):
     maps = damper_maps()
     wanted = candidate_at(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * share - 1.0]))
     said = maps.predict(wanted)
-    wish = Wish(said.frequency, said.damping_ratio, wanted.grains, None, wanted.small_share)
-    found = maps.predict(propose(maps, wish))
+    wish = DesignTarget(said.frequency, said.damping_ratio, wanted.grains, None, wanted.small_share)
+    found = maps.predict(propose_design(maps, wish))
     assert found.frequency == pytest.approx(said.frequency, rel=1e-3)
     assert found.damping_ratio == pytest.approx(said.damping_ratio, rel=1e-3)
 
 
 def test_given_mass_is_kept():
-    proposal = propose(damper_maps(), Wish(3.6, 0.1, mass=4.0))
+    proposal = propose_design(damper_maps(), DesignTarget(3.6, 0.1, mass=4.0))
     assert proposal.mass == 4.0
     said = damper_maps().predict(proposal)
     assert said.frequency == pytest.approx(3.6, rel=0.005)  # the number of grains is whole
@@ -131,8 +131,8 @@ def test_given_mass_is_kept():
 
 
 def test_published_number_of_grains_where_it_does():
-    assert propose(damper_maps(), Wish(3.3, 0.1)).grains == 368
-    assert propose(damper_maps(), Wish(4.8, 0.1)).grains < 368
+    assert propose_design(damper_maps(), DesignTarget(3.3, 0.1)).grains == 368
+    assert propose_design(damper_maps(), DesignTarget(4.8, 0.1)).grains < 368
 
 
 @pytest.mark.parametrize(
@@ -160,11 +160,11 @@ def test_refusals_name_value_limit_and_remedy(wish, words):
 
 def test_what_a_refusal_offers_can_be_had():
     with pytest.raises(InputError) as caught:
-        propose(damper_maps(), Wish(9.0, 0.1))
+        propose_design(damper_maps(), DesignTarget(9.0, 0.1))
     high = float(str(caught.value).split(" to ")[-1].split(" Hz")[0])
-    propose(damper_maps(), Wish(0.99 * high, 0.1))
+    propose_design(damper_maps(), DesignTarget(0.99 * high, 0.1))
     with pytest.raises(InputError):
-        propose(damper_maps(), Wish(1.05 * high, 0.1))
+        propose_design(damper_maps(), DesignTarget(1.05 * high, 0.1))
 
 
 def test_study_refuses_other_numbers_of_points():

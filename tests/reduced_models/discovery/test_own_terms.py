@@ -16,11 +16,9 @@ from granular.shared.errors import InputError
 from reduced_models import HeightMap, discover, fit
 from reduced_models.discovery.choice import polished_front
 from reduced_models.discovery.libraries import LIBRARIES, terms_named
-from reduced_models.discovery.own_terms import OwnTerm, read_terms
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import scored
-from reduced_models.discovery.symbols import symbols
-from reduced_models.discovery.terms import library, sum_of, terms_of
+from reduced_models.discovery.terms import OwnTerm, library, read_terms, sum_of, symbols, terms_of
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -243,7 +241,7 @@ def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
 def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("reduced_models.discovery.discovering.has_operon", lambda: False)
+    monkeypatch.setattr("reduced_models.discovery.discovery.has_operon", lambda: False)
     record = PistonRecord(TIME, np.cos(TIME))
     with pytest.raises(InputError, match="functions need symbolic regression"):
         discover(record, functions=["sin"])

@@ -14,7 +14,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import discover
-from reduced_models.discovery import julia, julia_probe
+from reduced_models.discovery import julia
 
 TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))
@@ -107,14 +107,14 @@ def test_given_julia_is_looked_at_and_not_run(
     (project / "broken" / "Manifest.toml").write_text("[[deps.Symb")
     places = {"full": str(project), "empty": str(project / "empty"),
               "broken": str(project / "broken"), "python": sys.executable}  # fmt: skip
-    monkeypatch.setattr(julia_probe, "_resolved", lambda: False)
-    monkeypatch.setattr(julia_probe, "version", lambda _: juliacall)
-    monkeypatch.setattr(julia_probe.importlib.util, "find_spec", lambda _: object())
+    monkeypatch.setattr(julia, "_resolved", lambda: False)
+    monkeypatch.setattr(julia, "version", lambda _: juliacall)
+    monkeypatch.setattr(julia.importlib.util, "find_spec", lambda _: object())
     for name in ("EXE", "PROJECT"):
         monkeypatch.delenv(f"PYTHON_JULIACALL_{name}", raising=False)
     for name, value in given.items():
         monkeypatch.setenv(f"PYTHON_JULIACALL_{name}", places.get(value, value))
-    found = julia_probe.missing()
+    found = julia.missing()
     assert found is None if lack is None else lack in str(found)
 
 
@@ -126,7 +126,7 @@ def test_what_only_juliapkg_reads_is_left_to_its_dry_run(
     monkeypatch.setenv("PYTHON_JULIAPKG_EXE", sys.executable)
     monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(project))
     monkeypatch.delenv("PYTHON_JULIACALL_EXE", raising=False)
-    assert julia_probe.missing() is not None
+    assert julia.missing() is not None
 
 
 def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -7,9 +7,8 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import HeightMap
-from reduced_models.discovery.libraries import terms_named
-from reduced_models.discovery.motion import motion_of
-from reduced_models.discovery.soundness import fault
+from reduced_models.discovery.libraries import fault, terms_named
+from reduced_models.discovery.weak_form import motion_of
 
 TIME = np.linspace(0.0, 40.0, 1000)
 SWING = PistonRecord(TIME, np.exp(-0.02 * TIME) * np.cos(TIME))

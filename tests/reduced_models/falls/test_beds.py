@@ -10,9 +10,8 @@ import pytest
 
 from granular import PistonRecord, Scene, damper, simulate
 from granular.shared.errors import InputError
-from reduced_models import judged_falls, predict
-from reduced_models.falls.data import Falls
-from reduced_models.falls.judging import fall_error
+from reduced_models import predict, score_drops
+from reduced_models.falls.scores import DropScores, fall_error
 
 D = 0.006
 SEED = 1
@@ -43,10 +42,10 @@ def level(record: PistonRecord) -> float:
     return float(record.height[-len(record) // 10 :].mean())
 
 
-def judged(scene: Scene, heights: Sequence[float]) -> Falls:
+def judged(scene: Scene, heights: Sequence[float]) -> DropScores:
     unseen = {f"{height:g} D": fall(scene, height) for height in heights}
     unseen |= {f"start {seed}": fall(scene, 20.0, seed) for seed in (2, 3, 4)}
-    return judged_falls(fall(scene, 20.0), unseen, scene=scene)
+    return score_drops(fall(scene, 20.0), unseen, scene=scene)
 
 
 HEIGHTS = (14.0, 16.0, 18.0, 22.0, 24.0, 26.0, 28.0)

@@ -12,8 +12,7 @@ from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
 from reduced_models import HeightMap, identify, law_named, load_model
-from reduced_models.identification.elliptic_words import averaging_of
-from reduced_models.identification.page import identification_page
+from reduced_models.identification.elliptic import averaging_of
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
@@ -39,7 +38,7 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     assert drift.amplitudes == pytest.approx(drift.solved_amplitudes, rel=0.002)
     assert drift.frequencies == pytest.approx((1.1 / (4.0 * ellipk(0.6)),) * 2, rel=0.005)
     assert drift.text in str(found)
-    assert "of duffing by elliptic averaging" in identification_page(found).render()
+    assert "of duffing by elliptic averaging" in found.page().render()
     assert found.to_plain()["averaging"]["critical"] == drift.critical < 0.01
 
 

@@ -20,7 +20,6 @@ from reduced_models.identification.engineering import (
     engineering,
     fixed,
 )
-from reduced_models.identification.page_engineering import engineering_words
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.records.envelope import envelope
@@ -111,7 +110,7 @@ def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) ->
     assert 1.0 < wide < 5.0
     assert narrow == pytest.approx(5.0 * wide, rel=0.05)
     friction = found.shown.parameters["friction"]
-    for told in (str(found), engineering_words(found)):
+    for told in (str(found), found.summary):
         assert "damping ratio" in told.lower()
         assert "friction" in told
         assert "1000" not in told

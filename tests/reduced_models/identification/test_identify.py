@@ -22,9 +22,8 @@ from granular.run.time_step import checked_step, halved
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
-from reduced_models import identify, load_model
-from reduced_models.falls import judged_falls
-from reduced_models.identification import fall_checks
+from reduced_models import identify, load_model, score_drops
+from reduced_models.identification import checks
 from reduced_models.identification.checks import step_check
 
 ROOT = Path(__file__).parents[3]
@@ -66,8 +65,8 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
 def test_from_scene_with_checks(
     small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    two = functools.partial(judged_falls, laws=("power-law-spring", "linear"))  # quick to compile
-    monkeypatch.setattr(fall_checks, "judged_falls", two)
+    two = functools.partial(score_drops, laws=("power-law-spring", "linear"))  # quick to compile
+    monkeypatch.setattr(checks, "score_drops", two)
     scene = small_damper.replace(
         **{"protocol.release.duration": 1.0, "protocol.drop.tolerance": "1e-3 D",
            "effects.drag.coefficient": 0.5}

@@ -13,8 +13,9 @@ import pytest
 from granular import PistonRecord
 from reduced_models import load_model
 from reduced_models.identification.comparison_table import Comparison, Row
-from reduced_models.identification.data import Figure, IdentificationData
-from reduced_models.identification.page import comparison_page, identification_page
+from reduced_models.identification.engineering import Figure
+from reduced_models.identification.page import comparison_page
+from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
@@ -25,7 +26,7 @@ HOSTILE = (
 )  # fmt: skip
 
 
-def found(names: tuple[str, ...]) -> IdentificationData:
+def found(names: tuple[str, ...]) -> Identification:
     """The same fitted law under many names."""
     model = load_model(SAVED)
     record = model.simulate(np.linspace(0.0, 3.0, 150))
@@ -39,13 +40,13 @@ def found(names: tuple[str, ...]) -> IdentificationData:
     )
     table = Comparison(rows, f"{names[0]} is first", 0.01, 0.5)
     figures = {"height": Figure(0.05, (0.049, 0.051))}
-    return IdentificationData(record, models, table, None, figures, names[0], names, {"fits": 1.0})
+    return Identification(record, models, table, None, figures, names[0], names, {"fits": 1.0})
 
 
 def test_as_many_laws_as_there_are() -> None:
     """Nine laws of the package, and some of one's own: every line looks different."""
     names = (*LAWS, "own", "another", "a third")
-    page = identification_page(found(names)).render()
+    page = found(names).page().render()
     for name in names:
         assert f"<h2>{name}" in page
     figure = page[page.index("The record and the fits") :]
@@ -55,7 +56,7 @@ def test_as_many_laws_as_there_are() -> None:
 
 def test_no_name_breaks_a_report_or_lets_anything_through() -> None:
     """Each of them stands in titles, tables, notes, legends and labels."""
-    for make in (identification_page, lambda one: comparison_page(one.comparison)):
+    for make in (Identification.page, lambda one: comparison_page(one.comparison)):
         page = make(found(HOSTILE)).render()
         page.encode("utf-8")
         assert "<script" not in page

@@ -13,9 +13,9 @@ from reduced_models.identification.candidates import (
     CANDIDATES,
     candidates,
     driven_law,
+    screened,
     unused_columns,
 )
-from reduced_models.identification.screening import screened
 from reduced_models.laws.catalogue import LAWS
 
 

@@ -13,15 +13,20 @@ from granular.effects.excitation import Excitation
 from granular.effects.host import Host
 from granular.shared.errors import InputError
 from reduced_models.laws.annealing_bed import ANNEALING_BED
-from reduced_models.machines import BedOnHost, design_for, predicted_response
-from reduced_models.machines.design_for import _verdict
-from reduced_models.machines.predicted import OutsideRangeWarning, rates_of, response_of
+from reduced_models.machines import design_for, predicted_response
+from reduced_models.machines.design import _verdict
+from reduced_models.machines.response import (
+    CoupledSystem,
+    OutsideRangeWarning,
+    rates_of,
+    response_of,
+)
 
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 
 
 def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
-    law = BedOnHost.of(load_scene("machine"))
+    law = CoupledSystem.of(load_scene("machine"))
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
     state = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6])
     rates = np.zeros(6)
@@ -43,7 +48,7 @@ def _name(symbol: sympy.Symbol) -> str:
 
 
 def test_small_swings_are_linear() -> None:
-    law = BedOnHost.of(load_scene("machine"))._replace(modulus=1e-9)
+    law = CoupledSystem.of(load_scene("machine"))._replace(modulus=1e-9)
     found = response_of(law, FREQUENCIES, 0.01)
     np.testing.assert_allclose(found.displacement, found.linear, rtol=0.03)
 

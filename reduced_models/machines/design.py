@@ -16,7 +16,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.theory import FEWEST
-from reduced_models.machines.predicted import RANGE, BedOnHost, response_of
+from reduced_models.machines.response import RANGE, CoupledSystem, response_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -95,7 +95,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     own = math.sqrt(body.stiffness / body.mass) / math.tau
     frequencies = [float(own * ratio) for ratio in _COARSE]
     tried = [
-        (response_of(BedOnHost.of(scene), frequencies, excitation.force), scene)
+        (response_of(CoupledSystem.of(scene), frequencies, excitation.force), scene)
         for scene in _candidates(host, excitation, limit)
     ]
     if not tried:
@@ -104,7 +104,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
         )
     _, best = min(tried, key=lambda pair: pair[0].peak)
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
-    found = response_of(BedOnHost.of(best), fine, excitation.force)
+    found = response_of(CoupledSystem.of(best), fine, excitation.force)
     assert best.piston is not None
     mass = (best.piston.mass or 0.0) + float(best.grains.masses().sum())
     alone_host = Host(bodies=host.bodies, excitation=excitation)
@@ -138,7 +138,7 @@ def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Sc
                 "piston.height": height, "arrangement.height": height - diameter,
             })  # fmt: skip
             try:
-                law = BedOnHost.of(scene)
+                law = CoupledSystem.of(scene)
             except InputError:  # the law is not known for so much drag
                 continue
             filled = count * math.pi / 4.0 * diameter**2 / (law.rest * scene.cell.width)

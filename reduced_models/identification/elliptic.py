@@ -30,7 +30,7 @@ _MOST_LOST = 0.5
 """Share of the amplitude that drag may take in the record: with more, no one function is said."""
 
 
-def elliptic_of(comparison: Comparison, record: PistonRecord) -> EllipticMotion | None:
+def elliptic_motion_of(comparison: Comparison, record: PistonRecord) -> EllipticMotion | None:
     """The elliptic motion that the Duffing law starts with, where no law predicts better."""
     model = _model(comparison)
     if model is None or _lost(model, record) > _MOST_LOST:
@@ -40,9 +40,9 @@ def elliptic_of(comparison: Comparison, record: PistonRecord) -> EllipticMotion 
     return found if found is not None and found.m >= _BENT else None
 
 
-def elliptic_words(comparison: Comparison, record: PistonRecord) -> str:
+def elliptic_text(comparison: Comparison, record: PistonRecord) -> str:
     """That the fitted Duffing law and an elliptic function are one motion; empty where none is."""
-    found, model = elliptic_of(comparison, record), _model(comparison)
+    found, model = elliptic_motion_of(comparison, record), _model(comparison)
     if found is None or model is None:
         return ""
     lost = _lost(model, record)

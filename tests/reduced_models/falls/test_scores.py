@@ -11,8 +11,8 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models import judged_falls
-from reduced_models.falls.data import FallRow, Falls
+from reduced_models import score_drops
+from reduced_models.falls.scores import DropScore, DropScores
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.solution import solution
 
@@ -29,12 +29,12 @@ def fall(height: float, seed: int = 0, noise: float = 0.0) -> PistonRecord:
 
 
 @pytest.fixture(scope="module")
-def falls() -> Falls:
+def falls() -> DropScores:
     unseen = {"low": fall(0.08), "high": fall(0.14), "again": fall(0.11, 1, 1e-4)}
-    return judged_falls(fall(0.11), unseen, ["linear", "power-law-spring"], rest=0.06)
+    return score_drops(fall(0.11), unseen, ["linear", "power-law-spring"], rest=0.06)
 
 
-def test_the_law_that_made_them_is_first(falls: Falls) -> None:
+def test_the_law_that_made_them_is_first(falls: DropScores) -> None:
     assert [row.name for row in falls.rows] == ["power-law-spring", "linear"]
     best = falls.best
     assert best.model is not None
@@ -43,13 +43,13 @@ def test_the_law_that_made_them_is_first(falls: Falls) -> None:
     assert falls.rows[1].median > 0.02
 
 
-def test_scatter_is_of_falls_from_the_same_height(falls: Falls) -> None:
+def test_scatter_is_of_falls_from_the_same_height(falls: DropScores) -> None:
     (scatter,) = falls.scatter
     assert scatter == pytest.approx(1e-4 / 0.05, rel=0.1)
     assert falls.best.errors[2] == pytest.approx(scatter, rel=0.1)
 
 
-def test_table_and_verdict_say_it(falls: Falls) -> None:
+def test_table_and_verdict_say_it(falls: DropScores) -> None:
     lines = falls.table.splitlines()
     assert lines[0].split() == ["law", "numbers", "fitted", "low", "high", "again", "median"]
     assert lines[1].startswith("power-law-spring  4")
@@ -60,9 +60,9 @@ def test_table_and_verdict_say_it(falls: Falls) -> None:
     assert len(axes.get_lines()) == 2
 
 
-def test_a_law_that_blows_up_or_fails_is_said(falls: Falls) -> None:
+def test_a_law_that_blows_up_or_fails_is_said(falls: DropScores) -> None:
     lost = dataclasses.replace(falls.rows[1], errors=(0.1, math.inf, math.inf))
-    none = FallRow("coulomb", None, failure="too short")
+    none = DropScore("coulomb", None, failure="too short")
     found = dataclasses.replace(falls, rows=(falls.best, lost, none))
     assert "linear diverges" in found.verdict
     assert found.cells()[1][-2:] == ("diverges", "diverges")
@@ -74,8 +74,8 @@ def test_a_law_that_blows_up_or_fails_is_said(falls: Falls) -> None:
 
 def test_bad_input_is_said() -> None:
     with pytest.raises(InputError, match="at least one unseen fall"):
-        judged_falls(fall(0.11), {})
+        score_drops(fall(0.11), {})
     with pytest.raises(InputError, match=r"low begins at 0\.05 m, not above the level of rest"):
-        judged_falls(fall(0.11), {"low": fall(0.05)}, rest=0.06)
+        score_drops(fall(0.11), {"low": fall(0.05)}, rest=0.06)
     with pytest.raises(InputError, match="no law could be fitted"):
-        judged_falls(fall(0.11).first(4), {"high": fall(0.14)}, ["linear"], rest=0.06)
+        score_drops(fall(0.11).first(4), {"high": fall(0.14)}, ["linear"], rest=0.06)

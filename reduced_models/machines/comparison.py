@@ -13,14 +13,14 @@ from granular.response.page import Beside, response_page
 from granular.shared.errors import InputError
 from granular.shared.html import Page, number
 from granular.shared.text_columns import in_columns
-from reduced_models.machines.predicted import OutsideRangeWarning, predicted_response
+from reduced_models.machines.response import OutsideRangeWarning, predicted_response
 
 POINTS = 201
 """Frequencies at which the law is solved for each force."""
 
 
 @dataclasses.dataclass(frozen=True)
-class LawAtPeak:
+class PeakComparison:
     """The greatest displacements at a force, simulated and by the law, over the same frequencies.
 
     Attributes
@@ -51,12 +51,12 @@ class LawAtPeak:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LawBeside:
+class ResponseComparison:
     """The law's curves beside a response.
 
     Attributes
     ----------
-    peaks : tuple of LawAtPeak
+    peaks : tuple of PeakComparison
         For each force.
     frequencies : float64 (f,)
         [Hz]
@@ -64,7 +64,7 @@ class LawBeside:
         Displacements of the machine [m], by the force.
     """
 
-    peaks: tuple[LawAtPeak, ...]
+    peaks: tuple[PeakComparison, ...]
     frequencies: np.ndarray
     law: dict[float, np.ndarray]
     linear: dict[float, np.ndarray]
@@ -78,13 +78,13 @@ class LawBeside:
 _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")
 
 
-def law_beside(found: Response) -> LawBeside:
+def compare_response(found: Response) -> ResponseComparison:
     """Solve the law for a response's scene and forces, between its frequencies.
 
     Raises
     ------
     InputError
-        If the law is not known for the scene (see `BedOnHost.of`), or no force shakes it.
+        If the law is not known for the scene (see `CoupledSystem.of`), or no force shakes it.
     """
     data = found.dataset
     if data.amplitude.attrs["long_name"] != "force":
@@ -102,24 +102,24 @@ def law_beside(found: Response) -> LawBeside:
         law[force], linear[force] = said.displacement, said.linear
         simulated = float(data.displacement.sel(amplitude=force).max())
         peaks.append(
-            LawAtPeak(
+            PeakComparison(
                 force, simulated, said.peak, float(said.linear.max()), "".join(outside)
             )
         )  # fmt: skip
-    return LawBeside(tuple(peaks), dense, law, linear)
+    return ResponseComparison(tuple(peaks), dense, law, linear)
 
 
-def law_page(found: Response) -> tuple[Page, LawBeside | None, str]:
+def law_page(found: Response) -> tuple[Page, ResponseComparison | None, str]:
     """The report of a response with the law; the law; and why, where there is none."""
     try:
-        law = law_beside(found)
+        law = compare_response(found)
     except InputError as error:
         why = f"No law stands beside the simulation: {error}."
         return response_page(found, missing=why), None, why
     return response_page(found, _shown(law)), law, ""
 
 
-def _shown(found: LawBeside) -> Beside:
+def _shown(found: ResponseComparison) -> Beside:
     notes = [f"Under {one.force:g} N {one.outside}." for one in found.peaks if one.outside]
     return Beside(
         title="The law in place of the bed",
@@ -138,7 +138,7 @@ def _shown(found: LawBeside) -> Beside:
     )
 
 
-def _cells(peaks: Sequence[LawAtPeak]) -> list[tuple[str, ...]]:
+def _cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
     return [
         (f"{one.force:g}", number(1e3 * one.simulated, 3),
          number(1e3 * one.law, 3), f"{100.0 * one.error:+.0f}",

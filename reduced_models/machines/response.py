@@ -64,7 +64,7 @@ class SmallSwing(NamedTuple):
     lam: float
 
 
-class BedOnHost(NamedTuple):
+class CoupledSystem(NamedTuple):
     """The numbers of the equation, in SI.
 
     Attributes
@@ -92,7 +92,7 @@ class BedOnHost(NamedTuple):
     strength: float = STRENGTH
 
     @classmethod
-    def of(cls, scene: Scene) -> BedOnHost:
+    def of(cls, scene: Scene) -> CoupledSystem:
         """The equation of a scene whose host carries the cell.
 
         Raises
@@ -158,7 +158,7 @@ class BedOnHost(NamedTuple):
 
 
 @compiled
-def _rates(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
+def _rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
     whole, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
     first = force - law.stiffness * x - law.damping * speed
@@ -176,13 +176,13 @@ def _rates(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
 
 
 @entry
-def rates_of(law: BedOnHost, force: float, state: Array, rates: Array) -> None:
+def rates_of(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]."""
     _rates(law, force, state, rates)
 
 
 @entry
-def swing_of(law: BedOnHost, force: float, omega: float, steps: int, last: int) -> Array:
+def swing_of(law: CoupledSystem, force: float, omega: float, steps: int, last: int) -> Array:
     """Squares of the amplitudes of host and piston over the last steps, by Runge and Kutta.
 
     Parameters
@@ -267,10 +267,10 @@ def predicted_response(
     Raises
     ------
     InputError
-        As `BedOnHost.of`, or without a force.
+        As `CoupledSystem.of`, or without a force.
     """
     host = scene.effects.host
-    law = BedOnHost.of(scene)
+    law = CoupledSystem.of(scene)
     if force is None:
         force = _force_of(host)
     found = response_of(law, frequencies, force)
@@ -294,7 +294,9 @@ def _force_of(host: Host | None) -> float:
     return force
 
 
-def response_of(law: BedOnHost, frequencies: Sequence[float], force: float) -> PredictedResponse:
+def response_of(
+    law: CoupledSystem, frequencies: Sequence[float], force: float
+) -> PredictedResponse:
     """As `predicted_response`, of given numbers, and without a range."""
     pairs = []
     for frequency in frequencies:

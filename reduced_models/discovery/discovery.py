@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Literal
-
-import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.shared.progress import stages
-from reduced_models.discovery.choice import notes_on, polished_front
-from reduced_models.discovery.evidence import evidence
+from reduced_models.discovery.choice import evidence, notes_on, polished_front
 from reduced_models.discovery.libraries import (
     MEMORY,
     PHYSICAL,
+    fault,
     functions_named,
     own_terms,
     terms_named,
 )
-from reduced_models.discovery.motion import map_of, motion_of
-from reduced_models.discovery.polishing import polished
-from reduced_models.discovery.proposal import AUTO, proposed
+from reduced_models.discovery.memory import structures_with_memory, with_memory
+from reduced_models.discovery.polishing import NAME, polished
+from reduced_models.discovery.proposal import AUTO, Proposal, proposed
 from reduced_models.discovery.result import CandidateEquation, Discovery
-from reduced_models.discovery.selection import Judge, scored
-from reduced_models.discovery.soundness import fault
-from reduced_models.discovery.structures import (
-    Search,
-    candidate_of,
-    sindy_supports,
-    symbolic_candidates,
-)
+from reduced_models.discovery.structures import Search, structures
 from reduced_models.discovery.symbolic import has_operon
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import WeakForm, weak_form
+from reduced_models.discovery.weak_form import WeakForm, map_of, motion_of, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
@@ -142,110 +133,142 @@ def discover(
     InputError
         If an option is out of its range, or a program that the method needs is not installed.
     """
+    records = [record] if isinstance(record, PistonRecord) else list(record)
+    terms, functions = _texts(terms), _texts(functions)
     _check(method, form, target, degree, polish, ensemble, effort)
     _check_kinds(library, map, seed)
-    terms, functions = _texts(terms), _texts(functions)
-    records = [record] if isinstance(record, PistonRecord) else list(record)
-    if not records:
-        raise InputError("there is no record to discover a law in; give at least one")
-    remembers = library in (MEMORY, (MEMORY,), [MEMORY])
-    automatic = library in (AUTO, (AUTO,), [AUTO])
-    plain = automatic or remembers
-    known = (
-        tuple(own_terms(() if remembers else terms, input)) if plain
-        else terms_named(library, terms, degree, input)
-    )  # fmt: skip
-    allowed = functions_named(functions, method)
-    if target == "height" and len(records) > 1:
-        raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
-    if target == "force" and not remembers:
-        raise InputError(f"target = 'force' is for the library {MEMORY!r}; give library={MEMORY!r}")
-    lacking = method == "auto" and not has_operon()
-    if lacking and functions:
-        raise InputError(f"functions need symbolic regression, but {_NO_OPERON}")
-    if method == "pysr":
-        from reduced_models.discovery.julia import require_julia
-
-        require_julia()
+    _check_target(records, library, target)
+    remembers = _is_only(library, MEMORY)
     if remembers:
-        with stages("discover", wanted=progress) as now:
-            now("hidden states")
-            return _with_memory(
-                records, method, allowed, terms, derivative, input, target, map, form, ensemble,
-                polish, effort, seed,
-            )  # fmt: skip
-    own = bool(terms) or not (automatic or library in (PHYSICAL, (PHYSICAL,), [PHYSICAL]))
-    height_map = HeightMap() if own and map == "auto" else map_of(records, map)
-    if target == "height":
-        from reduced_models.discovery.height import height_equations
-
-        with stages("discover", wanted=progress) as now:
-            now("symbolic regression of z(t)")
-            return height_equations(records[0], method, height_map, effort, seed)
-    if lacking:
-        method = "sindy"
-    proposal_note, name = "", f"discovered by {_words(method, form, ensemble)}"
+        _check_memory(target, form, ensemble, input, map)
+    allowed = functions_named(functions, method)
+    method, lacking = _installed(method, functions)
+    sparse = method in ("auto", "sindy")
+    search = None
+    if method != "sindy":
+        search = Search("pysr" if method == "pysr" else "operon", allowed, effort, seed)
     with stages("discover", wanted=progress) as now:
-        if automatic:
-            now("libraries")
-            proposal = proposed(records, derivative, input, height_map if own else map, degree)
-            height_map, weak, proposal_note = proposal.map, proposal.weak, proposal.note
-            known = (*proposal.terms, *(one for one in known if one not in proposal.terms))
+        if target == "height":
+            from reduced_models.discovery.height import height_equations
+
+            now("symbolic regression of z(t)")
+            height_map = _height_map(records, library, terms, map)
+            return height_equations(records[0], method, height_map, effort, seed)
+
+        if remembers:
+            now("hidden states")
+            height_map, library_note = HeightMap(), ""
+            found = structures_with_memory(
+                records, search, terms=terms, derivative=derivative, force=target == "force",
+                sparse=sparse,
+            )  # fmt: skip
         else:
-            weak = weak_form(*(motion_of(each, height_map, derivative, input) for each in records))
-        _check_finite(weak, known)
-        candidates, judge, inclusion = _structures(
-            weak, known, method, (form, ensemble, seed),
-            Search("pysr" if method == "pysr" else "operon", allowed, effort, seed), now,
-        )  # fmt: skip
+            now("libraries")
+            _, known, height_map, weak, library_note = _library(
+                records, library, terms, derivative, input, map, degree
+            )
+            now("sparse sums of terms" if search is None else "symbolic regression")
+            found = structures(
+                weak, known, search, sparse=sparse, form=form, ensemble=ensemble, seed=seed
+            )
+        words = _words(method, form, ensemble, target if remembers else "")
+        name = NAME if remembers else f"{NAME} by {words}"
 
         def fitted(one: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {one.expression.evalf(3)}"[:_LINE])
-            return polished(one, records, height_map, input, seed, name)
+            candidate = with_memory(one, found.memory, found.judge)
+            return polished(candidate, records, height_map, input, seed, name)
 
-        front, chosen = polished_front(candidates, fitted, polish, judge)
+        count = 0 if target == "force" else polish
+        front, chosen = polished_front(found.candidates, fitted, count, found.judge, found.others)
         now("done")
-    sure = evidence(front[chosen], candidates, judge, seed)
+    sure = None if remembers else evidence(front[chosen], found.candidates, found.judge, seed)
     notes = (
-        proposal_note,
-        *notes_on(front[chosen], judge),
+        library_note,
+        *found.notes,
+        *notes_on(front[chosen], found.judge),
         "" if sure is None else sure.note,
         _NO_OPERON if lacking else "",
     )
     return Discovery(
-        _words(method, form, ensemble),
+        words,
         tuple(front),
         chosen,
         height_map,
-        inclusion,
+        found.inclusion,
         tuple(note for note in notes if note),
         {} if sure is None else sure.prices,
     )
 
 
-def _structures(
-    weak: WeakForm, known: tuple[AnyTerm, ...], method: str, sparse: tuple[str, bool, int],
-    search: Search, now: Callable[[str], None],
-) -> tuple[list[CandidateEquation], Judge, dict[str, float]]:  # fmt: skip
-    """Candidates of a method, who judges them, and how often ensembles held each term."""
-    supports, inclusion = list[np.ndarray](), dict[str, float]()
-    if method in ("auto", "sindy"):
-        now("sparse sums of terms")
-        supports, inclusion = sindy_supports(weak, known, *sparse)
-    if method == "sindy":
-        ranked, judge = scored(weak, known, known, supports)
-        return [candidate_of(one) for one in ranked], judge, inclusion
-    now("symbolic regression")
-    return *symbolic_candidates(weak, known, search, supports), inclusion
+def _library(
+    records: Sequence[PistonRecord], library: str | Sequence[str], terms: Sequence[str],
+    derivative: DerivativeMethod, column: str | None, wanted: HeightMap | Literal["auto"],
+    degree: int,
+) -> Proposal:  # fmt: skip
+    """The terms to choose from, and the weak form of the records in the z that they mean."""
+    height_map = _height_map(records, library, terms, wanted)
+    if _is_only(library, AUTO):
+        more = own_terms(terms, column)
+        found = proposed(records, derivative, column, height_map if terms else wanted, degree)
+        found = found._replace(terms=tuple(dict.fromkeys((*found.terms, *more))))
+    else:
+        known = terms_named(library, terms, degree, column)
+        motions = [motion_of(one, height_map, derivative, column) for one in records]
+        found = Proposal("", known, height_map, weak_form(*motions), "")
+    _check_finite(found.weak, found.terms)
+    return found
 
 
-def _with_memory(
-    records: Sequence[PistonRecord], method: str, functions: tuple[str, ...],
-    terms: Sequence[str], derivative: DerivativeMethod, column: str | None, target: str,
-    height_map: HeightMap | str, form: str, ensemble: bool, polish: int, effort: float, seed: int,
-) -> Discovery:  # fmt: skip
-    from reduced_models.discovery.memory import memory_discovery
+def _height_map(
+    records: Sequence[PistonRecord], library: str | Sequence[str], terms: Sequence[str],
+    wanted: HeightMap | Literal["auto"],
+) -> HeightMap:  # fmt: skip
+    """The map that is wanted; own terms and libraries other than the usual mean the height."""
+    usual = _is_only(library, AUTO) or _is_only(library, PHYSICAL)
+    if wanted == "auto" and (terms or not usual):
+        return HeightMap()
+    return map_of(records, wanted)
 
+
+def _installed(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
+    """The method, or what stands in for it, and whether pyoperon is lacking for it.
+
+    Raises
+    ------
+    InputError
+        If the method, or functions for it, need a program that is not installed.
+    """
+    if method == "pysr":
+        from reduced_models.discovery.julia import require_julia
+
+        require_julia()
+    if method != "auto" or has_operon():
+        return method, False
+    if functions:
+        raise InputError(f"functions need symbolic regression, but {_NO_OPERON}")
+    return "sindy", True
+
+
+def _is_only(library: str | Sequence[str], name: str) -> bool:
+    """True where a library's name, or the only one of a list, is this one."""
+    return [library] == [name] or list(library) == [name]
+
+
+def _check_target(
+    records: Sequence[PistonRecord], library: str | Sequence[str], target: str
+) -> None:
+    if not records:
+        raise InputError("there is no record to discover a law in; give at least one")
+    if target == "height" and len(records) > 1:
+        raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
+    if target == "force" and not _is_only(library, MEMORY):
+        raise InputError(f"target = 'force' is for the library {MEMORY!r}; give library={MEMORY!r}")
+
+
+def _check_memory(
+    target: str, form: str, ensemble: bool, column: str | None, height_map: HeightMap | str
+) -> None:
     if target == "height" or form != "weak" or ensemble or column is not None:
         raise InputError(
             f"library = {MEMORY!r} is of z'' or the force of a bed that is not driven, by its weak "
@@ -253,14 +276,6 @@ def _with_memory(
         )
     if height_map not in ("auto", HeightMap()):
         raise InputError(f"library = {MEMORY!r} is of the height itself; leave out map")
-    symbolic = "pysr" if method == "pysr" else "operon"
-    search = None if method == "sindy" else Search(symbolic, functions, effort, seed)
-    if method == "auto" and not has_operon():
-        search = None
-    return memory_discovery(
-        records, search, terms=terms, derivative=derivative, force=target == "force",
-        polish=polish, sparse=method in ("auto", "sindy"),
-    )  # fmt: skip
 
 
 def _check(
@@ -322,9 +337,11 @@ def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 )
 
 
-def _words(method: str, form: str, ensemble: bool) -> str:
-    if method == "auto":
-        return "sindy and operon"
+def _words(method: str, form: str, ensemble: bool, memory_of: str) -> str:
+    """The method in words; ``memory_of`` is the target where hidden states are searched."""
+    name = "sindy and operon" if method == "auto" else method
+    if memory_of:
+        return f"{name}, with memory, " + ("force" if memory_of == "force" else "z''")
     if method != "sindy":
-        return method
-    return f"sindy, {form} form" + (", ensemble" if ensemble else "")
+        return name
+    return f"{name}, {form} form" + (", ensemble" if ensemble else "")

@@ -14,7 +14,7 @@ from granular import Scene, load_scene
 from granular.response import Response, save_response
 from granular.response.response import labelled
 from granular.shared.errors import InputError
-from reduced_models.machines import law_beside, predicted_response
+from reduced_models.machines import compare_response, predicted_response
 
 FREQUENCIES = [2.7, 2.85, 3.0]
 
@@ -27,7 +27,7 @@ def made(scene: Scene, key: str = "force") -> Response:
 
 
 def test_errors_are_those_of_the_peaks() -> None:
-    found = law_beside(made(load_scene("machine")))
+    found = compare_response(made(load_scene("machine")))
     (peak,) = found.peaks
     said = predicted_response(load_scene("machine"), found.frequencies.tolist(), 10.0)
     assert peak.law == said.peak
@@ -35,7 +35,7 @@ def test_errors_are_those_of_the_peaks() -> None:
     assert peak.linear == said.linear.max()
     assert found.frequencies[[0, -1]].tolist() == [2.7, 3.0]
     with pytest.raises(InputError, match="base of the machine is shaken"):
-        law_beside(made(load_scene("machine"), "acceleration"))
+        compare_response(made(load_scene("machine"), "acceleration"))
 
 
 def test_the_command_shows_the_law_or_says_why_not(

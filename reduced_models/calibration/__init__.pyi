@@ -1,5 +1,0 @@
-from .calibration import calibrate
-
-__all__ = [
-    "calibrate",
-]  # fmt: skip

@@ -1,0 +1,273 @@
+"""Pictures of the report: the record with its laws, phase portrait, another lift, and the run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from granular.observables.plots import draw_bed
+from granular.run.record import PistonRecord
+from granular.shared.html import Page, number
+from granular.shared.plotting import (
+    COLOURS,
+    GREY,
+    READABLE,
+    STYLES,
+    figure,
+    line_look,
+    plain_label,
+)
+from reduced_models.identification.comparison_table import Comparison
+from reduced_models.models.model import ReducedModel
+from reduced_models.records.sources import step_text
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import StageResult, Trajectory
+
+_MOST_POINTS = 3000  # of a line; more cannot be seen
+_MOST_LINES = 4  # of laws over a lift; more hide each other
+_ENERGIES = {
+    "kinetic_energy": "grains, kinetic",
+    "pair_energy": "pairs",
+    "wall_energy": "walls",
+    "weight_energy": "grains, weight",
+    "piston_energy": "piston",
+    "drag_loss": "lost to drag",
+    "work": "work from outside",
+}
+
+
+def downsampled(*columns: np.ndarray) -> list[np.ndarray]:
+    """Return columns with as many of their samples as can be seen."""
+    every = max(1, len(columns[0]) // _MOST_POINTS)
+    return [column[::every] for column in columns]
+
+
+class _Axis(NamedTuple):
+    """A coordinate as it is drawn: its name, unit, and what to multiply it by."""
+
+    name: str
+    unit: str
+    scale: float
+
+    @property
+    def label(self) -> str:
+        return f"{self.name} [{self.unit}]"
+
+
+def _axis(record: PistonRecord) -> _Axis:
+    return _Axis("angle", "°", 180.0 / math.pi) if record.angle else _Axis("height", "mm", 1e3)
+
+
+def _left_over(record: PistonRecord) -> _Axis:
+    if record.angle:
+        return _Axis("left over", "°", 180.0 / math.pi)
+    return _Axis("left over", "µm", 1e6)
+
+
+def _add_curves(
+    page: Page, caption: str, record: PistonRecord, curves: Iterable[tuple[str, np.ndarray, Any]],
+    *, label: str = "record", difference: _Axis, held_out_from: float | None = None,
+    height: float = 6.2, legend: bool = True,
+) -> None:  # fmt: skip
+    """Add a record with curves over it, and below what each of them misses.
+
+    A curve is its name, its heights from the record's first sample on, and its look; ``legend``
+    puts the names above the picture, and not into it.
+    """
+    shown, time = _axis(record), record.time - record.time[0]
+    with figure(2, 1, height=height, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
+        drawing, (top, bottom),
+    ):  # fmt: skip
+        top.plot(
+            *downsampled(time, shown.scale * record.height), color=GREY, linewidth=3.0, label=label
+        )
+        for name, values, look in curves:
+            count = len(values)
+            t, line, missed = downsampled(
+                time[:count], shown.scale * values,
+                difference.scale * (record.height[:count] - values),
+            )  # fmt: skip
+            top.plot(t, line, label=plain_label(name), linewidth=1.2, **look)
+            bottom.plot(t, missed, linewidth=1.2, **look)
+        if held_out_from is not None:
+            for axes in (top, bottom):
+                axes.axvspan(held_out_from, time[-1], color=GREY, alpha=0.15, linewidth=0.0)
+        top.set_ylabel(shown.label)
+        bottom.set_ylabel(difference.label)
+        bottom.set_xlabel("time [s]")
+        if legend:
+            drawing.legend(loc="outside upper left", ncols=2)
+        else:
+            top.legend(loc="upper right")
+        page.figure(drawing, caption)
+
+
+def add_record(page: Page, record: PistonRecord, best: ReducedModel) -> None:
+    """Add the record, and the best law over it."""
+    page.section("The record")
+    _add_curves(
+        page,
+        "The record, the best law over it, and what it leaves over. The shaded stretch is held "
+        "out: the laws are judged on it by fits that have not seen it.",
+        record,
+        [(best.law.name, best.follow(record).height, {})],
+        difference=_left_over(record),
+        held_out_from=best.quality.holdout_from,
+        height=6.0,
+        legend=False,
+    )
+
+
+def add_fits(
+    page: Page, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel
+) -> None:
+    """Add all fits over the record, and what they leave over."""
+    page.section("The record and the fits")
+    _add_curves(
+        page,
+        "The fits of all laws, and what they leave over.",
+        record,
+        [(one.law.name, one.follow(record).height, line_look(k)) for k, one in enumerate(models)],
+        difference=_left_over(record),
+        held_out_from=best.quality.holdout_from,
+        height=6.0 + 0.15 * len(models),
+    )
+
+
+def add_portrait(page: Page, record: PistonRecord, best: ReducedModel) -> None:
+    """Add velocity over height."""
+    shown = _axis(record)
+    with figure(height=4.8, size=READABLE) as (drawing, axes):
+        speed = record.velocity
+        if speed is None:
+            speed = np.gradient(record.height, record.time)
+        motion = best.follow(record)
+        assert motion.velocity is not None
+        for height, velocity, name, look in (
+            (record.height, speed, "record", {"color": GREY, "linewidth": 3}),
+            (motion.height, motion.velocity, plain_label(best.law.name), {"linewidth": 1.0}),
+        ):
+            axes.plot(
+                *downsampled(shown.scale * height, shown.scale * velocity), label=name, **look
+            )
+        axes.set_xlabel(shown.label)
+        axes.set_ylabel(f"velocity [{shown.unit}/s]")
+        axes.legend(loc="upper right")
+        page.figure(drawing, "Phase portrait, with the best law.")
+
+
+def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
+    """Add a lift that no law has seen, and what the laws predict of it."""
+    ranked = table.by_last_record()
+    best = ranked[0][0].relative
+    page.section("A lift that no law has seen")
+    page.text(
+        "The same scene with a lift three times as high. Each law starts from height and velocity "
+        "that the first period tells; all the rest is its prediction."
+    )
+    page.table(
+        ("law", "error [% of the rms swing]", "times the best"),
+        [
+            (name, number(100.0 * one.relative, 3), number(one.relative / max(best, 1e-300), 3))
+            if math.isfinite(one.relative) else (name, "diverges", "")
+            for one, name in ranked
+        ],
+    )  # fmt: skip
+    _add_curves(
+        page,
+        "The other lift, and what the best laws predict of it.",
+        lift,
+        [
+            (name, one.motion.height, line_look(k))
+            for k, (one, name) in enumerate(ranked[:_MOST_LINES])
+        ],
+        label="simulated",
+        difference=_axis(lift)._replace(name="missed"),
+    )
+
+
+def add_run(page: Page, run: Trajectory) -> None:
+    """Add the bed before and after, the energy ledger, and the settings."""
+    _add_bed(page, run)
+    _add_ledger(page, run)
+    _add_settings(page, run)
+
+
+def _add_bed(page: Page, run: Trajectory) -> None:
+    page.section("The bed before and after")
+    data, scene = run.dataset, run.scene
+    tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
+    height = min(4.0, 3.1 * tallest / scene.cell.width + 1.0)
+    with figure(1, 2, height=height, size=READABLE) as (drawing, pair):
+        for axes, k, when in zip(pair, (0, -1), ("before", "after"), strict=True):
+            top = float(data["frame_height"][k]) if scene.piston is not None else None
+            draw_bed(axes, scene, data["position"][k].values, top)
+            axes.set_title(f"{when}, t = {float(data['frame_time'][k]):.4g} s")
+        page.figure(drawing, "The grains to scale; the piston is the thick line.")
+    lines = [_stage_row(stage) for stage in run.stages]
+    page.table(("stage", "from [s]", "to [s]", "ended by", "piston height [mm]"), lines)
+    closest = run.settings().get("closest_distance")
+    least = min(species.diameter for species in scene.grains.species)
+    if closest is not None and closest < least:
+        page.note(
+            f"At the closest, two grains were {1e3 * closest:.3g} mm apart, less than a diameter "
+            f"({1e3 * least:g} mm): in reality they would have touched. The scene has no contact."
+        )
+
+
+def _stage_row(stage: StageResult) -> Sequence[str]:
+    start, end = number(stage.start), number(stage.end)
+    return stage.name, start, end, stage.reason, number(1e3 * stage.height, 6)
+
+
+def _add_ledger(page: Page, run: Trajectory) -> None:
+    from granular.scene.dryness import doubtful
+
+    page.section("Energy ledger")
+    data = run.dataset
+    time = data["time"].values
+    parts = {key: data[key].values for key in _ENERGIES if key in data}
+    stored = np.sum([value for key, value in parts.items() if key.endswith("_energy")], axis=0)
+    residual = stored - stored[0] + parts.get("drag_loss", 0.0) - parts.get("work", 0.0)
+    with figure(2, 1, height=6.2, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
+        drawing, (top, bottom),
+    ):  # fmt: skip
+        for k, (key, value) in enumerate(parts.items()):
+            shown = value - value[0] if key in ("weight_energy", "piston_energy") else value
+            t, energy = downsampled(time, 1e3 * shown)
+            top.plot(t, energy, label=_ENERGIES[key], linestyle=STYLES[k % len(STYLES)])
+        top.set_ylabel("energy [mJ]")
+        top.legend(ncols=2, loc="upper right")
+        bottom.plot(*downsampled(time, 1e6 * residual), color=COLOURS[0])
+        bottom.set_ylabel("residual [µJ]")
+        bottom.set_xlabel("time [s]")
+        page.figure(
+            drawing,
+            "Where the energy is (the weights' relative to the start), and what the ledger misses.",
+        )
+    worst = run.settings()["ledger_residual"]
+    words = f"The ledger closes to {worst:.1e} of the energy turned over."
+    (page.note if worst > doubtful(run.scene) else page.text)(words)
+
+
+def _add_settings(page: Page, run: Trajectory) -> None:
+    page.section("Settings")
+    settings = run.settings()
+    page.table(
+        ("setting", "value"),
+        [
+            ("method", run.method.name),
+            ("time step", step_text(run)),
+            ("steps", settings["steps"]),
+            (
+                "greatest step times highest frequency (stable below 2)",
+                number(settings["step_times_highest_frequency"], 3),
+            ),
+            ("seconds of the run", number(settings["seconds"], 3)),
+        ],
+    )
+    page.preformatted(run.scene.to_toml())
