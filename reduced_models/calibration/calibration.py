@@ -143,7 +143,7 @@ def calibrate(
                 "progress": progress,
             },
         )
-        result = calibrated(simulator, record, wanted, confidence, checks)
+        result = run_calibration(simulator, record, wanted, confidence, checks)
     for note in result.notes:
         warnings.warn(note, stacklevel=2)
     if target is not None:
@@ -151,7 +151,7 @@ def calibrate(
     return result
 
 
-def calibrated(
+def run_calibration(
     simulator: SceneSimulator,
     record: PistonRecord,
     wanted: Features,

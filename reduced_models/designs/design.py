@@ -19,7 +19,12 @@ from granular.shared.errors import GranularError, InputError
 from granular.studies.sweep import sweep
 from reduced_models.designs.candidate import Candidate
 from reduced_models.designs.maps import DamperMaps, damper_maps
-from reduced_models.designs.proposal import DesignTarget, narrowed, proposal, propose_design
+from reduced_models.designs.proposal import (
+    DesignTarget,
+    candidate_targets,
+    proposal,
+    propose_design,
+)
 from reduced_models.designs.result import Check, Design, Round
 from reduced_models.designs.study import check_figures
 
@@ -110,7 +115,7 @@ def design(
         chosen, target
     )  # refuses what the maps do not hold, before anything is simulated
     rounds: list[Round] = []
-    ways = narrowed(target)
+    ways = candidate_targets(target)
     for one in ways:
         aim = (frequency, damping)
         first = len(rounds)

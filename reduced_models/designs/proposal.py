@@ -105,14 +105,14 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     """
     target.check()
     aim = (target.frequency, target.damping)
-    found = (proposal(maps, one, aim) for one in narrowed(target))
+    found = (proposal(maps, one, aim) for one in candidate_targets(target))
     first = next((one for one in found if one is not None), None)
     if first is None:
         raise InputError(_refusal(maps, target))
     return first
 
 
-def narrowed(target: DesignTarget) -> list[DesignTarget]:
+def candidate_targets(target: DesignTarget) -> list[DesignTarget]:
     """The target with each number of grains that may be tried; as it is where that is settled."""
     if target.grains is not None or target.mass is not None:
         return [target]
@@ -187,7 +187,7 @@ def _refusal(maps: DamperMaps, target: DesignTarget) -> str:
     pairs = np.array(
         [
             [maps.at(name, place) for name in ("frequency", "damping_ratio")]
-            for narrow in [*narrowed(target)[::4], narrowed(target)[-1]]
+            for narrow in [*candidate_targets(target)[::4], candidate_targets(target)[-1]]
             for one in _GRID
             for other in _GRID
             if (place := _places(narrow)(one, other)) is not None

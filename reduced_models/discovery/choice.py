@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.messages import times
-from reduced_models.discovery.polishing import parametrised
+from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.selection import Judge, weighed
+from reduced_models.discovery.selection import Judge, score_terms, unit_columns
 from reduced_models.discovery.structures import candidate_of
 from reduced_models.discovery.terms import AnyTerm, in_order, sum_text
 
@@ -23,7 +23,7 @@ _MOST_TRIED = 20
 _HOPELESS = 15.0  # a criterion that is so much worse is not made good by fitting
 
 
-def polished_front(
+def polish_front(
     candidates: list[CandidateEquation],
     polish: Callable[[CandidateEquation], CandidateEquation],
     count: int,
@@ -73,7 +73,7 @@ def _with_simpler_ones(
     for one in found:  # which grows: what is left may have such terms as well
         needed = _needed_terms(one)
         if needed:
-            simpler = candidate_of(weighed(judge, needed))
+            simpler = candidate_of(score_terms(judge, needed))
             if not _is_among(simpler, found):
                 found.append(polish(simpler))
     return found
@@ -107,7 +107,7 @@ def _simplest(candidates: list[CandidateEquation], criteria: list[float]) -> Can
 
 
 def _numbers(candidate: CandidateEquation) -> int:
-    return len(parametrised(candidate.expression)[1])
+    return len(parametrise(candidate.expression)[1])
 
 
 def _solution_criteria(fitted: list[CandidateEquation], judge: Judge) -> list[float]:
@@ -186,9 +186,9 @@ def evidence(
     if chosen.terms is None or not chosen.terms:
         return None
     own = in_order(chosen.terms)
-    whole = weighed(judge, own).criterion
+    whole = score_terms(judge, own).criterion
     prices = {
-        term.text: (weighed(judge, rest).criterion if rest else _empty(judge)) - whole
+        term.text: (score_terms(judge, rest).criterion if rest else _empty(judge)) - whole
         for term in own
         if (rest := [one for one in own if one != term]) is not None
     }
@@ -220,8 +220,7 @@ def _shares(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int) 
     """Share of the resamples of the white integrals in which each structure is best."""
     union = in_order({term for terms in structures for term in terms})
     place = {term: k for k, term in enumerate(union)}
-    columns = judge.whitening @ judge.weak.matrix(union)
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    columns, _ = unit_columns(judge.whitening @ judge.weak.matrix(union))
     target = judge.whitening @ judge.weak.target
     chosen = [np.array([place[term] for term in terms]) for terms in structures]
     random = np.random.default_rng(seed)

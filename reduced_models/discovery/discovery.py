@@ -10,7 +10,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.shared.progress import stages
-from reduced_models.discovery.choice import evidence, notes_on, polished_front
+from reduced_models.discovery.choice import evidence, notes_on, polish_front
 from reduced_models.discovery.libraries import (
     MEMORY,
     PHYSICAL,
@@ -20,13 +20,13 @@ from reduced_models.discovery.libraries import (
     terms_named,
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
-from reduced_models.discovery.polishing import NAME, polished
-from reduced_models.discovery.proposal import AUTO, Proposal, proposed
+from reduced_models.discovery.polishing import NAME, polish_candidate
+from reduced_models.discovery.proposal import AUTO, Proposal, propose_library
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structures import Search, structures
 from reduced_models.discovery.symbolic import has_operon
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import WeakForm, map_of, motion_of, weak_form
+from reduced_models.discovery.weak_form import WeakForm, force_form, map_of, motion_of, weak_form
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
@@ -152,16 +152,16 @@ def discover(
             from reduced_models.discovery.height import height_equations
 
             now("symbolic regression of z(t)")
-            height_map = _height_map(records, library, terms, map)
-            return height_equations(records[0], method, height_map, effort, seed)
+            assert search is not None
+            height_map, (only,) = _height_map(records, library, terms, map), records
+            return height_equations(only.time, only.height, search, height_map)
 
         if remembers:
             now("hidden states")
             height_map, library_note = HeightMap(), ""
-            found = structures_with_memory(
-                records, search, terms=terms, derivative=derivative, force=target == "force",
-                sparse=sparse,
-            )  # fmt: skip
+            motions = [motion_of(one, height_map, derivative) for one in records]
+            weak = force_form(records, motions) if target == "force" else weak_form(*motions)
+            found = structures_with_memory(weak, search, terms, sparse)
         else:
             now("libraries")
             _, known, height_map, weak, library_note = _library(
@@ -177,10 +177,10 @@ def discover(
         def fitted(one: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {one.expression.evalf(3)}"[:_LINE])
             candidate = with_memory(one, found.memory, found.judge)
-            return polished(candidate, records, height_map, input, seed, name)
+            return polish_candidate(candidate, records, height_map, input, seed, name)
 
         count = 0 if target == "force" else polish
-        front, chosen = polished_front(found.candidates, fitted, count, found.judge, found.others)
+        front, chosen = polish_front(found.candidates, fitted, count, found.judge, found.others)
         now("done")
     sure = None if remembers else evidence(front[chosen], found.candidates, found.judge, seed)
     notes = (
@@ -210,7 +210,9 @@ def _library(
     height_map = _height_map(records, library, terms, wanted)
     if _is_only(library, AUTO):
         more = own_terms(terms, column)
-        found = proposed(records, derivative, column, height_map if terms else wanted, degree)
+        found = propose_library(
+            records, derivative, column, height_map if terms else wanted, degree
+        )
         found = found._replace(terms=tuple(dict.fromkeys((*found.terms, *more))))
     else:
         known = terms_named(library, terms, degree, column)

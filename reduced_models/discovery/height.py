@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.formulas.algebra import function_of
-from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.discovery.julia import ELLIPTIC
-from reduced_models.discovery.polishing import parametrised
+from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
+from reduced_models.discovery.structures import Search
 from reduced_models.discovery.terms import complexity
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.first_guesses import noise_level
@@ -29,30 +29,24 @@ _MOST_NUMBERS = 16
 
 
 def height_equations(
-    record: PistonRecord, method: str, height_map: HeightMap, effort: float, seed: int
+    time: np.ndarray, height: np.ndarray, search: Search, height_map: HeightMap
 ) -> Discovery:
-    """Expressions of z in t, from the record's start on; numbers fitted to all samples."""
+    """Expressions of z in t, from the first sample (n,) on; numbers fitted to all samples."""
     import sympy
 
-    time = record.time - record.time[0]
-    z = np.asarray(height_map.to_law(record.height))
-    noise = max(
-        noise_level(record.height, record.time) / abs(height_map.scale), _FLOOR * float(z.std())
-    )
+    z = np.asarray(height_map.to_law(height))
+    level = noise_level(height, time) / abs(height_map.scale)
+    noise = max(level, _FLOOR * float(z.std()))
+    time = time - time[0]
     rows = slice(None, None, max(1, math.ceil(len(time) / _MOST_POINTS)))
-    inputs = {"t": time[rows]}
-    if method == "operon":
-        from reduced_models.discovery.symbolic import operon_expressions
-
-        found = operon_expressions(inputs, z[rows], noise, _FUNCTIONS, effort, seed)
-    else:
-        from reduced_models.discovery.julia import pysr_expressions
-
-        found = pysr_expressions(inputs, z[rows], noise, _FUNCTIONS, True, effort, seed)
-    forms = [form for one in found for form in freed(sympy.expand_mul(one))]
+    search = search._replace(functions=_FUNCTIONS)
+    found = search.expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
+    forms = [form for one in found for form in elliptic_variants(sympy.expand_mul(one))]
     fitted = [_fitted(one, time, z, noise) for one in forms]
     if not found:
-        raise InputError(f"{method!r} found no expression that is finite; try another method")
+        raise InputError(
+            f"{search.method!r} found no expression that is finite; try another method"
+        )
     excess = max(1.0, min(error for _, error in fitted)) ** 2
     candidates = [
         CandidateEquation(
@@ -67,7 +61,7 @@ def height_equations(
     least = min(one.criterion for one in front)
     # The front begins with the simplest: of equal ones it is the first.
     chosen = next(k for k, one in enumerate(front) if one.criterion <= least + _EQUAL)
-    return Discovery(f"{method}, z(t)", tuple(front), chosen, height_map)
+    return Discovery(f"{search.method}, z(t)", tuple(front), chosen, height_map)
 
 
 def _fitted(
@@ -80,7 +74,7 @@ def _fitted(
     import sympy
     from scipy.optimize import least_squares
 
-    template, values = parametrised(expression)
+    template, values = parametrise(expression)
     t = sympy.Symbol("t", real=True)
     symbols = [sympy.Symbol(name) for name in values]
     start = np.array(list(values.values()))
@@ -101,7 +95,7 @@ def _fitted(
     return template.xreplace(numbers), error
 
 
-def freed(expression: sympy.Expr) -> list[sympy.Expr]:
+def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     """The expression as it stands, with a rate in each elliptic call, and with a phase beside it.
 
     A search finds jacobi_cn(t, 0.392) where jacobi_cn(1.1*t, 0.6) is true, since it costs fewer

@@ -25,7 +25,7 @@ import numpy as np
 from granular.formulas import Function
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.discovery.symbolic import scaled
+from reduced_models.discovery.symbolic import scale_samples
 
 if TYPE_CHECKING:
     import sympy
@@ -170,7 +170,7 @@ def pysr_expressions(
         After Ctrl-C, also where Julia took it.
     """
     require_julia()
-    samples = scaled(inputs, target)
+    samples = scale_samples(inputs, target)
     with tempfile.TemporaryDirectory(prefix="granular-damper-") as folder:
         search = regressor()(
             early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,

@@ -15,13 +15,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.discovery.hidden_states import HIDDEN_STATES, HiddenState, Memory
 from reduced_models.discovery.libraries import MEMORY, own_terms
-from reduced_models.discovery.polishing import parametrised
+from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.selection import Judge, Scored, all_subsets, scored
+from reduced_models.discovery.selection import (
+    Judge,
+    ScoredTerms,
+    all_subsets,
+    score_subsets,
+    unit_columns,
+)
 from reduced_models.discovery.structures import (
     Search,
     Structures,
@@ -30,14 +35,10 @@ from reduced_models.discovery.structures import (
 )
 from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import (
+    ForceIntegrals,
     WeakForm,
-    force_form,
-    motion_of,
-    weak_form,
     without_noise,
 )
-from reduced_models.laws.height_map import HeightMap
-from reduced_models.records.derivatives import DerivativeMethod
 
 HIDDEN = "w"
 """Name of the hidden state's share of the force in own terms."""
@@ -60,48 +61,37 @@ class _Judged(NamedTuple):
     """The best sums with one hidden state, or with none."""
 
     memory: Memory | None
-    ranked: list[Scored]
+    ranked: list[ScoredTerms]
     judge: Judge
 
 
 def structures_with_memory(
-    records: Sequence[PistonRecord],
-    search: Search | None,
-    *,
-    terms: Sequence[str] = (),
-    derivative: DerivativeMethod = "savitzky-golay",
-    force: bool = False,
-    sparse: bool = True,
+    weak: WeakForm, search: Search | None, terms: Sequence[str] = (), sparse: bool = True
 ) -> Structures:
     """Candidates with the hidden state that sums need most, or with none; z is the height [m].
 
     Parameters
     ----------
-    records : sequence of PistonRecord
-        Of beds without strain at their starts.
+    weak : WeakForm
+        Of z'' or of the measured force of beds without strain at their starts.
     search : Search, optional
         Of a symbolic regression of F(z, z', w), with the hidden state that sums need.
     terms : sequence of str
         Own terms beside those of the library, in z, z' and w.
-    derivative : str
-        Estimator of z'.
-    force : bool
-        Explain the measured force [N] and not z''.
     sparse : bool
         Whether sums of terms are candidates, beside what a search proposes.
 
     Raises
     ------
     InputError
-        If a height is not above zero, a record of measured force has none, or a text is no term.
+        If a height is not above zero, or a text is no term.
     """
-    if any(one.height.min() <= 0.0 for one in records):
+    if any(one.z.min() <= 0.0 for one in weak.motions):
         raise InputError(
             f"library = {MEMORY!r} is about strains of a bed, but a height is not above zero; give "
             "heights above the floor"
         )
-    motions = [motion_of(one, HeightMap(), derivative) for one in records]
-    weak = force_form(records, motions) if force else weak_form(*motions)
+    force = isinstance(weak.parts[0], ForceIntegrals)
     plain = own_terms(PLAIN_TERMS, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *own_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
     judged = _judge_states(weak, known)
@@ -137,7 +127,7 @@ def _judge_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_Judged]:
     still = tuple(one for one in known if not one.driven)
     white = _White(weak, known)
     return [
-        _Judged(None, *scored(weak, still, still, all_subsets(len(still)))),
+        _Judged(None, *score_subsets(weak, still, still, all_subsets(len(still)))),
         *(_judge_state(state, white, known) for state in HIDDEN_STATES),
     ]
 
@@ -157,7 +147,7 @@ class _White:
         squares = []
         for one in _strained(self.weak, state, scales):
             columns = np.hstack([self.still, self.whitening @ one.matrix(self.driven)])
-            columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+            columns, _ = unit_columns(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
             squares.append(float(left @ left))
         return int(np.argmin(squares))
@@ -178,7 +168,7 @@ def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) ->
             best = scales[white.least(state, scales)]
         width = width ** (2.0 / (_FINER - 1))
     strained = _strained(weak, state, best[None])[0]
-    ranked, judge = scored(strained, known, known, all_subsets(len(known)))
+    ranked, judge = score_subsets(strained, known, known, all_subsets(len(known)))
     return _Judged(Memory(state, tuple(map(float, best))), ranked, judge)
 
 
@@ -243,7 +233,7 @@ def _search_candidates(
         return []
     terms = [one for one in known if one.driven or one.still]
     found, _ = symbolic_candidates(judged.judge.weak, terms, search)
-    return [_weighed_anew(one, len(parametrised(one.expression)[1]), judged) for one in found]
+    return [_weighed_anew(one, len(parametrise(one.expression)[1]), judged) for one in found]
 
 
 def _notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ _MEMORY_RESOLUTION = 2  # of laws with a hidden state
 NAME = "discovered"
 
 
-def polished(
+def polish_candidate(
     candidate: CandidateEquation,
     records: Sequence[PistonRecord],
     height_map: HeightMap,
@@ -54,7 +54,7 @@ def polished(
     name : str
         Of the law.
     """
-    template, values = parametrised(candidate.expression)
+    template, values = parametrise(candidate.expression)
     if len(values) > _MOST_NUMBERS:
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
@@ -62,7 +62,7 @@ def polished(
     memory = candidate.memory
     if memory is not None:
         values |= dict(zip(memory.state.scales, memory.scales, strict=True))
-    law = law_of(smoothed(template, records, height_map), values, column, name)
+    law = law_of(smooth_sign(template, records, height_map), values, column, name)
     if memory is not None:
         law = dataclasses.replace(
             law,
@@ -92,7 +92,7 @@ def polished(
     )
 
 
-def parametrised(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
+def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     """An expression with symbols c0, c1 ... for its numbers, and their values.
 
     The coefficients of a sum of library terms come in the order of the terms, so that the same
@@ -113,7 +113,7 @@ def parametrised(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     return expression.xreplace(symbol_of), {symbol_of[one].name: float(one) for one in floats}
 
 
-def smoothed(
+def smooth_sign(
     template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
 ) -> sympy.Expr:
     """An expression with a steep tanh(z') for sign(z'), which no solver can step across."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.discovery.libraries import LIBRARIES, PHYSICAL, fault, terms_named
-from reduced_models.discovery.selection import Judge, all_subsets, scored
+from reduced_models.discovery.selection import Judge, all_subsets, score_subsets, unit_columns
 from reduced_models.discovery.terms import AnyTerm, in_order, sum_text
 from reduced_models.discovery.weak_form import WeakForm, map_of, motion_of, weak_form
 from reduced_models.laws.height_map import HeightMap
@@ -57,7 +57,7 @@ class Proposal(NamedTuple):
     note: str
 
 
-def proposed(
+def propose_library(
     records: Sequence[PistonRecord],
     derivative: DerivativeMethod,
     column: str | None,
@@ -145,7 +145,7 @@ def _figure(gain: float) -> str:
 
 def _best(proposal: Proposal) -> _Judged:
     terms = proposal.terms
-    ranked, judge = scored(proposal.weak, terms, terms, all_subsets(len(terms)))
+    ranked, judge = score_subsets(proposal.weak, terms, terms, all_subsets(len(terms)))
     best = ranked[0]
     count = len(best.terms)
     squares = best.misfit**2 * max(1, judge.rows - count)
@@ -175,6 +175,6 @@ def held_out_error(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
     held = np.arange(len(target)) % 3 == 2
     if int((~held).sum()) <= len(terms):
         return math.inf
-    columns = matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    columns, _ = unit_columns(matrix)
     values = np.linalg.lstsq(columns[~held], target[~held], rcond=1e-10)[0]
     return float(np.sqrt(((target[held] - columns[held] @ values) ** 2).mean()))

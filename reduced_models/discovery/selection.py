@@ -19,7 +19,7 @@ _MOST_SUBSETS = 400_000
 
 
 @dataclasses.dataclass(frozen=True)
-class Scored:
+class ScoredTerms:
     """A subset of the terms, with what its weak residuals say.
 
     Attributes
@@ -92,9 +92,9 @@ def by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
     return [np.array(sorted(groups[size])) for size in sorted(groups)]
 
 
-def scored(
+def score_subsets(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
-) -> tuple[list[Scored], Judge]:
+) -> tuple[list[ScoredTerms], Judge]:
     """The best few subsets of each size, best criterion first, and the judge that weighed them.
 
     Parameters
@@ -106,9 +106,9 @@ def scored(
         That the subsets number.
     subsets : list of int (s, k)
     """
-    best: Scored | None = None
+    best: ScoredTerms | None = None
     matrix, every = weak.matrix(terms), weak.matrix(library)
-    found: list[Scored] = []
+    found: list[ScoredTerms] = []
     for _ in range(_ROUNDS):
         # The first covariance is that of z'' alone; then that of the best equation so far.
         known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
@@ -118,15 +118,20 @@ def scored(
     return found, judge
 
 
-def weighed(judge: Judge, terms: Sequence[AnyTerm]) -> Scored:
+def unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return columns (n, p) of unit length, and the lengths (p,) that they had."""
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return columns / sizes, sizes
+
+
+def score_terms(judge: Judge, terms: Sequence[AnyTerm]) -> ScoredTerms:
     """One subset, by the same residuals as all others."""
     matrix = judge.weak.matrix(terms)
     return _ranked(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
 
 
 def _judge(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
-    columns, target = whitening @ every, whitening @ weak.target
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    columns, target = unit_columns(whitening @ every)[0], whitening @ weak.target
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-10)[0]
     freedom = max(1, len(target) - columns.shape[1])
     return Judge(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
@@ -134,10 +139,9 @@ def _judge(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
 
 def _ranked(
     judge: Judge, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
-) -> list[Scored]:
-    columns, target = judge.whitening @ matrix, judge.whitening @ judge.weak.target
-    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    columns = columns / sizes
+) -> list[ScoredTerms]:
+    columns, sizes = unit_columns(judge.whitening @ matrix)
+    target = judge.whitening @ judge.weak.target
     gram, moment = columns.T @ columns, columns.T @ target
     found = []
     for group in subsets:
@@ -152,7 +156,7 @@ def _ranked(
             left = target - columns[:, chosen] @ solved[k]
             squares = float(left @ left)
             found.append(
-                Scored(
+                ScoredTerms(
                     tuple(terms[place] for place in chosen),
                     solved[k] / sizes[chosen],
                     math.sqrt(squares / max(1, judge.rows - count)),
@@ -162,7 +166,7 @@ def _ranked(
     return sorted(found, key=lambda one: one.criterion)
 
 
-def pruned(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:
+def prune(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:
     """Backward elimination: a subset, and what is left after the least needed term goes, and so on.
 
     Parameters
@@ -172,8 +176,7 @@ def pruned(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -
     target : float64 (q,)
     start : sequence of int
     """
-    sizes = np.maximum(np.linalg.norm(judge_matrix, axis=0), 1e-300)
-    columns = judge_matrix / sizes
+    columns, _ = unit_columns(judge_matrix)
     gram, moment = columns.T @ columns, columns.T @ target
     left = list(start)
     path = [list(left)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,11 +13,12 @@ from reduced_models.discovery.hidden_states import Memory
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import (
     Judge,
-    Scored,
+    ScoredTerms,
     all_subsets,
     by_size,
-    pruned,
-    scored,
+    prune,
+    score_subsets,
+    unit_columns,
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
@@ -58,6 +59,24 @@ class Search(NamedTuple):
     functions: tuple[str, ...] = ()
     effort: float = 1.0
     seed: int = 0
+
+    def expressions(
+        self, inputs: Mapping[str, np.ndarray], target: np.ndarray, noise: float,
+        elliptic: bool = False,
+    ) -> list[sympy.Expr]:  # fmt: skip
+        """Return expressions for a target (n,) with such noise, in inputs (n,) by name.
+
+        PySR is given Jacobi's functions too, where ``elliptic``.
+        """
+        if self.method == "pysr":
+            from reduced_models.discovery.julia import pysr_expressions
+
+            return pysr_expressions(
+                inputs, target, noise, self.functions, elliptic, self.effort, self.seed
+            )
+        from reduced_models.discovery.symbolic import operon_expressions
+
+        return operon_expressions(inputs, target, noise, self.functions, self.effort, self.seed)
 
 
 class Structures(NamedTuple):
@@ -113,7 +132,7 @@ def structures(
     if sparse:
         supports, inclusion = _sparse_supports(weak, terms, form, ensemble, seed)
     if search is None:
-        ranked, judge = scored(weak, terms, terms, supports)
+        ranked, judge = score_subsets(weak, terms, terms, supports)
         return Structures([candidate_of(one) for one in ranked], judge, inclusion)
     return Structures(*symbolic_candidates(weak, terms, search, supports), inclusion)
 
@@ -149,7 +168,7 @@ def _eliminated(
     """Supports, and all that backward elimination makes of them."""
     whitening = weak.whitening((), np.zeros(0))
     matrix, target = whitening @ weak.matrix(terms), whitening @ weak.target
-    paths = (path for support in supports if support for path in pruned(matrix, target, support))
+    paths = (path for support in supports if support for path in prune(matrix, target, support))
     return by_size(paths)
 
 
@@ -174,13 +193,13 @@ def symbolic_candidates(
         [place[term] for term in found if term in place] for _, found in sums if found is not None
     ]
     groups = [*subsets, *_eliminated(weak, union, supports)] or all_subsets(1)
-    ranked, judge = scored(weak, terms, union, groups)
+    ranked, judge = score_subsets(weak, terms, union, groups)
     candidates = [candidate_of(one) for one in _once(ranked)]
     candidates += [_judged(one, judge) for one, found in sums if found is None]
     return candidates, judge
 
 
-def _once(ranked: Sequence[Scored]) -> list[Scored]:
+def _once(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
     """Each subset once, though two searches propose it."""
     found = {frozenset(one.terms): one for one in reversed(ranked)}
     return sorted(found.values(), key=lambda one: one.criterion)
@@ -197,24 +216,12 @@ def _expressions(
     samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     target = samples.pop("target")
     noise = math.sqrt(sum(motion.acceleration_noise**2 for motion in motions) / len(motions))
-    if search.method == "pysr":
-        from reduced_models.discovery.julia import pysr_expressions
-
-        found = pysr_expressions(
-            samples, target, noise, search.functions, effort=search.effort, seed=search.seed
-        )
-    else:
-        from reduced_models.discovery.symbolic import operon_expressions
-
-        found = operon_expressions(
-            samples, target, noise, search.functions, search.effort, search.seed
-        )
     replaced = {
         sympy.Symbol("speed", real=True): sympy.Abs(v),
         sympy.Symbol("direction", real=True): sympy.sign(v),
     }
     replaced |= {sympy.Symbol(f"own{k}", real=True): one.expression for k, one in enumerate(own)}
-    return [one.xreplace(replaced) for one in found]
+    return [one.xreplace(replaced) for one in search.expressions(samples, target, noise)]
 
 
 def _search_samples(
@@ -241,7 +248,7 @@ def _search_samples(
     return {name: values[rows] for name, values in found.items()}
 
 
-def candidate_of(one: Scored) -> CandidateEquation:
+def candidate_of(one: ScoredTerms) -> CandidateEquation:
     expression = sum_of(one.terms, list(one.coefficients))
     return CandidateEquation(expression, complexity(expression), one.misfit, one.criterion)
 
@@ -273,8 +280,7 @@ class Regression:
     """A linear regression for PySINDy's optimizers, with columns and target of unit size."""
 
     def __init__(self, matrix: np.ndarray, target: np.ndarray) -> None:
-        sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-        self.matrix = matrix / sizes * np.sqrt(len(matrix))
+        self.matrix = unit_columns(matrix)[0] * np.sqrt(len(matrix))
         self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
 
     def thresholded(self, threshold: float) -> Any:

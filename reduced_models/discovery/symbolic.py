@@ -68,7 +68,7 @@ def operon_expressions(
             "method 'operon' needs pyoperon, which is not installed; install it with: "
             "pip install 'granular-damper[discover]'"
         ) from None
-    samples = scaled(inputs, target)
+    samples = scale_samples(inputs, target)
     search = SymbolicRegressor(
         allowed_symbols=",".join(("add", "sub", "mul", "constant", "variable", *functions)),
         objectives=["r2", "length"],
@@ -87,7 +87,7 @@ def operon_expressions(
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Scaled:
+class ScaledSamples:
     """Samples as a search takes them: its numbers are drawn about 1.
 
     Attributes
@@ -135,12 +135,12 @@ class Scaled:
         return found
 
 
-def scaled(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> Scaled:
+def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> ScaledSamples:
     """Samples (n,) of each variable and of the target, divided by their sizes."""
     sizes = {name: _size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))
-    return Scaled(matrix, target / _size(target), names, sizes, _size(target))
+    return ScaledSamples(matrix, target / _size(target), names, sizes, _size(target))
 
 
 def _size(values: np.ndarray) -> float:

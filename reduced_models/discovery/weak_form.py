@@ -100,7 +100,7 @@ class Integrals:
     def integral(self, expression: sympy.Expr) -> np.ndarray:
         """The integrals (r,) of any expression in z, v and u."""
         motion = self.motion
-        return np.asarray(self.bump @ evaluated(expression, motion))
+        return np.asarray(self.bump @ evaluate(expression, motion))
 
     def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
         """How the residuals depend on each sample's noise, a sparse (r, n)."""
@@ -214,7 +214,7 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
     return Integrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
-def evaluated(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
+def evaluate(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     """Values (n,) of an expression along a motion."""
     function = function_of(symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive

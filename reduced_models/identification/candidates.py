@@ -12,7 +12,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import quoted, times
-from reduced_models.discovery.selection import scored
+from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import Term, library
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
@@ -73,7 +73,7 @@ def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return Candidates(tuple(driven_law(law, record, drive) for law in laws), Screening({}, 1.0))
-    screening = screened(record, laws)
+    screening = screen(record, laws)
     kept = tuple(law for law in laws if law.name == REFERENCE or not screening.hopeless(law.name))
     return Candidates(kept, screening)
 
@@ -173,7 +173,7 @@ class Screening:
         return max(self.library, 1.0) < CLEARLY_LESS * self.least and math.isfinite(self.least)
 
 
-def screened(record: PistonRecord, laws: Sequence[Law]) -> Screening:
+def screen(record: PistonRecord, laws: Sequence[Law]) -> Screening:
     """A glance at laws without hidden states and inputs; of others it says nothing.
 
     A record that is too short for it, or too noisy, is said nothing of as well.
@@ -183,7 +183,7 @@ def screened(record: PistonRecord, laws: Sequence[Law]) -> Screening:
         height_map = map_of([record], "auto")
         weak = weak_form(motion_of(record, height_map, "savitzky-golay"))
         # The noise of the integrals is that which the linear law makes of the record's.
-        _, judge = scored(weak, library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]])
+        _, judge = score_subsets(weak, library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]])
     except (GranularError, np.linalg.LinAlgError):
         return Screening({}, math.inf)
     misfits = {}

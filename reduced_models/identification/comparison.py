@@ -20,16 +20,18 @@ from granular.shared.messages import times
 from reduced_models.fitting.fitting import fit, law_of
 from reduced_models.fitting.options import HOLDOUT, STARTS, check_options, records_of
 from reduced_models.fitting.start_values import starts_near
-from reduced_models.identification.comparison_table import Comparison, Row, percent, pooled
+from reduced_models.identification.comparison_table import (
+    Comparison,
+    Row,
+    percent,
+    pooled,
+    tie_limit,
+)
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.roll_out import RollOut, roll_out
 
-TIE = 0.05
-"""Held-out errors closer than this fraction are alike."""
-NOISE_TIE = 1.25
-"""Held-out errors below so many noise levels are alike."""
 CLEAR = 10.0
 """Twice the difference of two log-likelihoods below which the data cannot tell two laws apart."""
 _LEAST = 1e-7  # of the swing: residuals below it are equal
@@ -97,7 +99,7 @@ def compare(
     return _ranked(rows, sound)
 
 
-def judged_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
+def judge_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
     """A comparison whose models are judged on further records that no fit has seen.
 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one
@@ -178,7 +180,7 @@ def _ranked(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
     scored = [_scored(row, correlation) for row in sound]
     noise = pooled([_noise(model) for model in scored[0].models])
     least = min(row.error for row in scored)
-    limit = max((1.0 + TIE) * least, NOISE_TIE * noise)
+    limit = tie_limit(least, noise)
     alike = sorted((row for row in scored if row.error <= limit), key=lambda row: row.bic)
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
     if not alike:  # every law diverges

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+TIE = 0.05
+"""Held-out errors closer than this fraction are alike."""
+NOISE_TIE = 1.25
+"""Held-out errors below so many noise levels are alike."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Row:
     """One law.
@@ -98,6 +104,14 @@ class Comparison:
     def best(self) -> ReducedModel:
         """The model of the law that is first, for the first record."""
         return self.rows[0].models[0]
+
+    def model_as_good(self, name: str) -> ReducedModel | None:
+        """The model of a law that predicts as well as the best one; None where it does not."""
+        limit = tie_limit(self.rows[0].error, self.noise)
+        for row in self.rows:
+            if row.name == name and len(row.models) == 1 and row.error <= limit:
+                return row.models[0]
+        return None
 
     def by_last_record(self) -> list[tuple[RollOut, str]]:
         """Errors and names of the laws on the last held-out record, the best first."""
@@ -218,6 +232,11 @@ class Comparison:
     def drawing_height(self) -> float:
         """Height of a drawing with a bar for each law [inch]."""
         return 1.8 + 0.45 * sum(not row.failure for row in self.rows)
+
+
+def tie_limit(least: float, noise: float) -> float:
+    """Return the greatest held-out error that is as good as the least one."""
+    return max((1.0 + TIE) * least, NOISE_TIE * noise)
 
 
 def best_text(best: Row) -> str:

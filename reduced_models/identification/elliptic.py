@@ -7,10 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models.identification.comparison import NOISE_TIE, TIE
-from reduced_models.identification.comparison_table import Comparison
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic import (
     OSCILLATORS,
@@ -30,22 +27,21 @@ _MOST_LOST = 0.5
 """Share of the amplitude that drag may take in the record: with more, no one function is said."""
 
 
-def elliptic_motion_of(comparison: Comparison, record: PistonRecord) -> EllipticMotion | None:
-    """The elliptic motion that the Duffing law starts with, where no law predicts better."""
-    model = _model(comparison)
-    if model is None or _lost(model, record) > _MOST_LOST:
+def elliptic_motion_of(model: ReducedModel, duration: float) -> EllipticMotion | None:
+    """The elliptic motion that a Duffing law starts with in a record of so many seconds.
+
+    None where it is a cosine, or drag takes too much of the amplitude for one function.
+    """
+    if _lost(model, duration) > _MOST_LOST:
         return None
     values = model.parameters
     found = elliptic_motion(values["k"], values["beta"], values["rest"], *model.initial)
     return found if found is not None and found.m >= _BENT else None
 
 
-def elliptic_text(comparison: Comparison, record: PistonRecord) -> str:
-    """That the fitted Duffing law and an elliptic function are one motion; empty where none is."""
-    found, model = elliptic_motion_of(comparison, record), _model(comparison)
-    if found is None or model is None:
-        return ""
-    lost = _lost(model, record)
+def elliptic_text(found: EllipticMotion, model: ReducedModel, duration: float) -> str:
+    """Return that a fitted Duffing law and an elliptic function are one motion."""
+    lost = _lost(model, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
         f"The motion of {DUFFING.name}{start} is {found.text()}, with m = k^2: Jacobi's "
@@ -54,19 +50,9 @@ def elliptic_text(comparison: Comparison, record: PistonRecord) -> str:
     )
 
 
-def _model(comparison: Comparison) -> ReducedModel | None:
-    """Of the Duffing law, where it predicts as well as the best law does."""
-    best = comparison.rows[0]
-    limit = max((1.0 + TIE) * best.error, NOISE_TIE * comparison.noise)
-    for row in comparison.rows:
-        if row.name == DUFFING.name and len(row.models) == 1 and row.error <= limit:
-            return row.models[0]
-    return None
-
-
-def _lost(model: ReducedModel, record: PistonRecord) -> float:
-    """Share of the amplitude that the drag takes in the course of the record."""
-    return 1.0 - math.exp(-model.parameters["lam"] * float(record.time[-1] - record.time[0]))
+def _lost(model: ReducedModel, duration: float) -> float:
+    """Fraction of the amplitude that the drag takes in so many seconds."""
+    return 1.0 - math.exp(-model.parameters["lam"] * duration)
 
 
 class Averaging(NamedTuple):
@@ -112,14 +98,14 @@ class Averaging(NamedTuple):
         )
 
 
-def averaging_of(model: ReducedModel, record: PistonRecord) -> Averaging | None:
+def averaging_of(model: ReducedModel, time: np.ndarray) -> Averaging | None:
     """Elliptic averaging of a fitted law; None where none is known, or too few cycles are seen."""
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
         return None
     one = make(model.parameters, model.map)
     try:
-        cycles = envelope(model.simulate(record.time))
+        cycles = envelope(model.simulate(time))
     except (InputError, RecordError):
         return None
     if not turns_about_rest(cycles.amplitude, one):

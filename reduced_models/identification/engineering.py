@@ -12,7 +12,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from granular.run.record import PistonRecord
+import numpy as np
+
 from granular.shared.errors import GranularError
 from granular.shared.html import number
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
@@ -228,11 +229,11 @@ def _through(
     return Quantity(name, symbol, unit, function(ratio), *ends)
 
 
-def at_amplitudes(model: ReducedModel, record: PistonRecord) -> list[HarmonicCycle]:
-    """Cycles about rest, from the greatest amplitude of the record down to a tenth of it."""
+def at_amplitudes(model: ReducedModel, heights: np.ndarray) -> list[HarmonicCycle]:
+    """Cycles about rest, from the greatest amplitude of some heights down to a tenth of it."""
     if model.at_rest is None or model.law.inputs:
         return []
-    farthest = max(abs(edge - model.at_rest.height) for edge in _ends(record))
+    farthest = float(np.abs(heights - model.at_rest.height).max())
     found = []
     for share in SHARES:
         try:
@@ -242,10 +243,6 @@ def at_amplitudes(model: ReducedModel, record: PistonRecord) -> list[HarmonicCyc
         if cycle.stiffness > 0.0:
             found.append(cycle)
     return found
-
-
-def _ends(record: PistonRecord) -> tuple[float, float]:
-    return float(record.height.min()), float(record.height.max())
 
 
 @dataclasses.dataclass(frozen=True)

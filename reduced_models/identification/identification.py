@@ -17,7 +17,7 @@ from granular.shared.messages import quoted, visible
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
 from reduced_models.identification.checks import check_figures, further_runs
-from reduced_models.identification.comparison import compare, judged_on, law_name
+from reduced_models.identification.comparison import compare, judge_on, law_name
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import figures_of
 from reduced_models.identification.residual_tests import residual_tests
@@ -219,7 +219,7 @@ def _checked(
     checks = further_runs(run, period, executor, progress, lift=len(found.models) > 1)
     comparison, model, figures = found.comparison, found.shown, found.figures
     if checks.lift is not None:  # the laws are ranked anew, and the best one now gives the figures
-        comparison = judged_on(comparison, [checks.lift])
+        comparison = judge_on(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((one for one in order if one.at_rest is not None), order[0])
         figures = figures_of(model)

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.shared.html import Page, number
 from granular.shared.messages import times
 from granular.shared.plotting import GREY, READABLE, figure, line_look, plain_label
@@ -63,11 +62,12 @@ def sentence(words: str) -> str:
 
 def add_engineering(
     page: Page, quantities: Sequence[Quantity], figures: Mapping[str, Figure],
-    model: ReducedModel, record: PistonRecord, mass: float | None, averaging: str,
+    model: ReducedModel, heights: np.ndarray, mass: float | None, averaging: str,
 ) -> None:  # fmt: skip
     """Add frequency, damping and stiffness of the swing, and how they change with amplitude.
 
-    ``averaging`` is what elliptic averaging says of the law; empty where it says nothing.
+    ``heights`` are those of the record, and ``averaging`` is what elliptic averaging says of the
+    law; empty where it says nothing.
     """
     if not quantities:
         page.note("The law has no level of rest near the record, so no small swing can be told.")
@@ -83,7 +83,7 @@ def add_engineering(
             for one in quantities
         ],
     )  # fmt: skip
-    page.text(_explained(quantities, model, record.angle, mass))
+    page.text(_explained(quantities, model, mass))
     if checks:
         page.text(
             "The step error is what twice the time step changes in the same fit (half of it, and "
@@ -94,10 +94,10 @@ def add_engineering(
         )
     if averaging:
         page.text(f"{sentence(averaging)}.")
-    cycles = at_amplitudes(model, record)
+    cycles = at_amplitudes(model, heights)
     if len(cycles) < 2:
         return
-    units = units_of(record.angle, mass)
+    units = units_of(model.angle, mass)
     page.text("How they change with amplitude, in harmonic cycles about rest:")
     page.table(
         (f"amplitude [{units.length}]", "frequency [Hz]", "damping ratio [%]",
@@ -111,9 +111,7 @@ def add_engineering(
     )  # fmt: skip
 
 
-def _explained(
-    quantities: Sequence[Quantity], model: ReducedModel, angle: bool, mass: float | None
-) -> str:
+def _explained(quantities: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
     words = f"Of the {swing_words(model)} about rest, from the fit of {model.law.name}. "
     if any(one.name.startswith(f"{DAMPING_RATIO} at ") for one in quantities):
         words += (
@@ -121,7 +119,7 @@ def _explained(
             "4π times that of its swing; friction is the constant force that, beside a dashpot, "
             "loses as much at both. "
         )
-    if angle:
+    if model.angle:
         return words + "Stiffness and damping are per unit of the moment of inertia."
     if mass is None:
         return words + (

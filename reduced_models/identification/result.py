@@ -35,6 +35,7 @@ from reduced_models.identification.engineering import (
 )
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic import EllipticMotion
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
@@ -106,13 +107,19 @@ class Identification:
 
     @property
     def elliptic(self) -> EllipticMotion | None:
-        """The elliptic motion of the fitted Duffing law; None where that is not the best law."""
-        return elliptic_motion_of(self.comparison, self.record)
+        """The elliptic motion of the fitted Duffing law; None where another law is better."""
+        model = self.comparison.model_as_good(DUFFING.name)
+        return None if model is None else elliptic_motion_of(model, self._duration)
+
+    @property
+    def _duration(self) -> float:
+        """Of the record [s]."""
+        return float(self.record.time[-1] - self.record.time[0])
 
     @functools.cached_property
     def averaging(self) -> Averaging | None:
         """Elliptic averaging of the best law, where that is Duffing's or the Van der Pol-like."""
-        return averaging_of(self.best, self.record)
+        return averaging_of(self.best, self.record.time)
 
     @property
     def engineering(self) -> tuple[Quantity, ...]:
@@ -123,7 +130,10 @@ class Identification:
     def verdict(self) -> str:
         """Verdicts on unseen falls, the comparison, an unseen lift and the residuals."""
         words = [] if self.falls is None else [self.falls.verdict]
-        words += [self.comparison.verdict, elliptic_text(self.comparison, self.record)]
+        words.append(self.comparison.verdict)
+        duffing = self.comparison.model_as_good(DUFFING.name)
+        if duffing is not None and (motion := self.elliptic) is not None:
+            words.append(elliptic_text(motion, duffing, self._duration))
         if self.lift is not None:
             words.append(lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
@@ -132,7 +142,7 @@ class Identification:
                 f"What {self.best.law.name} leaves of the record is {100 * tests.relative:.2g} % "
                 f"of its swing, but no white noise ({tests.verdict})."
             )
-        return " ".join(filter(None, words))
+        return " ".join(words)
 
     @property
     def summary(self) -> str:
@@ -141,7 +151,7 @@ class Identification:
             return self.verdict
         best, angle = self.comparison.rows[0], self.record.angle
         swing = swing_text(self.engineering, self.figures, angle, self.mass)
-        cycles = at_amplitudes(self.shown, self.record)
+        cycles = at_amplitudes(self.shown, self.record.height)
         words = f"{swing} {best_text(best)}{amplitude_text(cycles, units_of(angle, self.mass))}"
         return words if self.falls is None else f"{self.falls.verdict} {words}"
 
@@ -198,8 +208,9 @@ class Identification:
         page = Page(f"The equation of {name}", self.summary)
         averaging = "" if self.averaging is None else self.averaging.text
         blocks.add_engineering(
-            page, self.engineering, self.figures, self.shown, self.record, self.mass, averaging
-        )
+            page, self.engineering, self.figures, self.shown, self.record.height, self.mass,
+            averaging,
+        )  # fmt: skip
         pictures.add_record(page, self.record, self.best)
         if self.falls is not None:
             blocks.add_falls(page, self.falls)

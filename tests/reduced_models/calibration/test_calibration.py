@@ -13,7 +13,7 @@ import pytest
 from granular import PistonRecord, Scene, load_scene
 from granular.shared.errors import InputError
 from reduced_models import Calibration
-from reduced_models.calibration.calibration import calibrated
+from reduced_models.calibration.calibration import run_calibration
 from reduced_models.calibration.features import Features
 from reduced_models.calibration.gauss_newton import RADIUS
 from reduced_models.calibration.simulations import SceneSimulator, SimulatedPoint, parameter
@@ -98,7 +98,7 @@ class Lab(NamedTuple):
 
     def calibrated(self, *keys: str, **options: Any) -> Calibration:
         simulator = self.simulator(*keys, **options)
-        return calibrated(simulator, RECORD, self.wanted, 0.95, checks=False)
+        return run_calibration(simulator, RECORD, self.wanted, 0.95, checks=False)
 
 
 def test_intervals_cover_the_truth() -> None:
@@ -122,7 +122,7 @@ def test_a_start_far_away() -> None:
     """A third of the drag, twice the mass: in steps no longer than the radius."""
     lab = Lab.of(3, mass=3.75, drag=0.3)
     simulator = lab.simulator()
-    found = calibrated(simulator, RECORD, lab.wanted, 0.95, checks=False)
+    found = run_calibration(simulator, RECORD, lab.wanted, 0.95, checks=False)
     assert found.values == pytest.approx({MASS: 3.75, DRAG: 0.3}, rel=0.05)
     assert found.notes == ()
     assert len(simulator.asked) <= 3 + math.ceil(math.log(3.0) / RADIUS) + 3

@@ -16,7 +16,7 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, discover
 from reduced_models.discovery.discovery import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
-from reduced_models.discovery.selection import all_subsets, scored
+from reduced_models.discovery.selection import all_subsets, score_subsets
 from reduced_models.discovery.terms import Term, library, sum_of, symbols, terms_of
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
@@ -275,7 +275,7 @@ def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> 
     weak = weak_form(
         SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0)
     )
-    ranked, judge = scored(weak, terms, terms, all_subsets(len(terms)))
+    ranked, judge = score_subsets(weak, terms, terms, all_subsets(len(terms)))
     assert set(ranked[0].terms) == set(LAWS["van-der-pol"][3])
     assert judge.excess < 1.5
 

@@ -7,11 +7,11 @@ import pytest
 import sympy
 from scipy.special import ellipj
 
-from granular import PistonRecord
 from reduced_models import HeightMap
 from reduced_models.discovery import height, julia
-from reduced_models.discovery.height import freed
+from reduced_models.discovery.height import elliptic_variants
 from reduced_models.discovery.result import Discovery
+from reduced_models.discovery.structures import Search
 
 TIME = np.linspace(0.0, 20.0, 400)
 T = sympy.Symbol("t", real=True)
@@ -31,7 +31,7 @@ def found_in(
     """What is chosen where a search proposes these, at 1 % noise."""
     monkeypatch.setattr(julia, "pysr_expressions", lambda *_, **__: proposed)
     noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
-    return height.height_equations(PistonRecord(TIME, z + noise), "pysr", HeightMap(), 1.0, seed)
+    return height.height_equations(TIME, z + noise, Search("pysr", seed=seed), HeightMap())
 
 
 def numbers(found: Discovery) -> list[float]:
@@ -73,9 +73,9 @@ def test_a_cosine_stays_a_cosine(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_only_calls_of_the_time_are_freed() -> None:
-    assert freed(COSINE) == [COSINE]
+    assert elliptic_variants(COSINE) == [COSINE]
     nested = CN(sympy.sin(T), sympy.Float(0.4))
-    assert freed(nested) == [nested]
+    assert elliptic_variants(nested) == [nested]
     twice = CN(T, sympy.Float(0.4)) * SN(T, sympy.Float(0.4))
-    assert len(freed(twice)) == 3
-    assert len(freed(twice)[2].atoms(sympy.Float)) == 6
+    assert len(elliptic_variants(twice)) == 3
+    assert len(elliptic_variants(twice)[2].atoms(sympy.Float)) == 6

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import HeightMap, discover, fit
-from reduced_models.discovery.choice import polished_front
+from reduced_models.discovery.choice import polish_front
 from reduced_models.discovery.libraries import LIBRARIES, terms_named
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.selection import scored
+from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import OwnTerm, library, read_terms, sum_of, symbols, terms_of
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
@@ -200,7 +200,7 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
         weak = weak_form(
             SmoothedMotion(TIME, noisy, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0)
         )
-        misfits.append(scored(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
+        misfits.append(score_subsets(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
 
 
@@ -278,7 +278,7 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     z, v, _ = symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
-    _, judge = scored(weak_form(motion), library(1), library(1), [np.array([[0]])])
+    _, judge = score_subsets(weak_form(motion), library(1), library(1), [np.array([[0]])])
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, holdout=0.0)
     wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]
@@ -286,7 +286,7 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     def polish(one: CandidateEquation) -> CandidateEquation:
         return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
 
-    front, chosen = polished_front(candidates, polish, 2, judge)
+    front, chosen = polish_front(candidates, polish, 2, judge)
     assert front[chosen].model is model
-    front, chosen = polished_front(candidates, polish, 0, judge)
+    front, chosen = polish_front(candidates, polish, 0, judge)
     assert front[chosen] is candidates[0]

@@ -10,11 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, Scene, damper, simulate
-from reduced_models.falls.shaking import PUSHED, RESPONSE_ERROR, Pushed
+from reduced_models.falls.shaking import RESPONSE_ERROR
 from reduced_models.laws.annealing_bed import MODULUS, STRENGTH
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.solution import solution
+from tests.reduced_models.falls.pushed import PUSHED, Pushed
 
 D = 0.006
 LAW = LAWS["annealing-bed"]
