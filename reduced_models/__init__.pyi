@@ -1,10 +1,8 @@
 from .calibration.calibration import calibrate
-from .calibration.result import Calibration
 from .designs.candidate import Candidate
 from .designs.design import design
 from .designs.maps import DamperMaps, damper_maps
 from .designs.proposal import DesignTarget, propose_design
-from .designs.result import Design
 from .designs.study import run_study
 from .discovery.discovery import discover
 from .falls.scores import score_drops
@@ -29,7 +27,7 @@ from .records.release import from_release
 from .records.sources import read_record
 
 __all__ = [
-    "Calibration", "Candidate", "Comparison", "DamperMaps", "Design", "DesignTarget",
+    "Candidate", "Comparison", "DamperMaps", "DesignTarget",
     "FirstGuesses", "HeightMap", "Law", "LawEstimator", "PistonRecord", "ReducedModel",
     "calibrate", "compare", "damper_maps", "design", "discover", "fit", "forced_law",
     "from_release", "identify", "law_named", "load_model", "posterior", "predict",

@@ -23,7 +23,7 @@ _SETTLED, _LINEAR, _LEAST_STEP = 2.0, 0.1, 1e-3
 
 
 class SearchEnd(NamedTuple):
-    """Where a search ended.
+    """The end of a search.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def _scatter(points: Sequence[SimulatedPoint]) -> np.ndarray:
 
 
 def _variance(wanted: Features, scatter: np.ndarray, starts: int) -> np.ndarray:
-    """Of each feature of the record (d,) about the mean of the simulated ones."""
+    """Variance (d,) of the features of the record about the mean of the simulated ones."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
@@ -95,7 +95,7 @@ def _distance(point: SimulatedPoint, wanted: Features, scatter: np.ndarray) -> f
 
 
 class LinearEstimate(NamedTuple):
-    """What linearised features say at a point.
+    """A step of linearised features at a point, and its uncertainty.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a calibration found: numbers of a scene, how sure they are, and where the scene fails."""
+"""The result of a calibration: numbers of a scene, their uncertainty, and what does not fit."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ class SimulatedPoint(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SceneSimulator:
-    """How a scene is simulated and what is measured of it.
+    """A scene to be simulated with other numbers, and what is measured of it.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ class Candidate(NamedTuple):
 
     @property
     def viscosity(self) -> float:
-        """Of the liquid that makes a large grain's drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
+        """Viscosity of the liquid with that drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:

@@ -142,7 +142,7 @@ def design(
 
 
 def _corrected(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
-    """What to aim at in the maps next.
+    """Frequency and damping ratio to aim at in the maps next.
 
     The damping goes with the drag; the frequency, which a bed that falls into another order changes
     faster or more slowly than the maps, takes a secant step on logarithms.
@@ -155,7 +155,7 @@ def _corrected(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, fl
 
 
 def _slope(rounds: Sequence[Round]) -> float:
-    """How the measured frequency followed the promised one, where it was moved enough to tell."""
+    """Slope of the measured frequency by the promised one; 1 where it was hardly moved."""
     if len(rounds) < 2:
         return 1.0
     before, last = rounds[-2:]

@@ -66,7 +66,7 @@ class Surface(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """What the maps say of a damper.
+    """Figures of a damper by the maps.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ _SHORTEST = 15
 
 
 class Line(NamedTuple):
-    """How the lines of one figure look on a map."""
+    """The look of the lines of one figure on a map."""
 
     words: str
     factor: float
@@ -185,7 +185,7 @@ def _label(axes: Axes, name: str, level: float, way: np.ndarray) -> None:
 
 
 def add_legend(drawing: Figure) -> None:
-    """What the lines of a map are, above it."""
+    """Name the lines of a map, above it."""
     from matplotlib.lines import Line2D
 
     drawing.legend(

@@ -27,7 +27,7 @@ COUNTS = tuple(round(count) for count in np.geomspace(HIGHEST[1], LOWEST[1], 24)
 
 
 class DesignTarget(NamedTuple):
-    """What a damper shall do, and what of it is fixed.
+    """Figures that a damper shall have, and what of it is fixed.
 
     Attributes
     ----------

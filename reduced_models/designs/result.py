@@ -68,7 +68,7 @@ class Round(NamedTuple):
     checks: tuple[Check, ...]
 
     def mean(self, name: str) -> float:
-        """Of a figure, over the checks."""
+        """Mean of a figure over the checks."""
         return sum(getattr(one, name) for one in self.checks) / len(self.checks)
 
 
@@ -93,12 +93,12 @@ class Design:
 
     @property
     def promise(self) -> Prediction:
-        """What the maps say of it."""
+        """Its figures by the maps."""
         return self.rounds[-1].promise
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """What the simulations say of it."""
+        """Its figures by the simulations."""
         return self.rounds[-1].checks
 
     @property
@@ -108,7 +108,7 @@ class Design:
 
     @property
     def frequency(self) -> float:
-        """Of the undamped small swing [Hz], mean over the checks."""
+        """Frequency of the undamped small swing [Hz], mean over the checks."""
         return self.rounds[-1].mean("frequency")
 
     @property
@@ -122,7 +122,7 @@ class Design:
         return self.rounds[-1].mean("rest_height")
 
     def met(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Whether every check lies within these relative tolerances of the target."""
+        """Return true where every check lies within these relative tolerances of the target."""
         return all(
             abs(one.frequency / self.target.frequency - 1.0) <= frequency_tolerance
             and abs(one.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
@@ -135,7 +135,7 @@ class Design:
         return min(values), max(values)
 
     def agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
-        """Whether the random starts differ by so little that all could be within the tolerances."""
+        """Return true where random starts differ so little that all could meet the tolerances."""
         pairs = (
             ("frequency", frequency_tolerance * self.target.frequency),
             ("damping_ratio", damping_tolerance * self.target.damping),
@@ -145,7 +145,7 @@ class Design:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be doubted, in plain words."""
+        """Doubts, in plain words."""
         found = []
         gap = min(one.fall_gap for one in self.checks)
         contact = 1.0 if self.target.small_share == 0.0 else ASPECT

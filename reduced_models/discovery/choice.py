@@ -80,7 +80,7 @@ def _with_simpler_ones(
 
 
 def _is_among(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
-    """Whether one of some candidates is that one, or has its structure."""
+    """Return true where one of some candidates is that one, or has its structure."""
     terms = candidate.terms
     return any(
         one is candidate
@@ -152,7 +152,7 @@ _LEAST_SHARE = 0.1
 
 
 class Evidence(NamedTuple):
-    """How sure a structure is.
+    """Evidence for a structure.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ class Evidence(NamedTuple):
 def evidence(
     chosen: CandidateEquation, candidates: Sequence[CandidateEquation], judge: Judge, seed: int
 ) -> Evidence | None:
-    """Of a chosen sum of terms beside other candidates; None where it is no such sum."""
+    """Weigh a chosen sum of terms against other candidates; None where it is no such sum."""
     if chosen.terms is None or not chosen.terms:
         return None
     own = in_order(chosen.terms)

@@ -193,7 +193,7 @@ _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
 
 
 def missing() -> str | None:
-    """What PySR lacks here, in words; None where it can run. Never downloads anything."""
+    """Return what PySR lacks here; None where it can run. Never downloads anything."""
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
@@ -207,7 +207,7 @@ def missing() -> str | None:
 
 
 def _of_the_two(julia: str | None, project: str | None) -> str | None:
-    """What is missing of a Julia and a project that the user names."""
+    """Return what is missing of a Julia and a project that the user names."""
     if not julia or not project:
         return f"{EXE} and {PROJECT} must be set together"
     if shutil.which(julia) is None:
@@ -245,7 +245,7 @@ def _juliacall() -> tuple[int, ...]:
 
 
 def _resolved() -> bool:
-    """Whether juliapkg has all in place; a dry run looks without installing."""
+    """Return true where juliapkg has all in place; a dry run looks without installing."""
     logging.getLogger("juliapkg").setLevel(logging.ERROR)
     try:
         return bool(importlib.import_module("juliapkg").resolve(dry_run=True))

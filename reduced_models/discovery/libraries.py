@@ -136,7 +136,7 @@ _GRID = np.linspace(-1.0, 1.0, 33)
 
 
 def fault(motion: SmoothedMotion, term: AnyTerm) -> str:
-    """What is wrong with a term along a motion, in words; empty where nothing is."""
+    """Return the fault of a term along a motion in words; empty where it has none."""
     drive = motion.drive
     for z in (motion.z, motion.smooth):
         if not np.isfinite(term.values(z, motion.velocity, drive)).all():
@@ -149,7 +149,7 @@ def fault(motion: SmoothedMotion, term: AnyTerm) -> str:
 
 
 def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> bool:
-    """Whether a term grows without bound between samples, which are finite themselves.
+    """Return true for a term that grows without bound between finite samples.
 
     1/z of a motion through zero is finite at every sample, and says nothing but how near to zero
     the nearest of them happens to be.

@@ -228,7 +228,7 @@ def _candidates(judged: _Judged) -> list[CandidateEquation]:
 def _search_candidates(
     judged: _Judged, known: Sequence[AnyTerm], search: Search
 ) -> list[CandidateEquation]:
-    """What a symbolic regression proposes, with the hidden state as a variable."""
+    """Candidates of a symbolic regression, with the hidden state as a variable."""
     if judged.memory is None:
         return []
     terms = [one for one in known if one.driven or one.still]
@@ -237,7 +237,7 @@ def _search_candidates(
 
 
 def _notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:
-    """What the hidden state buys, and which others do as well."""
+    """Gain by the hidden state, and others that do as well."""
     lead = groups[best][0]
     if lead.memory is None:
         return ("no hidden state that was tried is worth its numbers: the law has no memory",)

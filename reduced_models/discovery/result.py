@@ -1,4 +1,4 @@
-"""What a discovery gives back, the same for every method."""
+"""The result of a discovery, the same for every method."""
 
 from __future__ import annotations
 

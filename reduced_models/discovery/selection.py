@@ -1,4 +1,4 @@
-"""Which terms an equation needs: all subsets of a library, weighed by their weak residuals."""
+"""Selection of terms: all subsets of a library, weighed by their weak residuals."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Judge:
         return len(self.whitening)
 
     def criterion(self, squares: float, count: int) -> float:
-        """Of an equation with so many free numbers and that sum of squares."""
+        """Return the criterion of an equation with so many free numbers and that sum of squares."""
         ways = math.log(math.comb(max(self.size, count), count))
         samples = math.log(self.weak.samples)
         return squares / self.excess + count * samples + 2.0 * ways

@@ -1,4 +1,4 @@
-"""Which structures are tried: sparse sums of terms, or what a symbolic regression proposes."""
+"""Candidate structures: sparse sums of terms, and expressions of symbolic regressions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
 
 
 class Search(NamedTuple):
-    """How a symbolic regression searches.
+    """A symbolic regression by one of the programs for it.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ def _expressions(
 def _search_samples(
     motion: SmoothedMotion, motions: int, own: Sequence[OwnTerm] = ()
 ) -> dict[str, np.ndarray]:
-    """What a symbolic regression sees of one of so many motions, away from its ends.
+    """Samples of one of so many motions for a symbolic regression, away from its ends.
 
     Own terms are variables beside z and z'.
     """

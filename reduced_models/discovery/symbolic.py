@@ -28,7 +28,7 @@ _GENERATIONS = 10_000  # more than the evaluations last for
 
 
 def has_operon() -> bool:
-    """Whether pyoperon is installed."""
+    """Return true where pyoperon is installed."""
     return importlib.util.find_spec("pyoperon") is not None
 
 

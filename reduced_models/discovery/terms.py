@@ -56,22 +56,22 @@ class OwnTerm:
 
     @property
     def driven(self) -> bool:
-        """Whether it holds the input."""
+        """True where it holds the input."""
         return bool(self.expression.has(symbols()[2]))
 
     @property
     def still(self) -> bool:
-        """Whether it is one of z (and the input) alone."""
+        """True for a term of z (and the input) alone."""
         return not self.expression.has(symbols()[1])
 
     @property
     def moving(self) -> bool:
-        """Whether it changes with the speed."""
+        """True where it changes with the speed."""
         return not self.still
 
     @property
     def total(self) -> bool:
-        """Whether it is the rate of a function of z."""
+        """True for the rate of a function of z."""
         return self._factor is not None
 
     @functools.cached_property
@@ -84,7 +84,7 @@ class OwnTerm:
         return None if self.still or factor.has(v) or factor.has(u) else factor
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Of samples (n,)."""
+        """Return its values at samples (n,)."""
         return _values(self.expression, z, v, u)
 
     def primitive(self, z: np.ndarray) -> np.ndarray:
@@ -214,17 +214,17 @@ class Term(NamedTuple):
 
     @property
     def still(self) -> bool:
-        """Whether the term is one of z (and the input) alone."""
+        """True for a term of z (and the input) alone."""
         return self.speed == 0 and not self.odd
 
     @property
     def total(self) -> bool:
-        """Whether the term is z^a z', the rate of z^(a+1)/(a+1)."""
+        """True for z^a z', the rate of z^(a+1)/(a+1)."""
         return self.speed == 1 and self.odd and not self.driven
 
     @property
     def moving(self) -> bool:
-        """Whether it changes with the speed other than by its sign."""
+        """True where it changes with the speed other than by its sign."""
         return self.speed > 0
 
     @property
@@ -245,7 +245,7 @@ class Term(NamedTuple):
         return z**self.power * motion * (u if self.driven else 1)
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Of samples (n,)."""
+        """Return its values at samples (n,)."""
         found = z**self.power * np.abs(v) ** self.speed
         if self.odd:
             found = found * np.sign(v)

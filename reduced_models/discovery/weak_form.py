@@ -38,7 +38,7 @@ _RANK = 1e-10
 
 
 class SmoothedMotion(NamedTuple):
-    """What the equations are made of.
+    """A recorded motion with estimates of its derivatives and noise.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Integrals:
         return np.asarray(self.bump @ evaluate(expression, motion))
 
     def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
-        """How the residuals depend on each sample's noise, a sparse (r, n)."""
+        """Return the slopes of the residuals by each sample's noise, a sparse (r, n)."""
         motion, found = self.motion, self.curvature
         for term, value in zip(terms, coefficients, strict=True):
             if term.total:
@@ -152,7 +152,7 @@ class WeakForm:
 
     @property
     def samples(self) -> int:
-        """Of all motions."""
+        """Number of samples of all motions."""
         return sum(len(motion.time) for motion in self.motions)
 
     @property
@@ -276,7 +276,7 @@ class ForceIntegrals(Integrals):
     deviation: float
 
     def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
-        """Of the force's noise alone, in units of the motion's."""
+        """Return the slopes by the force's noise alone, in units of the motion's."""
         return self.bump * (self.deviation / self.motion.noise)
 
 

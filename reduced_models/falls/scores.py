@@ -1,4 +1,4 @@
-"""How well laws predict falls that they were not fitted to, as data."""
+"""Scores of laws on falls that they were not fitted to."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class DropScores:
 
     @property
     def verdict(self) -> str:
-        """Which law predicts unseen falls best, and by how much."""
+        """The law that predicts unseen falls best, and the others."""
         best, *others = [row for row in self.rows if row.model is not None]
         if math.isinf(best.median):
             return "No law that was fitted to one fall follows the others."
@@ -245,7 +245,7 @@ def _row(
 
 
 def _start(law: Law, scene: Scene | None) -> dict[str, float] | None:
-    """What a scene says of the law of its fall."""
+    """Start values by the scene of a fall."""
     if scene is None or law.name != "elastoplastic-bed":
         return None
     from reduced_models.falls.theory import parameters_of
@@ -270,7 +270,7 @@ def fall_error(model: ReducedModel, fall: PistonRecord, level: float) -> float:
 
 
 def _rms(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:
-    """Of the difference of a record from heights at other times, over their common span [m]."""
+    """Rms difference of a record from heights at other times, while both last [m]."""
     end = min(record.time[-1] - record.time[0], time[-1] - time[0])
     since = record.time - record.time[0]
     common = since <= end

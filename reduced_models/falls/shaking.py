@@ -1,4 +1,4 @@
-"""How far the law of a bed that orders may stand in for the bed under shaking.
+"""The range in which the law of a bed that orders may stand in for the bed under shaking.
 
 The pushed piston of the packaged damper beside the law ``annealing-bed``: fallen from 20 D to rest
 (for 368 grains; all lengths times sqrt(N/368)), then pushed by F sin(2 pi f t) for six cycles or
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class ShakingRange(NamedTuple):
-    """Where the law may stand in for a bed under shaking, and how well it does.
+    """The range in which a law may stand in for a shaken bed, and its errors there.
 
     Attributes
     ----------

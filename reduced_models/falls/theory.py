@@ -1,4 +1,4 @@
-"""What a scene says of the law of its fall, before anything has fallen.
+"""The law of a fall from its scene alone, before anything has fallen.
 
 A crystal of N equal dipoles with their moments normal to it, in a cell of width W below a piston at
 the height z, has the pressure p = 1.6674 (F*/D) rho^(5/2), rho = N D^2/(W z) (lattice sum of the
@@ -215,7 +215,7 @@ def _lateness(resistance: float, weight: float, rest: float, gravity: float) -> 
 
 
 def _omega(rest: float, gravity: float) -> float:
-    """Of the small swing [1/s]."""
+    """Angular frequency of the small swing [1/s]."""
     return math.sqrt((POWER + MODULUS) * gravity / rest)
 
 

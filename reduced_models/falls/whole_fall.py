@@ -77,7 +77,7 @@ class WholeFall(NamedTuple):
 
 
 def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
-    """What a fall does, by the law of `predict`: nothing is run, and nothing fitted.
+    """Return figures of a fall by the law of `predict`: nothing is run, and nothing fitted.
 
     Parameters
     ----------

@@ -144,7 +144,7 @@ _FEWEST_ROWS = 12  # integrals beyond a law's parameters, that say something
 
 @dataclasses.dataclass(frozen=True)
 class Screening:
-    """What a glance says of some laws.
+    """Misfits of some laws at a glance.
 
     Attributes
     ----------
@@ -160,16 +160,16 @@ class Screening:
 
     @property
     def least(self) -> float:
-        """Of the laws; infinite where none could be looked at."""
+        """Least misfit of the laws; infinite where none could be looked at."""
         return min(self.misfits.values(), default=math.inf)
 
     def hopeless(self, name: str) -> bool:
-        """Whether a law cannot win."""
+        """Return true for a law that cannot win."""
         return self.misfits.get(name, 0.0) > HOPELESS * max(self.least, 1.0)
 
     @property
     def incomplete(self) -> bool:
-        """Whether other terms explain the record clearly better than any of the laws does."""
+        """True where other terms explain the record clearly better than any of the laws."""
         return max(self.library, 1.0) < CLEARLY_LESS * self.least and math.isfinite(self.least)
 
 
@@ -228,7 +228,7 @@ def _view(law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: Hei
 def _misfit(
     law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, height_map: HeightMap
 ) -> float:
-    """Of a law whose parameters are fitted to the integrals; infinite where that fails."""
+    """Misfit of a law that is fitted to the integrals; infinite where that fails."""
     from scipy.optimize import least_squares
 
     (part,) = weak.parts

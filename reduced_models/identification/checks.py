@@ -314,7 +314,7 @@ def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
 
 
 def _fits(scene: Scene, check: RunCheck) -> bool:
-    """Whether a scene can be changed so; grains may not fit under a lower piston."""
+    """Return true for a scene that can be changed so; a lower piston may leave no space."""
     try:
         scene.replace(**check.changes)
     except GranularError:

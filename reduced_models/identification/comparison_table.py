@@ -120,7 +120,7 @@ class Comparison:
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Of `cells`."""
+        """Names of the columns of `cells`."""
         held = len(self.rows[0].records)
         return (
             "law", "parameters", "hold-out error", *(f"record {k + 1}" for k in range(held)),

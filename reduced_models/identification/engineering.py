@@ -98,7 +98,7 @@ def between(low: float, high: float, digits: int) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Units:
-    """What the coordinate and its forces are shown in.
+    """Units in which the coordinate and its forces are shown.
 
     Attributes
     ----------
@@ -202,7 +202,7 @@ def swing_words(model: ReducedModel) -> str:
 
 
 def damped_frequency(period: float, ratio: float) -> float:
-    """Of a swing with that undamped period [s] and damping ratio [Hz]."""
+    """Frequency [Hz] of a damped swing with that undamped period [s] and damping ratio."""
     return math.sqrt(1.0 - ratio**2) / period
 
 

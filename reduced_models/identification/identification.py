@@ -194,7 +194,7 @@ def _notes(
     record: PistonRecord, run: Trajectory | None, comparison: Comparison,
     models: Sequence[ReducedModel],
 ) -> tuple[str, ...]:  # fmt: skip
-    """What is to be doubted in a run, fits that failed, and columns that were not used."""
+    """Doubts about a run, fits that failed, and columns that were not used."""
     notes = [] if run is None else list(run_notes(run))
     notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows
               if row.failure]  # fmt: skip
@@ -210,7 +210,7 @@ def _notes(
 def _checked(
     found: Identification, run: Trajectory, executor: Executor | None, progress: bool, falls: bool
 ) -> Identification:
-    """What was identified, judged on another lift and other falls, with step errors and scatter.
+    """Judge laws on another lift and other falls; give figures step errors and scatter.
 
     A check that fails becomes a note. The other lift is run where there are laws to choose from,
     and other falls, if asked for, where the scene begins with one.

@@ -1,4 +1,4 @@
-"""Whether what a model leaves over of its record is noise, or a law that is missing something."""
+"""Tests for noise of the residuals of a model, or for what its law misses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ROUNDING = 1e-5  # of the swing: less is the solver's and the file's rounding
 
 @dataclasses.dataclass(frozen=True)
 class ResidualTests:
-    """What a model leaves over.
+    """Residuals of a model, and tests of them.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class ResidualTests:
 
     @property
     def structured(self) -> bool:
-        """Whether something is left that is surely no white noise, and no rounding."""
+        """True where residuals are surely no white noise, and no rounding."""
         return self.relative > _ROUNDING and min(self.whiteness, self.signs) < SURE
 
     @property

@@ -113,7 +113,7 @@ class Identification:
 
     @property
     def _duration(self) -> float:
-        """Of the record [s]."""
+        """Duration of the record [s]."""
         return float(self.record.time[-1] - self.record.time[0])
 
     @functools.cached_property

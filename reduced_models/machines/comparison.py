@@ -41,12 +41,12 @@ class PeakComparison:
 
     @property
     def error(self) -> float:
-        """Of the law's peak, over the simulated one."""
+        """Relative error of the law's peak."""
         return self.law / self.simulated - 1.0
 
     @property
     def linear_error(self) -> float:
-        """Of the small swing's peak, over the simulated one."""
+        """Relative error of the small swing's peak."""
         return self.linear / self.simulated - 1.0
 
 

@@ -128,7 +128,7 @@ class CoupledSystem(NamedTuple):
 
     @property
     def small_swing(self) -> SmallSwing:
-        """Of the piston on an ordered bed over a cell at rest, by the law."""
+        """The small swing of the piston on an ordered bed over a cell at rest, by the law."""
         stiffness = POWER + self.modulus * (1.0 + STIFFENING)
         spring = self.piston * self.gravity / self.rest * stiffness
         return SmallSwing(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
@@ -220,7 +220,7 @@ def swing_of(law: CoupledSystem, force: float, omega: float, steps: int, last: i
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PredictedResponse:
-    """What the law says of a host's response.
+    """The response of a host by the law.
 
     Attributes
     ----------

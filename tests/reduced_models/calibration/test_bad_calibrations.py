@@ -13,8 +13,9 @@ import pytest
 from granular import PistonRecord, Scene, load_scene
 from granular.commands.console import BAD_INPUT, launch
 from granular.shared.errors import InputError, SceneError
-from reduced_models import Calibration, calibrate
+from reduced_models import calibrate
 from reduced_models.__main__ import main
+from reduced_models.calibration.result import Calibration
 
 MASS, DRAG = "piston.mass", "effects.drag.coefficient"
 RECORD = PistonRecord(np.linspace(0.0, 3.0, 50), 0.06 + 1e-3 * np.sin(np.linspace(0, 60.0, 50)))
