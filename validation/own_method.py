@@ -11,6 +11,7 @@ from granular.methods.named import add_methods, method_setting
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.parts import Part, Piece
+from validation.quantities import quantity_named
 from validation.report import report
 
 BESIDE = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
@@ -66,10 +67,12 @@ def method_report(
     Raises
     ------
     InputError
-        If no method is given, one is unknown, or the directory cannot be written.
+        If no method is given, one or a quantity is unknown, or the directory cannot be written.
     """
     if not methods:
         raise InputError("no method is given; give the name of one, or a granular.Method")
+    for quantity in quantities or ():
+        quantity_named(quantity)
     add_methods(one for one in methods if isinstance(one, Method) and one.name not in METHODS)
     names = [one.name if isinstance(one, Method) else method_named(one).name for one in methods]
     every = tuple(dict.fromkeys((*names, *BESIDE)))

@@ -24,6 +24,7 @@ SIGTERM, which ends a command in the same way.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import json
 import sys
@@ -33,7 +34,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated
 from granular.shared.files import finite
-from granular.shared.messages import one_line, printable
+from granular.shared.messages import one_line, printable, visible
 from granular.shared.missing import missing
 from granular.shared.stops import taking_sigterm
 from granular.shared.surroundings import check_surroundings
@@ -67,6 +68,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         check_surroundings()
         with taking_sigterm():
             command(sys.argv[1:] if arguments is None else arguments)
+            sys.stdout.flush()
     except InputError as error:
         return _complain(str(error), BAD_INPUT)
     except GranularError as error:
@@ -89,7 +91,20 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     except BrokenPipeError:
         sys.stderr.close()  # the reader went away; nothing is left to say
         return 0
+    except OSError as error:
+        if error.errno is None:
+            raise
+        return _complain(_of_system(error), FAILED)
     return 0
+
+
+def _of_system(error: OSError) -> str:
+    """What the machine could not do, such as write to a full disk."""
+    if error.filename is None:
+        with contextlib.suppress(OSError):  # what is left to print would fail once more at the exit
+            sys.stdout.close()
+    place = "standard output or a file" if error.filename is None else visible(error.filename)
+    return f"{place}: {error.strerror}; see to its place, and try again"
 
 
 def _complain(message: str, code: int) -> int:

@@ -32,7 +32,12 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
     """
     check_target(path, overwrite)
     if path.exists() and not path.is_file():
-        yield path
+        try:
+            yield path
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise _unwritable(path, error) from None
         return
     place = Path(os.path.realpath(path))
     # Two that write the same file at once, also from two machines or as two threads, must not write

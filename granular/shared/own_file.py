@@ -51,7 +51,7 @@ def read_own_file(path: str | Path) -> OwnFile:
     file = OwnFile(str(path), read_text(Path(path), LONGEST_FILE))
     try:
         contents(file)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a file that ends the process is no success
         raise InputError(
             f"{visible(path)} cannot be imported: {type(error).__name__}: {error}; mend it"
         ) from None

@@ -44,6 +44,7 @@ from reduced_models.records.sources import METHOD, RunOptions, check_run_options
 
 SEEDS = 4
 """Random starts of the bed at every place."""
+MAX_SEEDS = 10_000
 _SHORT = 0.99
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
 _STRANGE = 4.0  # standard deviations of a feature that noise and scatter do not explain
@@ -114,9 +115,10 @@ def calibrate(
         For each of the result's notes.
     """
     check_options(confidence=confidence)
-    if isinstance(seeds, bool) or not isinstance(seeds, int) or seeds < 2:
+    if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
         raise InputError(
-            f"seeds = {quoted(seeds)}; give a whole number from 2 on, to see their scatter"
+            f"seeds = {quoted(seeds)}; give a whole number from 2 on, to see their scatter, "
+            f"and at most {MAX_SEEDS}"
         )
     if not parameters or len(set(parameters)) != len(parameters):
         raise InputError(f"parameters = {list(parameters)}; give at least one, each once")

@@ -58,4 +58,7 @@ def test_bad_requests_end_in_one_line(tmp_path: Path) -> None:
         method_report(tmp_path, [])
     with pytest.raises(InputError, match="unknown method 'nothing'"):
         method_report(tmp_path, ["nothing"])
+    with pytest.raises(InputError, match="unknown quantity 'nonsense'"):
+        method_report(tmp_path, ["pefrl"], quantities=["energy", "nonsense"])
+    assert not list(tmp_path.iterdir())  # before anything is measured
     assert launch(main, ["method", "pefrl", "--set", "grains.count=2", "--quiet"]) == 2

@@ -6,6 +6,8 @@ import json
 import math
 import os
 import resource
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -74,6 +76,22 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_text(encoding="utf-8") == "before"
     assert os.listdir(tmp_path) == ["file"]
+
+
+FULL = Path("/dev/full")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no device is always full here")
+def test_a_device_that_is_full_is_told() -> None:
+    with pytest.raises(StoreError, match="/dev/full cannot be written: No space left on device"):
+        write_text(FULL, "words")
+    with FULL.open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "granular", "scenes"],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
+    assert "standard output or a file: No space left on device" in done.stderr
 
 
 def test_numbers_that_json_lacks_are_null(tmp_path: Path) -> None:

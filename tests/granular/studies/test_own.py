@@ -71,7 +71,7 @@ def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("text", "words"),
     [("def f(:", "SyntaxError"), ("1 / 0", "ZeroDivisionError"), ("import nothing_such", "Module"),
-     ("\0", "null")],
+     ("\0", "null"), ("import sys; sys.exit(0)", "SystemExit")],
 )  # fmt: skip
 def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=rf"swing.py cannot be imported: .*{words}"):

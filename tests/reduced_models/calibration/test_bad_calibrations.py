@@ -38,6 +38,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet("effects.friction.static"), "holds no effects.friction.static"),
     (lambda: quiet(MASS, MASS), "each once"),
     (lambda: quiet(seeds=1), "from 2 on"),
+    (lambda: quiet(seeds=10**60), "at most 10000"),
     (lambda: quiet(confidence=1.0), "between 0 and 1"),
     (lambda: quiet(law="linaer"), "did you mean 'linear'"),
     (lambda: quiet(dt=-1.0), "above 0 s"),
