@@ -1,32 +1,39 @@
-"""The arrays of a run directory: one a variable, in chunks that end with their checksum."""
+"""The arrays of a run directory: Zarr's, one a variable, written and read chunk by chunk.
+
+Every chunk is compressed and ends with a checksum, so that any program that reads Zarr notices a
+damaged one. That a chunk is the one that was written in its place is told by its digest in the
+manifest (`granular.run.checkpoint`), which is of the values and not of the file: the last chunk of
+a run that was killed may hold more of them than are complete.
+"""
 
 from __future__ import annotations
 
-import contextlib
+import hashlib
 import json
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from granular.run.directory import TRAJECTORY
-from granular.run.manifest import METADATA, unchanged_bytes
+from granular.run.checkpoint import METADATA, REMEDY, Manifest, file_bytes, read_checkpoint
+from granular.run.directory import TRAJECTORY, replace_file
 from granular.run.variables import STAGE, Variable, run_variables
 from granular.scene.scene import Scene
 from granular.shared.errors import StoreError
 
-if TYPE_CHECKING:
-    import xarray
+GROUP = f"{TRAJECTORY}/{METADATA}"
+"""The file that describes all arrays of a run directory."""
 
 TIME_CHUNK = 4096
 FRAME_CHUNK = 2**16  # numbers in a chunk of a grain field
+_CHECKSUM = 4  # bytes of a CRC-32C, behind those that it is of
 
 
 def metadata_files(scene: Scene) -> tuple[str, ...]:
     """Names of the files of metadata in a run directory: of all arrays together, and of each."""
-    names = ("", *(f"{one.name}/" for one in run_variables(scene)))
+    names = ("", *(f"{variable.name}/" for variable in run_variables(scene)))
     return tuple(f"{TRAJECTORY}/{name}{METADATA}" for name in names)
 
 
@@ -37,147 +44,174 @@ def create_arrays(path: Path, scene: Scene) -> None:
     group = zarr.create_group(path / TRAJECTORY)
     count = scene.grains.count
     depth = max(1, FRAME_CHUNK // max(1, 2 * count))
-    for one in run_variables(scene):
-        rest = (count, 2)[: len(one.dims) - 1]
-        chunks = (depth, max(1, count), 2)[: len(one.dims)] if rest else (TIME_CHUNK,)
-        _create(group, one, (0, *rest), chunks)
-    consolidate(path)
+    for variable in run_variables(scene):
+        rest = (count, 2)[: len(variable.dims) - 1]
+        chunks = (depth, max(1, count), 2)[: len(variable.dims)] if rest else (TIME_CHUNK,)
+        _create(group, variable, (0, *rest), chunks)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Zarr calls consolidated metadata new in its format 3
+        zarr.consolidate_metadata(path / TRAJECTORY)
 
 
 def _create(group: Any, variable: Variable, shape: Any, chunks: Any) -> None:
-    from zarr.codecs import Crc32cCodec, ZstdCodec
+    from zarr.codecs import BytesCodec, Crc32cCodec, ZstdCodec
 
-    whole = variable is STAGE
+    integer = variable is STAGE
     group.create_array(
         variable.name,
         shape=shape,
         chunks=chunks,
-        dtype="int64" if whole else "float64",
-        fill_value=0 if whole else np.nan,
+        dtype="int64" if integer else "float64",
+        fill_value=0 if integer else np.nan,
+        serializer=BytesCodec(endian="little"),
         compressors=(ZstdCodec(level=0), Crc32cCodec()),
         dimension_names=variable.dims,
         attributes=variable.attributes(),
     )
 
 
-def writable_arrays(path: Path, scene: Scene) -> Iterator[tuple[Variable, Any]]:
-    """Every variable with its array, to append to."""
-    import zarr
+class Metadata:
+    """Descriptions of the arrays of a run directory, as Zarr keeps them.
 
-    group = zarr.open_group(path / TRAJECTORY, mode="r+", use_consolidated=False)
-    for one in run_variables(scene):
-        # A chunk of nothing but the fill value is written too: one that is not there was lost.
-        array: Any = group[one.name]
-        yield one, array.with_config({"write_empty_chunks": True})
-
-
-def append(array: Any, start: int, values: np.ndarray) -> None:
-    """Write values behind those that are there."""
-    stop = start + len(values)
-    if stop > array.shape[0]:
-        resize(array, stop)
-    array[start:stop] = values
-
-
-def resize(array: Any, length: int) -> None:
-    """Give an array another length."""
-    if array.shape[0] != length:
-        array.resize((length, *array.shape[1:]))
-
-
-def consolidate(path: Path) -> None:
-    """Let readers see the new sizes, all at once."""
-    import zarr
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Zarr calls consolidated metadata new in its format 3
-        zarr.consolidate_metadata(path / TRAJECTORY)
-
-
-def open_data(
-    path: Path, scene: Scene, manifest: Mapping[str, str], complete: Mapping[str, int]
-) -> xarray.Dataset:
-    """The arrays of a run directory as far as they are complete; a chunk is checked when read.
-
-    Parameters
+    Attributes
     ----------
-    manifest : mapping
-        Of the run.
-    complete : mapping
-        How many records and frames are complete, by dimension.
-
-    Raises
-    ------
-    StoreError
-        If an array is missing, or is not described as the run wrote it.
+    arrays : dict of str to dict
+        By name. Their lengths are for other programs: the manifest says what is complete.
     """
-    import xarray
 
-    check_metadata(path, scene, manifest, complete)
-    with _in_one_line(path):
-        data = xarray.open_zarr(_chunks(path), consolidated=True, chunks=None)
-        return data.isel({dim: slice(0, length) for dim, length in complete.items()})
+    def __init__(self, content: bytes) -> None:
+        self._group = json.loads(content)
+        self.arrays: dict[str, Any] = self._group["consolidated_metadata"]["metadata"]
+
+    def write(self, path: Path, lengths: Mapping[str, int]) -> None:
+        """Let other programs see the lengths of all arrays, by their first dimension."""
+        for name, plain in self.arrays.items():
+            plain["shape"][0] = lengths[plain["dimension_names"][0]]
+            _write_json(path / TRAJECTORY / name / METADATA, plain)
+        _write_json(path / TRAJECTORY / METADATA, self._group)
 
 
-def check_open_chunks(path: Path, scene: Scene, lengths: Mapping[str, int]) -> None:
-    """Read the chunks that are appended to next, where part of them is there already.
+def _write_json(file: Path, plain: object) -> None:
+    replace_file(file, json.dumps(plain, indent=2).encode())
 
-    Raises
-    ------
-    StoreError
-        If one is missing or damaged.
+
+class StoredArray:
+    """An array in its chunks, each of so many entries of the first dimension.
+
+    Attributes
+    ----------
+    name : str
+    dims : tuple of str
+    attributes : dict
+    depth : int
+        Entries of the first dimension in a chunk.
+    rest : tuple of int
+        Shape of an entry.
+    dtype : numpy dtype
     """
-    import zarr
 
-    with _in_one_line(path):
-        group = zarr.open_group(_chunks(path), mode="r", use_consolidated=False)
-        for one in run_variables(scene):
-            array, length = group[one.name], lengths[one.dims[0]]
-            assert isinstance(array, zarr.Array)
-            array[length // array.chunks[0] * array.chunks[0] : length]
+    def __init__(self, path: Path, name: str, plain: Mapping[str, Any]) -> None:
+        self.path, self.name = path, name
+        self.dims: tuple[str, ...] = tuple(plain["dimension_names"])
+        self.attributes: dict[str, Any] = plain["attributes"]
+        self.depth = int(plain["chunk_grid"]["configuration"]["chunk_shape"][0])
+        self.rest: tuple[int, ...] = tuple(plain["shape"][1:])
+        self.dtype = np.dtype(plain["data_type"]).newbyteorder("<")
 
+    def unwritten(self) -> np.ndarray:
+        """A chunk of fill values alone."""
+        fill = np.nan if self.dtype.kind == "f" else 0
+        return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 
-def check_metadata(
-    path: Path, scene: Scene, manifest: Mapping[str, str], complete: Mapping[str, int]
-) -> None:
-    """Whether every array is described as the run wrote it, and is as long as it must be.
+    def write(self, index: int, values: np.ndarray) -> None:
+        """Replace a chunk, all at once."""
+        import google_crc32c
+        from numcodecs.zstd import Zstd
 
-    Raises
-    ------
-    StoreError
-        If one is not; it names the file.
-    """
-    names = {one.name for one in run_variables(scene)}
-    for file in metadata_files(scene):
-        content = unchanged_bytes(path, file, manifest)
+        packed = Zstd(level=0).encode(values)
+        file = self._file(index)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
+
+    def read(self, index: int, manifest: Manifest) -> np.ndarray:
+        """The values of a chunk (depth, ...), right as far as the manifest calls them complete.
+
+        Raises
+        ------
+        StoreError
+            If it is missing, cannot be read, or is not what the run wrote there.
+        """
+        from numcodecs.zstd import Zstd
+
+        values, file = self.unwritten(), self._file(index)
+        content = file_bytes(file)
         try:
-            plain = json.loads(content)
-            together = "consolidated_metadata" in plain
-            arrays = plain["consolidated_metadata"]["metadata"] if together else {"": plain}
-            lengths = {(one["dimension_names"][0], one["shape"][0]) for one in arrays.values()}
-            fit = all(length >= complete[dim] for dim, length in lengths)
-            right = fit and len(lengths) <= len(complete) and (not together or names <= set(arrays))
-        except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
-            right = False
-        if not right:
-            raise StoreError(
-                f"{path / file} does not describe what the run wrote; restore it, or run the "
-                "scene anew"
-            )
+            Zstd().decode(content[:-_CHECKSUM], out=values)
+        except (RuntimeError, ValueError) as error:
+            raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
+        if not self._fits(index, values, manifest):
+            # A run that goes on may have written what lies behind its last whole tick anew.
+            latest = read_checkpoint(self.path)[1]
+            if latest.files != manifest.files or not self._fits(index, values, latest):
+                raise StoreError(
+                    f"{file} is damaged, or not what the run wrote there (its digest differs); "
+                    f"{REMEDY}"
+                )
+        return values
+
+    def _fits(self, index: int, values: np.ndarray, manifest: Manifest) -> bool:
+        digests = manifest.chunks.get(self.name, [])
+        complete = values[: max(0, manifest.lengths[self.dims[0]] - index * self.depth)]
+        return index < len(digests) and _digest(complete) == digests[index]
+
+    def _file(self, index: int) -> Path:
+        return self.path.joinpath(TRAJECTORY, self.name, "c", str(index), *"0" * len(self.rest))
 
 
-def _chunks(path: Path) -> Any:
-    from granular.run.chunks import CheckedChunks
+class GrowingArray:
+    """An array that is appended to, with the values of its last chunk and the digests of all.
 
-    return CheckedChunks(path / TRAJECTORY, read_only=True)
+    Attributes
+    ----------
+    array : StoredArray
+    """
+
+    def __init__(
+        self, array: StoredArray, length: int = 0, manifest: Manifest | None = None
+    ) -> None:
+        """From the first ``length`` entries of an array that a run has written.
+
+        Raises
+        ------
+        StoreError
+            If its last chunk is missing or not what the run wrote.
+        """
+        self.array = array
+        whole, self._filled = divmod(length, array.depth)
+        self._chunk = array.unwritten()
+        self._finished: list[str] = []
+        if manifest is not None and self._chunk.size:
+            self._finished = manifest.chunks.get(array.name, [])[:whole]
+            if self._filled:
+                self._chunk[: self._filled] = array.read(whole, manifest)[: self._filled]
+
+    def append(self, values: np.ndarray) -> None:
+        """Write values behind those that are there."""
+        while values.size:
+            part = values[: self.array.depth - self._filled]
+            self._chunk[self._filled : self._filled + len(part)] = part
+            self._filled += len(part)
+            self.array.write(len(self._finished), self._chunk)
+            if self._filled == self.array.depth:
+                self._finished.append(_digest(self._chunk))
+                self._chunk, self._filled = self.array.unwritten(), 0
+            values = values[len(part) :]
+
+    def digests(self) -> list[str]:
+        """Digests of all chunks, of the last one as far as it is filled."""
+        last = [_digest(self._chunk[: self._filled])] if self._filled and self._chunk.size else []
+        return [*self._finished, *last]
 
 
-@contextlib.contextmanager
-def _in_one_line(path: Path) -> Iterator[None]:
-    """What goes wrong while arrays are opened, as an error of the run directory."""
-    try:
-        yield
-    except StoreError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
-        raise StoreError(f"{path / TRAJECTORY} cannot be read: {error}") from None
+def _digest(values: np.ndarray) -> str:
+    return hashlib.blake2b(values.tobytes(), digest_size=16).hexdigest()

@@ -1,38 +1,68 @@
-"""The checkpoint's file: arrays in NumPy's format, sealed by a digest of all its bytes.
+"""The checkpoint: arrays in NumPy's format under a seal, with the manifest of the run directory.
 
-The seal stands in the comment at the end of the archive, so that the file stays what `numpy.load`
-reads.
+The seal, a digest of all bytes, stands in the comment at the end of the archive, so that the file
+stays what `numpy.load` reads. No other file needs to be replaced together with this one.
 """
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import hashlib
 import io
-import os
+import json
+import stat
 import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from granular.run.directory import CHECKPOINT, CHECKPOINT_PART, is_run
-from granular.run.manifest import file_bytes
+from granular.run.directory import CHECKPOINT, is_run, replace_file
 from granular.shared.errors import StoreError
 
-_SEAL = 64  # signs of a SHA-256 in hexadecimal
+MANIFEST = "manifest"
+"""The checkpoint's entry that holds it."""
+
+METADATA = "zarr.json"
+REMEDY = "restore it, or run the scene anew"
+
+_SEAL = 64  # characters of a SHA-256 in hexadecimal
 
 
-def write_checkpoint(path: Path, kept: Mapping[str, Any]) -> None:
+@dataclasses.dataclass(frozen=True)
+class Manifest:
+    """Digests of a run directory: which file, and which chunk of which array, stands where.
+
+    Attributes
+    ----------
+    files : dict of str to str
+        Digest of each file that stays as it was first written, but for the length of an array.
+    lengths : dict of str to int
+        Records and frames that are complete, by dimension.
+    chunks : dict of str to list of str
+        Digest of the values in each chunk of an array, as far as they are complete.
+    """
+
+    files: dict[str, str]
+    lengths: dict[str, int]
+    chunks: dict[str, list[str]]
+
+
+def write_checkpoint(path: Path, kept: Mapping[str, Any], manifest: Manifest) -> None:
     """Replace the checkpoint of a run directory, all at once."""
-    part = path / CHECKPOINT_PART
-    part.write_bytes(_sealed(kept))
-    os.replace(part, path / CHECKPOINT)
+    plain = json.dumps(dataclasses.asdict(manifest)).encode()
+    archive = io.BytesIO()
+    np.savez(archive, **{**kept, MANIFEST: np.array(plain)})
+    with zipfile.ZipFile(archive, "a") as file:
+        file.comment = bytes(_SEAL)
+    content = archive.getvalue()[:-_SEAL]
+    replace_file(path / CHECKPOINT, content + _seal(content))
 
 
-def read_checkpoint(path: Path) -> dict[str, np.ndarray]:
-    """The checkpoint of a run directory.
+def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
+    """The checkpoint of a run directory, and the manifest in it.
 
     Raises
     ------
@@ -43,31 +73,74 @@ def read_checkpoint(path: Path) -> dict[str, np.ndarray]:
     if not is_run(path):
         raise StoreError(f"{path} holds no run; give the directory that a run wrote")
     content = file_bytes(file)
+    if content[-_SEAL:] != _seal(content[:-_SEAL]):
+        raise StoreError(f"{file} is damaged (its digest differs); {REMEDY}")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             kept = {name: archive[name] for name in archive.files}
-    except (
-        OSError, EOFError, ValueError, KeyError, RuntimeError, OverflowError, MemoryError,
-        TypeError, AttributeError, zipfile.BadZipFile, zlib.error,
-    ) as error:  # fmt: skip
-        raise _damaged(file, str(error)) from None
-    if content[-_SEAL:] != _digest(content[:-_SEAL]):
-        raise _damaged(file, "its digest differs")
-    return kept
+        return kept, Manifest(**json.loads(kept.pop(MANIFEST).item()))
+    except (ValueError, KeyError, TypeError) as error:  # sealed, but by no run of this version
+        raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
 
 
-def _sealed(kept: Mapping[str, Any]) -> bytes:
-    archive = io.BytesIO()
-    np.savez(archive, **kept)
-    with zipfile.ZipFile(archive, "a") as file:
-        file.comment = bytes(_SEAL)
-    content = archive.getvalue()[:-_SEAL]
-    return content + _digest(content)
-
-
-def _digest(content: bytes) -> bytes:
+def _seal(content: bytes) -> bytes:
     return hashlib.sha256(content).hexdigest().encode()
 
 
-def _damaged(file: Path, why: str) -> StoreError:
-    return StoreError(f"{file} is damaged ({why}); restore it, or run the scene anew")
+def file_digests(path: Path, names: Iterable[str]) -> dict[str, str]:
+    """Digests by file name, of files in a directory."""
+    return {name: _digest(name, (path / name).read_bytes()) for name in names}
+
+
+def read_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
+    """The files that stay as they were first written, by their names.
+
+    Raises
+    ------
+    StoreError
+        If one is missing, cannot be read, or is not what the run wrote.
+    """
+    contents = {name: file_bytes(path / name) for name in manifest.files}
+    for name, content in contents.items():
+        if _digest(name, content) != manifest.files[name]:
+            raise StoreError(
+                f"{path / name} is not what the run wrote (its digest differs); {REMEDY}"
+            )
+    return contents
+
+
+def file_bytes(file: Path) -> bytes:
+    """The content of a file of a run.
+
+    Raises
+    ------
+    StoreError
+        If it is missing or cannot be read.
+    """
+    try:
+        if not stat.S_ISREG(file.stat().st_mode):  # a pipe may never end
+            raise StoreError(f"{file} is no file; {REMEDY}")
+        return file.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        raise StoreError(f"{file} is missing; {REMEDY}") from None
+    except OSError as error:
+        raise StoreError(f"{file} cannot be read: {error.strerror}") from None
+
+
+def _digest(name: str, content: bytes) -> str:
+    if name.endswith(METADATA):
+        with contextlib.suppress(ValueError, RecursionError):  # else it is no metadata at all
+            content = json.dumps(_without_lengths(json.loads(content)), sort_keys=True).encode()
+    return hashlib.sha256(content).hexdigest()
+
+
+def _without_lengths(plain: Any) -> Any:
+    """Metadata of arrays without their lengths, which grow with the run."""
+    if isinstance(plain, list):
+        return [_without_lengths(value) for value in plain]
+    if not isinstance(plain, dict):
+        return plain
+    fixed = {key: _without_lengths(value) for key, value in plain.items()}
+    if isinstance(fixed.get("shape"), list):
+        fixed["shape"] = fixed["shape"][1:]
+    return fixed

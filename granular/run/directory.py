@@ -16,8 +16,8 @@ SCENE = "scene.toml"
 SETTINGS = "run.json"
 TRAJECTORY = "trajectory.zarr"
 CHECKPOINT = "checkpoint.npz"
-CHECKPOINT_PART = CHECKPOINT + ".part"
-KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT_PART}
+PART = ".part"
+KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
 """What a run directory holds."""
 
 
@@ -122,6 +122,13 @@ def _remove_remains(place: Path) -> None:
             if held is not None:
                 shutil.rmtree(part, ignore_errors=True)
                 unlock(held)
+
+
+def replace_file(file: Path, content: bytes) -> None:
+    """Write a file of a run, all at once."""
+    part = file.with_name(file.name + PART)
+    part.write_bytes(content)
+    os.replace(part, file)
 
 
 def is_run(path: Path) -> bool:

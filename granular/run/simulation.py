@@ -19,15 +19,14 @@ from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
 from granular.run.accuracy import accurate
 from granular.run.allowed import check_end, check_method, check_step
-from granular.run.checkpoint import read_checkpoint
-from granular.run.directory import is_run
-from granular.run.manifest import manifest_of
+from granular.run.checkpoint import read_checkpoint, read_files
+from granular.run.directory import SETTINGS, is_run
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
 from granular.run.snapshot import restore, snapshot
 from granular.run.sources import own_sources
-from granular.run.store import Store, read_settings
+from granular.run.store import Store
 from granular.run.threads import Threads, set_threads, threads_of
 from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
@@ -195,8 +194,7 @@ class _Job:
         outcome = self._outcome(complete, self.run.time if until is None else until)
         try:
             self.store.write(self.run.recorder)
-            readable = _readable(self.store.rows, self.store.frames)
-            self.store.commit(self.kept | readable | {"outcome": np.array(json.dumps(outcome))})
+            self.store.commit(self.kept | {"outcome": np.array(json.dumps(outcome))})
         except OSError as error:
             raise StoreError(
                 f"{self.store.path} cannot be written: {error.strerror or error}; what was "
@@ -211,11 +209,6 @@ class _Job:
         run = self.run
         data = _dataset(run.scene, run.system, run.recorder)
         return finished(run.scene, data, self.settings, self._outcome(complete, until), None)
-
-
-def _readable(rows: int, frames: int) -> dict[str, int]:
-    """Entries of a checkpoint: how much can be read, of what lies before and behind it."""
-    return {"readable_rows": rows, "readable_frames": frames}
 
 
 def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset:
@@ -262,11 +255,11 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
     if is_run(path) and not resume:
         raise StoreError(f"{path} holds a run; resume it, or give a new directory")
     if not is_run(path):
-        first = snapshot(run) | {"rows": 0, "frames": 0} | _readable(0, 0)
+        first = snapshot(run) | {"rows": 0, "frames": 0}
         outcome = {"figures": run.figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
         return Store.create(path, run.scene, run.system, settings, first)
-    former = read_settings(path, manifest_of(read_checkpoint(path)))[1]
+    former = json.loads(read_files(path, read_checkpoint(path)[1])[SETTINGS])
     for name in ("scene_digest", "dt", "method"):
         if former[name] != settings[name]:
             what = "scene" if name == "scene_digest" else name

@@ -3,8 +3,8 @@
 ``scene.toml``, ``run.json`` (settings and versions), ``trajectory.zarr`` (opens with
 ``xarray.open_zarr``) and ``checkpoint.npz``. Each write ends with the atomic replacement of the
 checkpoint, which says how many records and frames are complete: a crash at any moment leaves
-everything up to there readable. Files that stay as they are have their digests in the checkpoint
-(see `granular.run.manifest`), which has its own, and every chunk of an array its checksum.
+everything up to there readable. Its manifest holds the digests of files and chunks, and it has its
+own.
 """
 
 from __future__ import annotations
@@ -18,40 +18,44 @@ from typing import Any
 import numpy as np
 
 from granular.run.arrays import (
-    append,
-    check_metadata,
-    check_open_chunks,
-    consolidate,
+    GROUP,
+    GrowingArray,
+    Metadata,
+    StoredArray,
     create_arrays,
     metadata_files,
-    resize,
-    writable_arrays,
 )
-from granular.run.checkpoint import read_checkpoint, write_checkpoint
-from granular.run.directory import (
-    SCENE,
-    SETTINGS,
-    empty_part,
-    lock,
-    take_place,
-    unlock,
+from granular.run.checkpoint import (
+    Manifest,
+    file_digests,
+    read_checkpoint,
+    read_files,
+    write_checkpoint,
 )
-from granular.run.manifest import MANIFEST, manifest_of, new_manifest, unchanged_bytes
+from granular.run.directory import SCENE, SETTINGS, empty_part, lock, take_place, unlock
 from granular.run.recorder import Recorder
-from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.scene.system import System
 from granular.shared.errors import StoreError
 
 
 class Store:
-    """A run directory that is being written."""
+    """A run directory that is being written.
+
+    Attributes
+    ----------
+    path : Path
+    rows, frames : int
+        Records and frames that it holds.
+    """
 
     def __init__(self, path: Path, scene: Scene, system: System) -> None:
         self.path, self.scene, self.system = path, scene, system
         self.rows = self.frames = 0
-        self.manifest: Mapping[str, str] = {}
+        self._files: dict[str, str] = {}
+        self._arrays: dict[str, GrowingArray] = {}
         self._held: int | None = None
+        self._metadata: Metadata
 
     @classmethod
     def create(
@@ -75,7 +79,8 @@ class Store:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
             (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
             create_arrays(part, scene)
-            store.manifest = new_manifest(part, (SCENE, SETTINGS, *metadata_files(scene)))
+            store._files = file_digests(part, (SCENE, SETTINGS, *metadata_files(scene)))
+            store._metadata = Metadata((part / GROUP).read_bytes())
             store.commit(checkpoint)
             take_place(part, path)
         except BaseException as error:
@@ -85,7 +90,17 @@ class Store:
                 raise StoreError(f"{path} cannot be made: {error.strerror}") from None
             raise
         store.path, store._held = path, held
+        store._open_arrays()
         return store
+
+    def _open_arrays(self, manifest: Manifest | None = None) -> None:
+        lengths = self._lengths()
+        for name, plain in self._metadata.arrays.items():
+            array = StoredArray(self.path, name, plain)
+            self._arrays[name] = GrowingArray(array, lengths[array.dims[0]], manifest)
+
+    def _lengths(self) -> dict[str, int]:
+        return {"time": self.rows, "frame": self.frames}
 
     def hold(self) -> None:
         """Keep other processes from writing here, until `release` or the end of this one.
@@ -110,50 +125,24 @@ class Store:
         StoreError
             If something that the run goes on from is missing or damaged.
         """
-        checkpoint = read_checkpoint(self.path)
-        self.manifest, complete = manifest_of(checkpoint), complete_lengths(checkpoint)
+        checkpoint, manifest = read_checkpoint(self.path)
         self.rows, self.frames = int(checkpoint["rows"]), int(checkpoint["frames"])
-        check_metadata(self.path, self.scene, self.manifest, complete)
-        written = {"time": self.rows, "frame": self.frames}
-        check_open_chunks(self.path, self.scene, written)
-        # A write that was cut off may have left some arrays longer than others.
-        for one, array in writable_arrays(self.path, self.scene):
-            resize(array, complete[one.dims[0]])
+        self._files = manifest.files
+        self._metadata = Metadata(read_files(self.path, manifest)[GROUP])
+        self._open_arrays(manifest)
         return checkpoint
 
     def write(self, recorder: Recorder) -> None:
         """Append what the recorder holds, and clear it."""
-        starts = {"time": self.rows, "frame": self.frames}
-        recorded = {
-            one.name: values for one, values in recorder.in_si(self.scene, self.system.scales)
-        }
-        for one, array in writable_arrays(self.path, self.scene):
-            if len(recorded[one.name]):
-                append(array, starts[one.dims[0]], recorded[one.name])
+        for variable, values in recorder.in_si(self.scene, self.system.scales):
+            self._arrays[variable.name].append(values)
         rows, frames = recorder.counts()
         self.rows += rows
         self.frames += frames
-        consolidate(self.path)
+        self._metadata.write(self.path, self._lengths())
         recorder.clear()
 
     def commit(self, kept: Mapping[str, Any]) -> None:
-        """Replace the checkpoint."""
-        write_checkpoint(self.path, {**kept, MANIFEST: np.array(json.dumps(self.manifest))})
-
-
-def complete_lengths(checkpoint: Mapping[str, np.ndarray]) -> dict[str, int]:
-    """How many records and frames of a run are complete, by dimension."""
-    return {"time": int(checkpoint["readable_rows"]), "frame": int(checkpoint["readable_frames"])}
-
-
-def read_settings(path: Path, manifest: Mapping[str, str]) -> tuple[Scene, dict[str, Any]]:
-    """Scene and settings of a run directory.
-
-    Raises
-    ------
-    StoreError
-        If one is missing, or is not what the run wrote.
-    """
-    settings = json.loads(unchanged_bytes(path, SETTINGS, manifest))
-    unchanged_bytes(path, SCENE, manifest)
-    return load_scene(path / SCENE), settings
+        """Replace the checkpoint: all that was written is complete."""
+        chunks = {name: array.digests() for name, array in self._arrays.items()}
+        write_checkpoint(self.path, kept, Manifest(self._files, self._lengths(), chunks))

@@ -14,6 +14,7 @@ from granular.protocol import Push
 from granular.run.drive import base_motion, outer_force
 from granular.run.record import PistonRecord
 from granular.run.ties import joined, parted
+from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import RecordError
@@ -225,18 +226,17 @@ def load_trajectory(path: str | Path) -> Trajectory:
         If the directory holds no run, or a file of it is missing or not what the run wrote. What
         is recorded is checked as it is read: then the dataset's arrays raise it.
     """
-    from granular.run.arrays import open_data
-    from granular.run.checkpoint import read_checkpoint
-    from granular.run.manifest import manifest_of
-    from granular.run.store import complete_lengths, read_settings
+    from granular.run.arrays import GROUP, Metadata
+    from granular.run.checkpoint import read_checkpoint, read_files
+    from granular.run.dataset import open_dataset
+    from granular.run.directory import SCENE, SETTINGS
 
     path = Path(path)
-    checkpoint = read_checkpoint(path)
-    manifest = manifest_of(checkpoint)
-    scene, settings = read_settings(path, manifest)
-    data = open_data(path, scene, manifest, complete_lengths(checkpoint))
+    checkpoint, manifest = read_checkpoint(path)
+    files = read_files(path, manifest)
+    data = open_dataset(path, Metadata(files[GROUP]), manifest)
     outcome = json.loads(str(checkpoint["outcome"]))
-    return finished(scene, data, settings, outcome, path)
+    return finished(load_scene(path / SCENE), data, json.loads(files[SETTINGS]), outcome, path)
 
 
 def finished(

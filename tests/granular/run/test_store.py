@@ -16,7 +16,7 @@ import xarray
 
 import granular.run.arrays
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
-from granular.run.checkpoint import write_checkpoint
+from granular.run.checkpoint import read_checkpoint, write_checkpoint
 from granular.shared.errors import StoreError
 
 CUT, END = 0.01234, 0.02
@@ -215,9 +215,9 @@ def test_nothing_in_a_checkpoint_is_executed(
     monkeypatch.chdir(tmp_path)
     copy = tmp_path / "run"
     shutil.copytree(directory, copy)
-    kept = dict(np.load(copy / "checkpoint.npz"))
+    kept, manifest = read_checkpoint(copy)
     for strange in ({"x": np.array(Trap(), dtype=object)}, {"outcome": np.array([Trap()])}):
-        write_checkpoint(copy, kept | strange)
+        write_checkpoint(copy, kept | strange, manifest)
         with pytest.raises(StoreError, match=r"checkpoint\.npz is damaged"):
             load_trajectory(copy)
     assert not (tmp_path / "sprung").exists()

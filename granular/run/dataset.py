@@ -1,0 +1,70 @@
+"""The dataset of a run directory, whose chunks are read, and checked, when they are asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+from xarray.backends import BackendArray
+from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+from granular.run.arrays import Metadata, StoredArray
+from granular.run.checkpoint import Manifest
+
+
+def open_dataset(path: Path, metadata: Metadata, manifest: Manifest) -> xarray.Dataset:
+    """The arrays of a run directory as far as they are complete.
+
+    Raises
+    ------
+    StoreError
+        Now or when values are read, if their chunk is missing or not what the run wrote.
+    """
+    arrays = [StoredArray(path, name, plain) for name, plain in metadata.arrays.items()]
+    return xarray.Dataset(
+        {
+            array.name: (
+                array.dims,
+                LazilyIndexedArray(_Complete(array, manifest)),
+                array.attributes,
+            )
+            for array in arrays
+        }
+    )
+
+
+class _Complete(BackendArray):
+    """The complete part of an array, for xarray."""
+
+    def __init__(self, array: StoredArray, manifest: Manifest) -> None:
+        self._array, self._manifest = array, manifest
+        self.shape = (manifest.lengths[array.dims[0]], *array.rest)
+        self.dtype = array.dtype
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        values: np.ndarray = explicit_indexing_adapter(
+            key, self.shape, IndexingSupport.OUTER, self._read
+        )
+        return values
+
+    def _read(self, key: tuple[Any, ...]) -> np.ndarray:
+        """Entries by an integer, a slice or integers for each dimension."""
+        entries = np.arange(self.shape[0])[key[0]]
+        rows = np.atleast_1d(entries)
+        borders = np.flatnonzero(np.diff(rows // self._array.depth)) + 1
+        parts = [self._rows(part, key[1:]) for part in np.split(rows, borders) if part.size]
+        values = np.concatenate(parts) if parts else self._rows(rows, key[1:])
+        return values if entries.ndim else values[0]
+
+    def _rows(self, rows: np.ndarray, rest: tuple[Any, ...]) -> np.ndarray:
+        """Entries of one chunk, with indices of their own dimensions."""
+        if rows.size and 0 not in self.shape:
+            index = int(rows[0]) // self._array.depth
+            values = self._array.read(index, self._manifest)[rows - index * self._array.depth]
+        else:
+            values = np.empty((len(rows), *self.shape[1:]), dtype=self.dtype)
+        for axis, chosen in reversed(list(enumerate(rest, start=1))):
+            values = values[(slice(None),) * axis + (chosen,)]
+        return values

@@ -1,0 +1,215 @@
+"""Files of a run directory in each other's place: right data, or one line that names the file."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import xarray
+
+import granular.run.arrays
+from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
+from granular.shared.errors import StoreError
+
+EARLY, CUT, END = 0.00634, 0.01234, 0.02
+SECONDS = 60
+"""Until a test that hangs is broken off."""
+
+
+class Runs(NamedTuple):
+    """A run that was cut, copies of it and of another one, and where it leads."""
+
+    run: Path
+    early: Path
+    other: Path
+    data: xarray.Dataset
+    end: xarray.Dataset
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    def give_up(*_: Any) -> None:
+        raise TimeoutError("it hangs")
+
+    former = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(SECONDS)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, former)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene("single-particle").replace(
+        **{"output.scalars": 2.5e-4, "output.frames": 1e-3}
+    )
+
+
+@pytest.fixture(scope="module")
+def runs(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Runs:
+    folder = tmp_path_factory.mktemp("runs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(granular.run.arrays, "TIME_CHUNK", 16)
+        patch.setattr(granular.run.arrays, "FRAME_CHUNK", 8)
+        simulate(scene, t_end=EARLY, out=folder / "run", progress=False)
+        shutil.copytree(folder / "run", folder / "early")
+        run = simulate(scene, t_end=CUT, out=folder / "run", resume=True, progress=False)
+        other = scene.replace(**{"arrangement.positions": [[0.16, 0.06]]})
+        simulate(other, t_end=CUT, out=folder / "other", progress=False)
+    end = simulate(scene, t_end=END, progress=False)
+    paths = (folder / name for name in ("run", "early", "other"))
+    return Runs(*paths, run.dataset.load(), end.dataset)
+
+
+def resumed(scene: Scene, path: Path) -> Trajectory:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return simulate(scene, t_end=END, out=path, resume=True, progress=False)
+
+
+def check(runs: Runs, scene: Scene, place: Path, damaged: str, how: str) -> list[str]:
+    """Load a damaged copy, and resume one; the lines of errors."""
+    lines = []
+    outcomes: tuple[tuple[Callable[[], Trajectory], xarray.Dataset], ...] = (
+        (lambda: load_trajectory(place), runs.data), (lambda: resumed(scene, place), runs.end)
+    )  # fmt: skip
+    for made, right in outcomes:
+        try:
+            with in_time():
+                read = made().dataset.load()
+        except StoreError as error:
+            lines.append(str(error))
+            assert str(place / damaged) in lines[-1], how
+            assert "\n" not in lines[-1], how
+        else:
+            assert read.equals(right), how
+    return lines
+
+
+def copied(runs: Runs, place: Path) -> Path:
+    shutil.rmtree(place, ignore_errors=True)
+    return Path(shutil.copytree(runs.run, place))
+
+
+def chunks(run: Path) -> list[str]:
+    return sorted(
+        str(file.relative_to(run)) for file in run.rglob("trajectory.zarr/*/c/**/*")
+        if file.is_file()
+    )  # fmt: skip
+
+
+def files(run: Path) -> list[str]:
+    return sorted(str(file.relative_to(run)) for file in run.rglob("*") if file.is_file())
+
+
+def test_an_older_chunk_is_not_taken_for_a_newer_one(
+    runs: Runs, scene: Scene, tmp_path: Path
+) -> None:
+    """Behind what it held when it was copied there are fill values, which are no records."""
+    assert "trajectory.zarr/position/c/1/0/0" in chunks(runs.early)
+    for name in ("time/c/1", "piston_height/c/1", "position/c/1/0/0", "kinetic_energy/c/1"):
+        chunk = f"trajectory.zarr/{name}"
+        if chunk not in chunks(runs.early):
+            continue
+        place = copied(runs, tmp_path / "run")
+        shutil.copyfile(runs.early / chunk, place / chunk)
+        assert len(check(runs, scene, place, chunk, name)) == 2, name
+
+
+@pytest.mark.parametrize(
+    ("chunk", "donor"),
+    [
+        ("greatest_speed/c/0", "stiffest_mode/c/0"),
+        ("greatest_speed/c/1", "greatest_speed/c/0"),
+        ("position/c/0/0/0", "velocity/c/0/0/0"),
+        ("position/c/1/0/0", "position/c/0/0/0"),
+        ("stage/c/0", "time/c/0"),
+        ("time/c/0", "frame_time/c/0"),
+        ("position/c/0/0/0", "kinetic_energy/c/0"),
+    ],
+)
+def test_a_chunk_of_another_place_is_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, chunk: str, donor: str
+) -> None:
+    place = copied(runs, tmp_path / "run")
+    shutil.copyfile(runs.run / "trajectory.zarr" / donor, place / "trajectory.zarr" / chunk)
+    assert len(check(runs, scene, place, f"trajectory.zarr/{chunk}", donor)) == 2
+
+
+def test_a_chunk_of_another_run_is_noticed(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+    for chunk in ("trajectory.zarr/position/c/0/0/0", "trajectory.zarr/kinetic_energy/c/3"):
+        place = copied(runs, tmp_path / "run")
+        shutil.copyfile(runs.other / chunk, place / chunk)
+        assert len(check(runs, scene, place, chunk, "other")) == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
+@pytest.mark.parametrize(
+    "name",
+    ["scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.json",
+     "trajectory.zarr/time/c/3", "trajectory.zarr/position/c/0/0/0"],
+)  # fmt: skip
+def test_a_pipe_in_place_of_a_file_is_named(
+    runs: Runs, scene: Scene, tmp_path: Path, name: str
+) -> None:
+    place = copied(runs, tmp_path / "run")
+    (place / name).unlink()
+    os.mkfifo(place / name)
+    with pytest.raises(StoreError) as caught, in_time():
+        load_trajectory(place).dataset.load()
+    assert str(caught.value).startswith((f"{place / name} is no file", f"{place} holds no run"))
+
+
+def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str, str]:
+    """Put a chunk, seldom another file, in place of one of a copy; its name and what was done."""
+    donor = (runs.run, runs.early, runs.other)[random.integers(3)]
+    listed = chunks if random.random() < 0.85 else files
+    names, others = listed(runs.run), listed(donor)
+    name = names[random.integers(len(names))]
+    if name == "checkpoint.npz":
+        name = "scene.toml"  # an older checkpoint is that of a run that was killed
+    same = donor is not runs.run and random.random() < 0.6 and name in others
+    source = name if same else others[random.integers(len(others))]
+    shutil.copyfile(donor / source, place / name)
+    return name, f"{name} from {donor.name}/{source}"
+
+
+def check_exchanges(
+    count: int, runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    noticed = 0
+    for _ in range(count):
+        place = copied(runs, tmp_path / "run")
+        noticed += bool(check(runs, scene, place, *exchange(runs, place, random)))
+    assert noticed > count // 2
+
+
+def test_some_exchanges_are_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    check_exchanges(20, runs, scene, tmp_path, random)
+
+
+@pytest.mark.long
+def test_many_exchanges_are_noticed(
+    runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator
+) -> None:
+    check_exchanges(200, runs, scene, tmp_path, random)
+
+
+def test_a_checkpoint_of_an_earlier_time_is_noticed(runs: Runs, tmp_path: Path) -> None:
+    """The last record that it knows, which lay on no whole tick, was written anew since."""
+    place = copied(runs, tmp_path / "run")
+    shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
+    with pytest.raises(StoreError, match=r"/c/1 is damaged, or not what the run wrote there"):
+        load_trajectory(place).dataset.load()
