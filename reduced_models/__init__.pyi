@@ -6,8 +6,7 @@ from .designs.proposal import DesignTarget, propose_design
 from .designs.study import run_study
 from .discovery.discovery import discover
 from .falls.scores import score_drops
-from .falls.shaking import shaking_range
-from .falls.theory import predict
+from .falls.theory import predict, shaking_range
 from .falls.whole_fall import whole_fall
 from .fitting.fitting import fit
 from .fitting.law_estimator import LawEstimator

@@ -1,9 +1,9 @@
 """`calibrate`: numbers of a scene from a lab record, by fitting simulations to it.
 
-Level of rest, period and damping ratio (`reduced_models.calibration.features`) of simulations are
-brought to those of the record by Gauss-Newton steps on logarithms, in which they are nearly linear.
-The slopes are differences over tenths, from the same random starts of the bed on both sides, and
-follow the simulations that are made on the way (Broyden 1965,
+Level of rest, period and damping ratio of simulations (`reduced_models.calibration.simulations`)
+are brought to those of the record by Gauss-Newton steps on logarithms, in which they are nearly
+linear. The slopes are differences over tenths, from the same random starts of the bed on both
+sides, and follow the simulations that are made in the search (Broyden 1965,
 doi:10.1090/S0025-5718-1965-0198670-6).
 
 Two beds that differ by their random start alone differ in these figures as well. A lab's bed is
@@ -28,13 +28,15 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.studies.workers import workshop
-from reduced_models.calibration.features import LAW, Features, features
 from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
 from reduced_models.calibration.result import Calibrated, Calibration, Match
 from reduced_models.calibration.simulations import (
+    LAW,
+    Features,
     Parameter,
     SceneSimulator,
     SimulatedPoint,
+    features,
     parameter,
 )
 from reduced_models.fitting.options import check_options

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.calibration.features import Features
-from reduced_models.calibration.simulations import SceneSimulator, SimulatedPoint
+from reduced_models.calibration.simulations import Features, SceneSimulator, SimulatedPoint
 from reduced_models.fitting.uncertainty import OPEN
 
 STRIDE = 0.1

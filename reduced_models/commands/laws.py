@@ -249,7 +249,7 @@ examples:
 def discover(options: Any) -> None:
     """Discover a law in the records of some sources."""
     from reduced_models.discovery import discovery
-    from reduced_models.discovery.proposal import AUTO
+    from reduced_models.discovery.libraries import AUTO
 
     require(options, sources="SOURCE")
     records = records_from(options.sources, options)

@@ -152,7 +152,10 @@ _LEAST_SHARE = 0.1
 
 
 class Evidence(NamedTuple):
-    """Evidence for a structure.
+    """Evidence for a structure, by stability selection.
+
+    Halves of the integrals are drawn at random, and each chooses anew (Meinshausen & Buhlmann 2010,
+    doi:10.1111/j.1467-9868.2010.00740.x).
 
     Attributes
     ----------

@@ -12,16 +12,18 @@ from granular.shared.messages import quoted
 from granular.shared.progress import stages
 from reduced_models.discovery.choice import evidence, notes_on, polish_front
 from reduced_models.discovery.libraries import (
+    AUTO,
     MEMORY,
     PHYSICAL,
+    Proposal,
     fault,
     functions_named,
     own_terms,
+    propose_library,
     terms_named,
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
 from reduced_models.discovery.polishing import NAME, polish_candidate
-from reduced_models.discovery.proposal import AUTO, Proposal, propose_library
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structures import Search, structures
 from reduced_models.discovery.symbolic import has_operon

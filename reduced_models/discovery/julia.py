@@ -186,7 +186,8 @@ def pysr_expressions(
 
 EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"
 _READS_BOTH = (0, 9, 28)
-"""The juliacall from which on the two are read."""
+"""The juliacall from which on a Julia and a project that both are named so are taken
+(PythonCall.jl's changelog); otherwise juliapkg finds them, and fetches what is not there."""
 
 _PACKAGES = ("SymbolicRegression", "PythonCall")
 _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")

@@ -24,6 +24,7 @@ from reduced_models.discovery.selection import (
     Judge,
     ScoredTerms,
     all_subsets,
+    in_one_unit,
     score_subsets,
     unit_columns,
 )
@@ -97,9 +98,8 @@ def structures_with_memory(
     judged = _judge_states(weak, known)
     if not force and min(one.judge.excess for one in judged) > _FAR**2:
         judged = _judge_states(without_noise(weak), known)
-    # All in one unit of misfit: that of the hidden state with which least is left.
-    excess = min(one.judge.excess for one in judged)
-    judged = [one._replace(judge=dataclasses.replace(one.judge, excess=excess)) for one in judged]
+    judges = in_one_unit([one.judge for one in judged])
+    judged = [one._replace(judge=judge) for one, judge in zip(judged, judges, strict=True)]
     groups = [_candidates(one) for one in judged]
     best = min(range(len(judged)), key=lambda k: groups[k][0].criterion)
     candidates = [one for group in groups for one in group] if sparse else []
@@ -210,8 +210,8 @@ def with_memory(
 def _weighed_anew(candidate: CandidateEquation, count: int, judged: _Judged) -> CandidateEquation:
     """A candidate with so many numbers by the common unit of misfit, with its hidden state."""
     judge = judged.judge
-    squares = candidate.error**2 * max(1, judge.rows - count)
-    again = dataclasses.replace(candidate, criterion=judge.criterion(squares, count))
+    criterion = judge.criterion(judge.squares(candidate.error, count), count)
+    again = dataclasses.replace(candidate, criterion=criterion)
     return with_memory(again, judged.memory, judge)
 
 

@@ -64,11 +64,25 @@ class Judge:
     def rows(self) -> int:
         return len(self.whitening)
 
+    def squares(self, misfit: float, count: int) -> float:
+        """Return the sum of squares of an equation with so many numbers by its misfit."""
+        return misfit**2 * max(1, self.rows - count)
+
+    def misfit(self, squares: float, count: int) -> float:
+        """Return the misfit of an equation with so many numbers by its sum of squares."""
+        return math.sqrt(squares / max(1, self.rows - count))
+
     def criterion(self, squares: float, count: int) -> float:
         """Return the criterion of an equation with so many free numbers and that sum of squares."""
         ways = math.log(math.comb(max(self.size, count), count))
         samples = math.log(self.weak.samples)
         return squares / self.excess + count * samples + 2.0 * ways
+
+
+def in_one_unit(judges: Sequence[Judge]) -> list[Judge]:
+    """Return judges that count in one unit of misfit: that of the library which leaves least."""
+    excess = min(one.excess for one in judges)
+    return [dataclasses.replace(one, excess=excess) for one in judges]
 
 
 def all_subsets(count: int) -> list[np.ndarray]:
@@ -159,7 +173,7 @@ def _ranked(
                 ScoredTerms(
                     tuple(terms[place] for place in chosen),
                     solved[k] / sizes[chosen],
-                    math.sqrt(squares / max(1, judge.rows - count)),
+                    judge.misfit(squares, count),
                     judge.criterion(squares, count),
                 )
             )

@@ -263,9 +263,11 @@ def _judged(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
     squares = float(left @ left)
     if not math.isfinite(squares):
         squares = math.inf
-    misfit = math.sqrt(squares / max(1, judge.rows - count))
     return CandidateEquation(
-        expression, complexity(expression), misfit, judge.criterion(squares, count)
+        expression,
+        complexity(expression),
+        judge.misfit(squares, count),
+        judge.criterion(squares, count),
     )
 
 
@@ -277,7 +279,12 @@ _MOST_ROWS = 4000
 
 
 class Regression:
-    """A linear regression for PySINDy's optimizers, with columns and target of unit size."""
+    """A linear regression for PySINDy's optimizers, with columns and target of unit size.
+
+    Sparse regression says which terms z'' calls for (Brunton, Proctor & Kutz 2016,
+    doi:10.1073/pnas.1517384113), and an ensemble how often resampled records agree (Fasel, Kutz,
+    Brunton & Brunton 2022, doi:10.1098/rspa.2021.0904).
+    """
 
     def __init__(self, matrix: np.ndarray, target: np.ndarray) -> None:
         self.matrix = unit_columns(matrix)[0] * np.sqrt(len(matrix))

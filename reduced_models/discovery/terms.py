@@ -39,7 +39,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 @dataclasses.dataclass(frozen=True)
 class OwnTerm:
-    """A function of z, z' and the input.
+    """A function of z, z' and the input that is no product of powers, such as sin(z).
 
     Attributes
     ----------

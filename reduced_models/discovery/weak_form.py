@@ -283,6 +283,9 @@ class ForceIntegrals(Integrals):
 def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
     """The weak form of the measured forces [N] of some motions.
 
+    Of a piston whose motion is prescribed z'' tells nothing, and a force that was measured tells
+    all. Its integrals against bumps take the place of those of z''; the noise is that of the force.
+
     Raises
     ------
     RecordError
@@ -307,7 +310,12 @@ def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion
 
 
 def without_noise(weak: WeakForm) -> WeakForm:
-    """A weak form of z'' whose errors are white noise of z'', as large as in its estimate."""
+    """A weak form of z'' whose errors are white noise of z'', as large as in its estimate.
+
+    Where no equation comes near to a record's noise, as of a simulated bed, which has none, the
+    noise says nothing of how errors are to be weighed either: that of heights would count the
+    quickest ones most.
+    """
     return WeakForm(
         tuple(
             ForceIntegrals(

@@ -174,7 +174,11 @@ class Screening:
 
 
 def screen(record: PistonRecord, laws: Sequence[Law]) -> Screening:
-    """A glance at laws without hidden states and inputs; of others it says nothing.
+    """Fit laws without hidden states and inputs to the weak form; of others it says nothing.
+
+    The equation of motion is integrated against smooth bumps, which leaves sums over the samples
+    (see `reduced_models.discovery.weak_form`), and a law's parameters are fitted to these
+    integrals: a second, where a fit through the differential equation takes ten.
 
     A record that is too short for it, or too noisy, is said nothing of as well.
     """

@@ -13,10 +13,14 @@ import pytest
 from granular import PistonRecord, Scene, load_scene
 from granular.shared.errors import InputError
 from reduced_models.calibration.calibration import run_calibration
-from reduced_models.calibration.features import Features
 from reduced_models.calibration.gauss_newton import RADIUS
 from reduced_models.calibration.result import Calibration
-from reduced_models.calibration.simulations import SceneSimulator, SimulatedPoint, parameter
+from reduced_models.calibration.simulations import (
+    Features,
+    SceneSimulator,
+    SimulatedPoint,
+    parameter,
+)
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 NAMES = ("height", "period", "damping_ratio", "force")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from reduced_models.calibration.features import features
+from reduced_models.calibration.simulations import features
 
 
 def test_features_of_a_known_swing() -> None:

@@ -7,7 +7,7 @@ import pytest
 from granular import damper
 from granular.shared.errors import InputError
 from reduced_models import shaking_range
-from reduced_models.falls.shaking import RESPONSE_ERROR
+from reduced_models.falls.theory import RESPONSE_ERROR
 from tests.reduced_models.falls.pushed import PUSHED
 
 
