@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.compiled.timer import CompileTimer, timed_compiling
 from granular.engine.plain_arithmetic import unfinite_as
 from granular.engine.step_size import Step
 from granular.methods.method import Method
@@ -131,11 +132,11 @@ def simulate(
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
     run.threads = Threads(count if threads is None else 1)
-    with deferred_stop() as stop:
+    with deferred_stop() as stop, timed_compiling() as compiling:
         store = None if out is None else _open_store(Path(out), run, settings, resume)
         try:
             with own_code_compiles(scene):
-                return _Job(run, store, settings).carry_out(progress, stop)
+                return _Job(run, store, settings, compiling).carry_out(progress, stop)
         finally:
             if store is not None:
                 store.release()
@@ -144,8 +145,10 @@ def simulate(
 class _Job:
     """A run with its output: what `simulate` does after the arguments are checked."""
 
-    def __init__(self, run: Run, store: Store | None, settings: dict[str, Any]) -> None:
-        self.run, self.store, self.settings = run, store, settings
+    def __init__(
+        self, run: Run, store: Store | None, settings: dict[str, Any], compiling: CompileTimer
+    ) -> None:
+        self.run, self.store, self.settings, self.compiling = run, store, settings, compiling
         self.begun = self.last_commit = time.perf_counter()
         self.kept = self._snapshot()
 
@@ -184,7 +187,8 @@ class _Job:
         return snapshot(self.run) | {"rows": written[0] + rows, "frames": written[1] + frames}
 
     def _outcome(self, complete: bool, until: float) -> dict[str, Any]:
-        figures = self.run.figures() | {"seconds": time.perf_counter() - self.begun}
+        compiled, passed = self.compiling.seconds, time.perf_counter() - self.begun
+        figures = self.run.figures() | {"seconds": passed - compiled, "compile_seconds": compiled}
         return {"figures": figures, "complete": complete, "stages": self.run.results(until)}
 
     def _commit(self, complete: bool, until: float | None = None) -> None:

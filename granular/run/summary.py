@@ -12,6 +12,9 @@ from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.schema.wording import words_of
 
+_TOLD = 1.0
+"""Seconds of compiling from which on a run tells of them."""
+
 
 def packing_fraction(scene: Scene, height: float) -> float:
     """Area of the grains over that of the cell below a piston at ``height`` [m] [D, eq. 2.2]."""
@@ -110,10 +113,12 @@ def run_text(run: Trajectory) -> str:
         if run.scene.piston is not None:
             height = f", piston at {1e3 * one.height:.4f} mm ({one.height / scales.length:.4f} D)"
         lines.append(f"{one.name}: {one.start:.4g} to {one.end:.4g} s ({one.reason}){height}")
+    compiled = run.settings().get("compile_seconds", 0.0)
+    beside = f" and {compiled:.2g} s of compiling" if compiled >= _TOLD else ""
     lines.append(
         f"{figures['steps']} steps ({run.method.name}, dt {figures['dt']}) in "
-        f"{figures['seconds']:.3g} s; ledger closed to {figures['ledger_residual']:.1e} of the "
-        "energy turned over"
+        f"{figures['seconds']:.3g} s{beside}; ledger closed to {figures['ledger_residual']:.1e} of "
+        "the energy turned over"
     )
     if run.path is not None:
         lines.append(f"written to {run.path}")

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from numba.core.compiler_lock import global_compiler_lock
 
+import granular.run.run
 from granular import Scene, damper, load_scene, simulate
 from granular.run.accuracy import FLOORS, MARGIN, accurate, asked
 from granular.run.price import price_text
 from granular.run.prices import Prices, prices_of, table
+from granular.run.summary import run_text
 from granular.run.time_step import checked_step
 from granular.shared.errors import InputError
 
@@ -105,6 +110,25 @@ def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
     assert price_text(run).startswith("price: ")
     assert "by the step" in price_text(run)
     assert "twice as fine" in price_text(run)
+
+
+def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, made = granular.run.run.advance, iter(range(100))
+
+    def advance(*known: Any) -> Any:
+        if next(made) == 0:
+            with global_compiler_lock, global_compiler_lock:
+                time.sleep(1.2)
+        return plain(*known)
+
+    monkeypatch.setattr("granular.run.run.advance", advance)
+    begun = time.perf_counter()
+    run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
+    passed, settings = time.perf_counter() - begun, run.settings()
+    assert settings["compile_seconds"] >= 1.2
+    assert 0.0 < settings["seconds"] <= passed - settings["compile_seconds"]
+    assert f"price: {settings['seconds']:.3g} s" in price_text(run)
+    assert f"{settings['compile_seconds']:.2g} s of compiling" in run_text(run)
 
 
 def test_price_without_a_like_scene_is_the_energy_s() -> None:

@@ -1,0 +1,42 @@
+"""Time that kernels take to be compiled, or read from the cache, which is no price of a run."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+
+from numba.core.event import Event, Listener, install_listener
+
+
+class CompileTimer(Listener):
+    """Counts the time in which its thread holds the lock of Numba's compiler.
+
+    Attributes
+    ----------
+    seconds : float
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._thread, self._depth, self._begun = threading.get_ident(), 0, 0.0
+
+    def on_start(self, event: Event) -> None:
+        if threading.get_ident() == self._thread:
+            if self._depth == 0:
+                self._begun = time.perf_counter()
+            self._depth += 1
+
+    def on_end(self, event: Event) -> None:
+        if threading.get_ident() == self._thread:
+            self._depth -= 1
+            if self._depth == 0:
+                self.seconds += time.perf_counter() - self._begun
+
+
+@contextlib.contextmanager
+def timed_compiling() -> Iterator[CompileTimer]:
+    """A timer of what is compiled within the block."""
+    with install_listener("numba:compiler_lock", CompileTimer()) as timer:
+        yield timer
