@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.run.options import checked_step
 from granular.run.prices import kind_of
-from granular.run.time_step import checked_step
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene

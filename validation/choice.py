@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from granular.methods import METHODS
-from granular.run.allowed import is_allowed
+from granular.run.options import is_allowed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost import FLOORS, Advice, Point, Setting, WorkPrecision, finest

@@ -12,7 +12,6 @@ from granular.engine.loop import Window, advance
 from granular.engine.step_size import Pace, Step
 from granular.methods import method_named
 from granular.run.run import Run
-from granular.run.watch import watch_of
 from granular.scene.scene import Scene
 from granular.scene.system import natural_system
 
@@ -29,7 +28,7 @@ class EngineSteps:
         self.threads, self.step = threads, step
         self.run = Run(scene, system, method, Step(), None)
         self.run.begin_stage()
-        self.watch = watch_of(self.run)._replace(stiff=math.inf, rest=-1.0)
+        self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
         self.rows = np.zeros((3, width(len(system.effects))))
 
     def make(self, steps: int) -> None:

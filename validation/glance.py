@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import METHODS
-from granular.run.allowed import is_allowed
+from granular.run.options import is_allowed
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from validation.choice import STEPS

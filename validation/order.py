@@ -124,7 +124,7 @@ def fits(problem: Problem, method: str) -> bool:
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
     """
     from granular.methods import method_named
-    from granular.run.allowed import is_allowed
+    from granular.run.options import is_allowed
 
     effects = problem.scene.effects
     distances = effects.dipole is not None or effects.walls is not None

@@ -63,7 +63,7 @@ def run(options: Any) -> None:
 
 
 def _outcome(done: Trajectory) -> tuple[dict[str, Any], str]:
-    from granular.run.price import price_text
+    from granular.run.prices import price_text
     from granular.run.summary import run_figures, run_text
 
     figures = run_figures(done) | {"price": price_text(done)}

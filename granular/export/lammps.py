@@ -156,7 +156,7 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
 
 def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     """The time step [s] that is given, or that the bed's stiffest modes allow."""
-    from granular.run.time_step import checked_step
+    from granular.run.options import checked_step
 
     asked = checked_step(dt, deck.scene)
     if asked.seconds is not None:

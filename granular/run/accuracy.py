@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 from granular.engine.step_size import Step, multiple
 from granular.methods.named import method_named
-from granular.run.allowed import is_allowed
+from granular.run.options import checked_step, is_allowed
 from granular.run.prices import Prices, Rung, prices_of, table
-from granular.run.time_step import checked_step
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError

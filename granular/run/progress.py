@@ -1,23 +1,27 @@
-"""A progress bar on standard error, and before it a word on a run that will take long."""
+"""How far a run is: a progress bar on standard error, and before it a word where it takes long."""
 
 from __future__ import annotations
 
+import math
 import time
+from collections import deque
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from granular.kernel_data.state import HEIGHT
-from granular.run.outlook import outlook, stage_seconds, steps_ahead
-from granular.run.settling import Settling
-from granular.run.watch import rest_limit
+import numpy as np
+
+from granular.kernel_data.state import HEIGHT, SPEED
+from granular.protocol.stage import Timed
 from granular.shared.progress import progress_bar, say
 
 if TYPE_CHECKING:
     from granular.run.run import Run
 
-
 JUDGED = 0.5
 """For so long [s] the steps are counted before: the first call, which compiles, does not count."""
+
+LONG = 60.0
+"""Length of a run [s], by the wall clock, from which on it is told at the start."""
 
 
 class ProgressBar:
@@ -74,7 +78,7 @@ class ProgressBar:
     def _of_stage(self, run: Run) -> tuple[Any, Settling | None]:
         """A bar of the stage's time; of one that ends at rest, of the way to rest."""
         name = f"{run.scene.name}: {run.stage.name}"
-        if rest_limit(run) >= 0.0:
+        if run.rest_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), Settling(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
@@ -92,3 +96,82 @@ class ProgressBar:
         words = outlook(steps_ahead(run), (run.steps - made) / (now - begun))
         if words is not None:
             say(f"{run.scene.name}: {words}")
+
+
+class Settling:
+    """What still moves, over the last window of rest, beside what counts as rest.
+
+    Attributes
+    ----------
+    amplitude : float
+        Range of the piston's heights [D], or the greatest speed [D/tau] where that is more.
+    limit : float
+        Of the amplitude, at rest.
+    share : float
+        How much of the way to the limit is done, in orders of magnitude: 0 to 1.
+    """
+
+    def __init__(self, run: Run) -> None:
+        stage = run.stage
+        assert isinstance(stage, Timed)
+        self.limit = run.rest_limit
+        self.amplitude, self.share = math.inf, 0.0
+        self._window = stage.window / run.system.scales.time
+        self._seen: deque[tuple[float, float, float]] = deque()
+        self._greatest = 0.0
+
+    def look(self, run: Run) -> None:
+        """Take in the present state."""
+        state = run.state
+        fastest = float(np.hypot(state.vx, state.vy).max(initial=abs(float(state.piston[SPEED]))))
+        self._seen.append((run.time, float(state.piston[HEIGHT]), fastest))
+        while self._seen[0][0] < run.time - self._window:
+            self._seen.popleft()
+        heights = [height for _, height, _ in self._seen]
+        swing = max(heights) - min(heights)
+        self.amplitude = max(swing, *(speed for _, _, speed in self._seen), 0.0)
+        self._greatest = max(self._greatest, self.amplitude)
+        if self.amplitude <= self.limit:
+            self.share = 1.0
+        elif self._greatest > self.limit:
+            way = math.log(self._greatest / self.limit)
+            self.share = math.log(self._greatest / self.amplitude) / way
+
+    def __str__(self) -> str:
+        return f"moves {self.amplitude:.1e} D, at rest below {self.limit:.0e} D"
+
+
+def stage_seconds(run: Run) -> float | None:
+    """Length of the present stage [s], as far as it is known."""
+    stage = run.scene.protocol[run.progress.stage]
+    if isinstance(stage, Timed) and stage.until == "rest":
+        return None
+    end = min(run.total, run.t_end - run.progress.start)
+    return end * run.system.scales.time if math.isfinite(end) else None
+
+
+def steps_ahead(run: Run) -> float:
+    """Steps from here to the end of a run, at the present one.
+
+    A stage that ends at rest or at a force counts whole, and a later one from the height that the
+    piston has now.
+    """
+    progress, last = run.progress, run.scene.protocol[-1]
+    if run.finished or not progress.begun:
+        return 0.0
+    later = run.scene.protocol[progress.stage + 1 :]
+    spans = [stage.span(progress.height) or 0.0 for stage in later]
+    end = min(progress.start + run.total + math.fsum(spans) / run.system.scales.time, run.t_end)
+    if isinstance(last, Timed) and last.until is None and math.isfinite(run.t_end):
+        end = run.t_end  # such a stage is lengthened up to it
+    return max(0.0, end - run.time) / run.pace.h
+
+
+def outlook(steps: float, rate: float) -> str | None:
+    """How long so many steps take at a rate [1/s], in words; None where it is not long."""
+    seconds = steps / rate
+    if seconds < LONG:
+        return None
+    sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
+    unit, size = next(one for one in sizes if seconds >= one[1])
+    return f"up to {steps:.2g} steps, {seconds / size:.2g} {unit} at {rate:.2g} steps a second"

@@ -31,10 +31,8 @@ from granular.engine.step_size import REVIEW, Pace
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.motion import path
 from granular.protocol.stage import Timed, stage_motion
-from granular.run.pace import set_pace, set_steps
-from granular.run.standing import PLACE, Standing
+from granular.run.run_state import PLACE, RunState
 from granular.run.threads import Threads
-from granular.run.watch import watch_of
 from granular.scene.dryness import is_coarse
 from granular.shared.errors import NotFiniteError
 
@@ -42,7 +40,7 @@ CALL_SECONDS = 0.1
 """Length of one call of the compiled loop: how long an interruption may have to wait."""
 
 
-class Run(Standing):
+class Run(RunState):
     """The engine's working object: state, progress and recorder, advanced call by call."""
 
     _call_ticks = 1
@@ -80,7 +78,7 @@ class Run(Standing):
             self._take_hold(path(self.motion, 0.0)[1])
         row = self.look(PLACE)
         hold_far_field(self.state)
-        set_pace(self, row)
+        self.set_schedule(row)
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
         self.seen[STIFFEST] = self.seen[LATEST] = 0.0
         progress.begun = True
@@ -152,7 +150,7 @@ class Run(Standing):
         progress, pace = self.progress, self.pace
         window = Window(progress.start, 0.0, self.total, progress.ticks, ticks)
         begun = time.perf_counter()
-        status, done, rows = self._run(window, pace, watch_of(self))
+        status, done, rows = self._run(window, pace, self.stop_criteria())
         seconds = time.perf_counter() - begun
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
@@ -171,10 +169,10 @@ class Run(Standing):
         elif status == DEPARTED:
             self._let_go()
         elif status == STIFF:
-            set_steps(self, self.seen[LATEST])
+            self.set_steps(self.seen[LATEST])
         elif progress.ticks % REVIEW == 0:
             if self.step.automatic and self._dissipates:
-                set_steps(self, self.seen[STIFFEST])
+                self.set_steps(self.seen[STIFFEST])
             if self._dissipates:
                 hold_far_field(self.state)
             self.seen[STIFFEST] = 0.0
@@ -197,7 +195,7 @@ class Run(Standing):
             return
         pace, reached = self.pace, float(self.state.clock[TIME])
         steps = max(1, math.ceil(left / pace.h - 1e-6))
-        watch = watch_of(self)._replace(rest=-1.0, stiff=math.inf)
+        watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
         if self.plan.fraction is None:
             window = Window(self.progress.start, reached, math.inf, 0, 1)
             _, made, rows = self._run(window, Pace(left, left / steps, 1, 1, steps, 0), watch)
@@ -237,7 +235,7 @@ class Run(Standing):
             raise restless(
                 stage.name, stage.span(0.0) or 0.0,
                 (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
-                watch_of(self).rest * scales.length, self.steps, self.time * scales.time,
+                self.stop_criteria().rest * scales.length, self.steps, self.time * scales.time,
             )  # fmt: skip
         end = progress.last
         final = stage.final_height() if reason == "duration" else None

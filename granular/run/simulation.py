@@ -19,17 +19,15 @@ from granular.engine.step_size import Step
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
 from granular.run.accuracy import accurate
-from granular.run.allowed import check_end, check_method, check_step
 from granular.run.checkpoint import read_checkpoint, read_files
 from granular.run.directory import SETTINGS, is_run
+from granular.run.options import check_end, check_method, check_step, checked_step
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
 from granular.run.snapshot import restore, snapshot
-from granular.run.sources import own_sources
 from granular.run.store import Store
 from granular.run.threads import Threads, set_threads, threads_of
-from granular.run.time_step import checked_step
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.dryness import doubtful
 from granular.scene.scene import Scene
@@ -251,8 +249,13 @@ def _settings(scene: Scene, dt: float | str, method: Method, system: System) -> 
         "pairs": scene.pair_method,
         **every,
         "versions": versions(),
-        **({"own": own} if (own := own_sources(scene)) else {}),
+        **({"own": own} if (own := custom_sources(scene)) else {}),
     }
+
+
+def custom_sources(scene: Scene) -> list[str]:
+    """Digests of a user's own functions in a scene, and of what is derived from formulas."""
+    return sorted(digest for effect in scene.effects.laws for digest in effect.sources)
 
 
 def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:

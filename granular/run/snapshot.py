@@ -13,11 +13,11 @@ from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants
 from granular.engine.ledger import Ledger
 from granular.protocol.stage import Timed, stage_motion
-from granular.run.standing import PLACE, Standing
+from granular.run.run_state import PLACE, RunState
 from granular.shared.errors import StoreError
 
 
-def snapshot(run: Standing) -> dict[str, Any]:
+def snapshot(run: RunState) -> dict[str, Any]:
     """All that is needed to go on from here, as arrays."""
     kept = kept_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
     memory = {
@@ -28,7 +28,7 @@ def snapshot(run: Standing) -> dict[str, Any]:
     return kept | {"memory": np.array(json.dumps(memory))}
 
 
-def restore(run: Standing, kept: dict[str, np.ndarray]) -> None:
+def restore(run: RunState, kept: dict[str, np.ndarray]) -> None:
     """Go back to a snapshot.
 
     Raises
@@ -61,7 +61,7 @@ def restore(run: Standing, kept: dict[str, np.ndarray]) -> None:
     _check_end(run)
 
 
-def _check_end(run: Standing) -> None:
+def _check_end(run: RunState) -> None:
     """Whether the run can still end where it is to end."""
     seconds = run.system.scales.time
     ahead = run.t_end * (1.0 + 1e-9) if math.isfinite(run.t_end) else math.inf

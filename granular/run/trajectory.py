@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.effects.shaking import Shaking
 from granular.methods import Method, method_of
-from granular.protocol import Push
-from granular.run.drive import base_motion, outer_force
+from granular.protocol import Push, Stage
 from granular.run.record import PistonRecord
-from granular.run.ties import joined, parted
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from granular.shared.live import LivePage
+
+LEAST = 1e-18
+"""Between two records of one time near zero [s], where numbers of double precision lie denser."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,8 +151,8 @@ class Trajectory:
 
         Where the cell is shaken, these are ``base_height`` [m], ``base_velocity`` [m/s] and
         ``base_acceleration`` [m/s^2], and where the piston is pushed, ``outer_force`` [N]; see
-        `granular.run.drive`. Heights are those above the moving cell. A piston whose path is given
-        has its drive in ``height`` and ``velocity``.
+        `base_motion` and `outer_force`. Heights are those above the moving cell. A piston whose
+        path is given has its drive in ``height`` and ``velocity``.
 
         Parameters
         ----------
@@ -166,7 +170,7 @@ class Trajectory:
             raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
         name = stage or self.scene.output.record
         chosen = slice(None) if name is None else self._records_of(name)
-        time = joined(data["time"].values)[chosen]
+        time = merge_ties(data["time"].values)[chosen]
         # Where the piston jumps, the same time stands twice: the later one counts.
         last = np.append(np.diff(time) > 0.0, True)
         columns = {
@@ -196,7 +200,7 @@ class Trajectory:
         """The records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._place(name))
-        times = joined(self.dataset["time"].values)
+        times = merge_ties(self.dataset["time"].values)
         first = int(inside[0]) if len(inside) else len(times)
         if first > 0 and times[first - 1] == stage.start:
             first -= 1
@@ -249,7 +253,7 @@ def finished(
     """A trajectory from a run's data, with coordinates and attributes."""
     species = scene.grains.assignment()
     data = data.assign_coords(
-        time=("time", parted(data["time"].values), data["time"].attrs),
+        time=("time", separate_ties(data["time"].values), data["time"].attrs),
         frame=("frame", np.arange(data.sizes["frame"]), {"long_name": "frame", "units": "1"}),
         grain=np.arange(scene.grains.count),
         axis=["x", "y"],
@@ -267,3 +271,79 @@ def finished(
     }
     stages = tuple(StageResult(**one) for one in outcome["stages"])
     return Trajectory(scene, data, stages, outcome["complete"], path)
+
+
+def separate_ties(times: np.ndarray) -> np.ndarray:
+    """Times (m,) [s] as stored, as times that grow.
+
+    Where the piston is set higher at once, one time has two records. Labelled data need times that
+    grow: there the record behind the jump stands at the next number of double precision, some
+    1e-15 s later.
+    """
+    result = np.array(times, dtype=np.float64)
+    for k in np.flatnonzero(np.diff(result) <= 0.0):
+        result[k + 1] = result[k] + _apart(result[k])
+    return result
+
+
+def merge_ties(times: np.ndarray) -> np.ndarray:
+    """Times (m,) [s] that grow, as they are stored."""
+    result = np.array(times, dtype=np.float64)
+    for k in np.flatnonzero(np.diff(result) <= 2.0 * _apart(result[:-1])):
+        result[k + 1] = result[k]
+    return result
+
+
+def _apart(times: np.ndarray) -> np.ndarray:
+    return np.maximum(np.spacing(times), LEAST)
+
+
+def base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarray]:
+    """The vertical motion of a shaken cell.
+
+    Heights of the piston are those above the moving cell, so that a law of the height has the
+    inertial force of the base on its right: ``z'' + ... = g0 - base_acceleration``.
+
+    Parameters
+    ----------
+    shaking : Shaking
+    time : float64 (n,)
+        Since the start of the run [s].
+
+    Returns
+    -------
+    dict of str to float64 (n,)
+        ``base_height`` [m], ``base_velocity`` [m/s], ``base_acceleration`` [m/s^2].
+    """
+    omega = 2.0 * math.pi * shaking.frequency
+    reach = shaking.amplitude * math.sin(shaking.angle)
+    height = reach * np.sin(omega * time)
+    return {
+        "base_height": height,
+        "base_velocity": reach * omega * np.cos(omega * time),
+        "base_acceleration": -(omega**2) * height,
+    }
+
+
+def outer_force(
+    protocol: Sequence[Stage], starts: Sequence[float], stage: np.ndarray, time: np.ndarray
+) -> np.ndarray:
+    """The force from outside on the free piston (n,), upwards [N]; 0 in stages without one.
+
+    Parameters
+    ----------
+    protocol : sequence of Stage
+    starts : sequence of float
+        When each stage that was begun started [s].
+    stage : int (n,)
+        Place of each sample's stage in the protocol.
+    time : float64 (n,)
+        Since the start of the run [s].
+    """
+    force = np.zeros(len(time))
+    for place, (one, start) in enumerate(zip(protocol, starts, strict=False)):
+        if isinstance(one, Push):
+            inside = stage == place
+            phase = 2.0 * math.pi * one.frequency * (time[inside] - start)
+            force[inside] = one.mean + one.amplitude * np.sin(phase)
+    return force

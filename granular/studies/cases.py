@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from granular.methods.named import method_of, method_setting
-from granular.run.sources import own_sources
-from granular.run.time_step import checked_step
+from granular.run.options import checked_step
+from granular.run.simulation import custom_sources
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -125,6 +125,6 @@ def _case(
         "settings": settings,
         "measure": measure_name(measure),
     }
-    if own_code := own_sources(changed):
+    if own_code := custom_sources(changed):
         content["own"] = own_code
     return Case(changes, changed, settings, digest(content, KEY_LENGTH))

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from granular.methods import method_of
+from granular.run.options import halved
 from granular.run.record import PistonRecord
-from granular.run.time_step import halved
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted

@@ -191,8 +191,7 @@ def step_check(run: Trajectory) -> StepCheck:
     taken for the error, which it bounds also where a bed that packs otherwise follows no order.
     Half the step changes 1 - 2^-p of the error.
     """
-    from granular.run.allowed import is_allowed
-    from granular.run.time_step import doubled, halved
+    from granular.run.options import doubled, halved, is_allowed
 
     settings = run.settings()
     dt = settings["dt"]

@@ -288,7 +288,7 @@ def lift_verdict(table: Comparison) -> str:
 def checked_price_text(run: Trajectory, height: Figure | None) -> str:
     """The price of a run whose rest height [m] was checked; without a check, `price_text`."""
     if height is None or height.step_error is None or not height.value > 0.0:
-        from granular.run.price import price_text  # fits alone need nothing of the simulation
+        from granular.run.prices import price_text  # fits alone need nothing of the simulation
 
         return price_text(run)
     seconds = run.settings()["seconds"]

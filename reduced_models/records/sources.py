@@ -166,7 +166,7 @@ def check_run_options(options: RunOptions) -> None:
     if (options.method, options.dt) == (METHOD, STEP):
         return
     from granular.methods import method_of
-    from granular.run.time_step import checked_step
+    from granular.run.options import checked_step
 
     method_of(options.method)
     checked_step(options.dt)

@@ -10,7 +10,7 @@ import math
 import warnings
 from collections.abc import Mapping
 
-from granular.run.time_step import checked_step
+from granular.run.options import checked_step
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from research.published.series import Series

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.allowed import is_allowed
+from granular.run.options import is_allowed
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales

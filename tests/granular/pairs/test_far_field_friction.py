@@ -16,8 +16,8 @@ from granular.engine.step_size import Step
 from granular.methods import method_named
 from granular.pairs.far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
+from granular.run.run_state import PLACE
 from granular.run.snapshot import restore, snapshot
-from granular.run.standing import PLACE
 from granular.scene.system import natural_system
 
 evaluate_far = entry(refresh_far_field)

@@ -13,10 +13,9 @@ from numba.core.compiler_lock import global_compiler_lock
 import granular.run.run
 from granular import Scene, damper, load_scene, simulate
 from granular.run.accuracy import FLOORS, MARGIN, accurate, asked
-from granular.run.price import price_text
-from granular.run.prices import Prices, prices_of, table
+from granular.run.options import checked_step
+from granular.run.prices import Prices, price_text, prices_of, table
 from granular.run.summary import run_text
-from granular.run.time_step import checked_step
 from granular.shared.errors import InputError
 
 

@@ -12,9 +12,8 @@ import pytest
 from granular import load_scene, load_trajectory
 from granular.engine.step_size import Step
 from granular.methods import METHODS
-from granular.run.outlook import outlook, steps_ahead
+from granular.run.progress import Settling, outlook, steps_ahead
 from granular.run.run import Run
-from granular.run.settling import Settling
 from granular.scene.system import natural_system
 
 ROOT = Path(__file__).parents[3]

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.time_step import checked_step, halved
+from granular.run.options import checked_step, halved
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular.run.ties import joined, parted
+from granular.run.trajectory import merge_ties, separate_ties
 
 
 @pytest.mark.parametrize(
     "times", [[0.0], [0.0, 0.1, 0.2], [0.0, 0.1, 0.1, 0.2], [0.0, 0.0, 0.0, 1e-3, 1e-3]]
 )
 def test_times_that_are_parted_grow_and_can_be_joined(times: list[float]) -> None:
-    found = parted(np.array(times))
+    found = separate_ties(np.array(times))
     assert (np.diff(found) > 0.0).all()
     assert np.abs(found - times).max() < 1e-15
-    assert np.array_equal(joined(found), times)
+    assert np.array_equal(merge_ties(found), times)

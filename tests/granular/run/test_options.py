@@ -8,8 +8,7 @@ import pytest
 
 from granular import Scene, load_scene, simulate
 from granular.methods import METHODS
-from granular.run.allowed import is_allowed
-from granular.run.time_step import checked_step, doubled, halved
+from granular.run.options import checked_step, doubled, halved, is_allowed
 from granular.scene.dryness import dry_parts
 from granular.shared.errors import InputError, StepCountError
 

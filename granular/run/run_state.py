@@ -1,4 +1,4 @@
-"""Where a run stands: in its state, in its protocol, and how much is left."""
+"""The state of a run: in its protocol, in time, and how the rest of a stage is stepped and ends."""
 
 from __future__ import annotations
 
@@ -8,16 +8,35 @@ import numpy as np
 
 from granular.engine import columns
 from granular.engine.checkpoint import Progress
-from granular.engine.failures import misplaced
+from granular.engine.failures import countless, misplaced
 from granular.engine.ledger import Ledger
-from granular.engine.loop import STIFFEST, TURNED, look
+from granular.engine.loop import STIFFEST, TURNED, Watch, look
 from granular.engine.new_state import new_measurement, new_state
 from granular.engine.step import plan_of
-from granular.engine.step_size import REVIEW, Pace, Step, multiple, whole_ticks
-from granular.kernel_data.state import STEPS, TIME, Measurement, State
+from granular.engine.step_size import (
+    MOST_COUNT,
+    MOST_STEPS,
+    REVIEW,
+    Pace,
+    Step,
+    multiple,
+    whole_ticks,
+)
+from granular.engine.stiffness import collision_frequency
+from granular.engine.variable import open_density
+from granular.kernel_data.state import (
+    HEIGHT,
+    LONGEST,
+    SHORTEST,
+    SPEED,
+    STEPS,
+    TIME,
+    Measurement,
+    State,
+)
 from granular.methods import Method
 from granular.protocol import Stage
-from granular.protocol.motion import Motion
+from granular.protocol.motion import Motion, drive_frequency, greatest_speed
 from granular.protocol.stage import Timed
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
@@ -27,13 +46,20 @@ from granular.shared.errors import NotFiniteError, RunError
 PLACE = "place the grains apart from each other, inside the walls and below the piston"
 """What to do about grains that stand where none can be."""
 
+REST_TOLERANCE = 1e-4
+"""Rest where the stage gives no tolerance [D], [D/tau]."""
+
+DECAY_LIMIT = 10.0
+"""A decay by drag is resolved as far as it is at most this much faster than the stiffest mode (or
+than one that a step from record to record would resolve): a faster one leaves grains that creep,
+which the exact flow of drag carries at any step."""
 
 _RESOLVED = 0.5
 """Step times highest angular frequency, below which no swing blows up."""
 
 
-class Standing:
-    """State, progress and recorder of a run, and what follows from them."""
+class RunState:
+    """State, progress and recorder of a run, and all that follows from them."""
 
     def __init__(
         self, scene: Scene, system: System, method: Method, step: Step, t_end: float | None
@@ -200,3 +226,84 @@ class Standing:
             found = NotFiniteError(found.cause, step=found.step, time=found.time,
                                    grain=found.grain, remedy=self.unfinite)  # fmt: skip
         return found.blaming(self.blame)
+
+    # The step schedule ---------------------------------------------------------------------------
+
+    def set_schedule(self, row: np.ndarray) -> None:
+        """Cut the stage into ticks, by the speeds that the bed can reach from its first record."""
+        output, scales, gravity = self.scene.output, self.system.scales, self.system.pull
+        # A grain may still gain what it loses in height.
+        top = float(self.state.y[: self.constants.grains].max(initial=0.0))
+        speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
+        height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
+        speed += greatest_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
+        speed += sum(one.greatest_speed(scales) for one in self.system.effects)
+        frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
+        pace = self.step.pace(
+            output.scalars / scales.time,
+            output.frames / scales.time,
+            self._resolved_frequency(frequency),
+            scales.time,
+        )
+        self._use(pace)
+        end = min(self.total, self.t_end - self.progress.start)
+        steps = end / pace.h if end < math.inf else 0.0
+        self._check_count("the way to the end", steps, MOST_COUNT)
+        if self.plan.fraction is not None:
+            half_tick = 0.5 * pace.length
+            open_density(speed, half_tick, self.plan.fraction, self.state, self.constants)
+
+    def set_steps(self, frequency: float) -> None:
+        """Cut the ticks into steps for another frequency; a variable step does so itself."""
+        if self.plan.fraction is None:
+            steps = self.step.steps_of(self.pace.length, self._resolved_frequency(frequency))
+            self._use(self.pace.with_steps(steps))
+
+    def _resolved_frequency(self, frequency: float) -> float:
+        """The frequency that an automatic step is to resolve, with the drive and the drag."""
+        scales, effects = self.system.scales, self.system.effects
+        rate = max((one.decay_rate(scales) for one in effects), default=0.0)
+        record = self.scene.output.scalars / scales.time
+        slowest = max(frequency, self.step.fraction / record)
+        drives = [drive_frequency(self.motion), *(one.drive_frequency(scales) for one in effects)]
+        resolved = max(frequency, *drives, min(rate, DECAY_LIMIT * slowest))
+        if self.step.automatic:
+            steps = record * resolved / self.step.fraction
+            self._check_count("the time from record to record", steps, MOST_STEPS)
+        return resolved
+
+    def _check_count(self, what: str, steps: float, limit: float) -> None:
+        if not steps <= limit:
+            seconds = self.time * self.system.scales.time
+            raise countless(what, steps, limit, self.steps, seconds)
+
+    def _use(self, pace: Pace) -> None:
+        self.progress.pace = list(pace)
+        if self.plan.fraction is None:
+            clock = self.state.clock
+            clock[SHORTEST] = min(clock[SHORTEST], pace.h)
+            clock[LONGEST] = max(clock[LONGEST], pace.h)
+
+    # The end of a stage --------------------------------------------------------------------------
+
+    @property
+    def rest_limit(self) -> float:
+        """What moves less is at rest [D], [D/tau]; negative where the stage does not end so."""
+        stage = self.stage
+        if not isinstance(stage, Timed) or stage.until != "rest":
+            return -1.0
+        if stage.tolerance is None:
+            return REST_TOLERANCE
+        return stage.tolerance / self.system.scales.length
+
+    def stop_criteria(self) -> Watch:
+        """What the compiled loop looks out for in the present stage."""
+        stage, rest, window = self.stage, self.rest_limit, 0
+        if isinstance(stage, Timed) and rest >= 0.0:
+            ticks = stage.window / self.system.scales.time / self.pace.length
+            window = math.ceil(min(ticks, MOST_COUNT))
+        stiff = self.step.stiff if self.plan.fraction is None else math.inf
+        assert self.ledger is not None
+        potential, piston = self.ledger.potential, self.ledger.piston
+        floor = -math.inf if self.scene.piston is None else 0.0
+        return Watch(stiff, rest, window, self.band, self.seen, potential, piston, floor)
