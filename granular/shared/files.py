@@ -138,7 +138,8 @@ def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Itera
             raise
         raise kind(f"{name}: cannot be read: {error.strerror}; check the path") from None
     except ValueError as error:
-        if "null" not in str(error):  # of a path that holds a null character
+        # Of a path that holds a null character, or one that no file system can write.
+        if "null" not in str(error) and not isinstance(error, UnicodeEncodeError):
             raise
         raise kind(f"{name}: cannot be read: {error}; check the path") from None
 

@@ -40,6 +40,7 @@ def test_pipes_devices_and_directories_are_no_files(tmp_path: Path) -> None:
         ("nothing.csv", "there is no file"),
         ("file.csv/it.csv", "there is no file"),
         ("null\0.csv", "cannot be read"),
+        ("half\ud800.csv", "cannot be read"),
         ("long" * 1000 + ".csv", "cannot be read"),
     ):
         with pytest.raises(RecordError, match=words):
