@@ -29,7 +29,7 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from granular.studies.workers import workshop
 from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
-from reduced_models.calibration.result import Calibrated, Calibration, Match
+from reduced_models.calibration.result import CalibratedValue, Calibration, Match
 from reduced_models.calibration.simulations import (
     LAW,
     Features,
@@ -212,7 +212,7 @@ def _result(
     values = simulator.changes(place)
     return Calibration(
         parameters=tuple(
-            _calibrated(one, k, values[one.key], ended, shift, confidence)
+            _estimate(one, k, values[one.key], ended, shift, confidence)
             for k, one in enumerate(simulator.parameters)
         ),
         confidence=confidence,
@@ -228,14 +228,14 @@ def _result(
     )
 
 
-def _calibrated(
+def _estimate(
     one: Parameter,
     k: int,
     value: float,
     ended: SearchEnd,
     shift: np.ndarray | None,
     confidence: float,
-) -> Calibrated:
+) -> CalibratedValue:
     from scipy.stats import t as student
 
     estimate = ended.estimate
@@ -248,7 +248,7 @@ def _calibrated(
     freedom = (starts - 1) * (variance / max(scatter + unknown, 1e-9 * variance, 1e-300)) ** 2
     half = float(student.ppf(0.5 + 0.5 * confidence, freedom)) * math.sqrt(variance)
     known = half < _UNKNOWN
-    return Calibrated(
+    return CalibratedValue(
         key=one.key,
         unit=one.unit,
         value=value,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class Calibrated:
+class CalibratedValue:
     """A number of a scene as a record has it.
 
     Attributes
@@ -100,7 +100,7 @@ class Calibration:
         What is to be doubted, in plain words.
     """
 
-    parameters: tuple[Calibrated, ...]
+    parameters: tuple[CalibratedValue, ...]
     confidence: float
     matches: tuple[Match, ...]
     undetermined: tuple[Direction, ...]

@@ -96,13 +96,13 @@ class Candidate(NamedTuple):
     def coordinates(self) -> np.ndarray:
         """Coordinates (4,) in the box, each from -1 to 1 inside it."""
         plain = (self.mass / self.scale, self.grains, affine_damping_ratio(self), self.small_share)
-        low, high = _scaled(LOWEST), _scaled(HIGHEST)
-        return 2.0 * (_scaled(plain) - low) / (high - low) - 1.0
+        low, high = _scale(LOWEST), _scale(HIGHEST)
+        return 2.0 * (_scale(plain) - low) / (high - low) - 1.0
 
 
 def candidate_at(coordinates: np.ndarray) -> Candidate:
     """The damper at a place (4,) of the box; the number of grains is rounded."""
-    low, high = _scaled(LOWEST), _scaled(HIGHEST)
+    low, high = _scale(LOWEST), _scale(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
     mass, count, ratio = (math.exp(one) for one in scaled[:3])
     plain = Candidate(mass, round(count), 1.0, float(scaled[3]))
@@ -136,5 +136,5 @@ def _mean_mass(one: Candidate) -> float:
     return 1.0 - one.small_share * (1.0 - ASPECT**2)
 
 
-def _scaled(plain: tuple[float, ...]) -> np.ndarray:
+def _scale(plain: tuple[float, ...]) -> np.ndarray:
     return np.array([*np.log(plain[:3]), plain[3]])

@@ -124,7 +124,7 @@ def design(
             if candidate is None or len(rounds) == MOST:
                 break
             try:
-                checks = _checked(candidate, seeds, out, executor, workers, progress)
+                checks = _run_checks(candidate, seeds, out, executor, workers, progress)
             except GranularError as error:
                 raise DesignError(
                     str(error), Design(target, tuple(rounds)) if rounds else None
@@ -137,11 +137,11 @@ def design(
                 return found
             if len(ways) > 1 and not found.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
-            aim = _corrected(target, rounds[first:])
-    raise DesignError(_missed(found), found)
+            aim = _next_aim(target, rounds[first:])
+    raise DesignError(_miss_text(found), found)
 
 
-def _corrected(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
+def _next_aim(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
     """Frequency and damping ratio to aim at in the maps next.
 
     The damping goes with the drag; the frequency, which a bed that falls into another order changes
@@ -166,7 +166,7 @@ def _slope(rounds: Sequence[Round]) -> float:
     return min(max(measured / promised, 1.0 / STEEPEST), STEEPEST)
 
 
-def _checked(
+def _run_checks(
     candidate: Candidate,
     seeds: Sequence[int],
     out: str | Path | None,
@@ -196,7 +196,7 @@ def _checked(
     return tuple(checks)
 
 
-def _missed(found: Design) -> str:
+def _miss_text(found: Design) -> str:
     low, high = found.spread("damping_ratio")
     target = found.target
     if target.mass is not None:

@@ -132,7 +132,7 @@ class DamperMaps:
         self.study = sound
         places = [one.coordinates() for one in self.dampers]
         self.surfaces: Mapping[str, Surface] = {
-            name: _fitted(np.array([_terms(place, DEGREES[name]) for place in places]), values)
+            name: _fit_surface(np.array([_terms(place, DEGREES[name]) for place in places]), values)
             for name, values in _figures(sound).items()
         }
 
@@ -226,7 +226,7 @@ def _terms(place: np.ndarray, degree: int) -> np.ndarray:
     return np.array([math.prod(single[k, p] for k, p in enumerate(one)) for one in powers])
 
 
-def _fitted(terms: np.ndarray, values: np.ndarray) -> Surface:
+def _fit_surface(terms: np.ndarray, values: np.ndarray) -> Surface:
     coefficients = np.linalg.lstsq(terms, values, rcond=None)[0]
     orthogonal = np.linalg.qr(terms)[0]
     leverage = (orthogonal**2).sum(axis=1)

@@ -125,7 +125,7 @@ def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
     None if there is no such damper in the maps.
     """
-    found = _solved(maps, _places(target), aim)
+    found = _solve(maps, _places(target), aim)
     return found if found is None or target.mass is None else found._replace(mass=target.mass)
 
 
@@ -133,17 +133,17 @@ def _places(target: DesignTarget) -> Places:
     """Ways through the box on which mass and drag, or grains and drag, are free."""
     share = _unit(target.small_share, LOWEST[3], HIGHEST[3])
     if target.mass is not None:
-        return _of_mass(target.mass, share)
+        return _places_of_mass(target.mass, share)
     assert target.grains is not None
-    return _of_grains(target.grains, share)
+    return _places_of_grains(target.grains, share)
 
 
-def _of_grains(count: float, share: float) -> Places:
+def _places_of_grains(count: float, share: float) -> Places:
     grains = _unit(math.log(count), math.log(LOWEST[1]), math.log(HIGHEST[1]))
     return lambda mass, drag: np.array([mass, grains, drag, share])
 
 
-def _of_mass(mass: float, share: float) -> Places:
+def _places_of_mass(mass: float, share: float) -> Places:
     def places(grains: float, drag: float) -> np.ndarray | None:
         low, high = math.log(LOWEST[1]), math.log(HIGHEST[1])
         count = math.exp(low + 0.5 * (grains + 1.0) * (high - low))
@@ -158,7 +158,7 @@ def _unit(value: float, low: float, high: float) -> float:
     return 2.0 * (value - low) / (high - low) - 1.0
 
 
-def _solved(maps: DamperMaps, places: Places, aim: tuple[float, float]) -> Candidate | None:
+def _solve(maps: DamperMaps, places: Places, aim: tuple[float, float]) -> Candidate | None:
     """The damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 

@@ -169,8 +169,8 @@ class Design:
         ]
         lines += [
             f"  simulated from random start {check.seed}: {check.frequency:.4g} Hz "
-            f"({_off(check.frequency, target.frequency)}), damping ratio "
-            f"{check.damping_ratio:.4g} ({_off(check.damping_ratio, target.damping)})"
+            f"({_deviation_text(check.frequency, target.frequency)}), damping ratio "
+            f"{check.damping_ratio:.4g} ({_deviation_text(check.damping_ratio, target.damping)})"
             for check in self.checks
         ]
         lines.append(
@@ -283,7 +283,7 @@ class Design:
         self.page(maps).save(folder / "report.html")
 
 
-def _off(value: float, wanted: float) -> str:
+def _deviation_text(value: float, wanted: float) -> str:
     return f"{100.0 * (value / wanted - 1.0):+.2g} %"
 
 

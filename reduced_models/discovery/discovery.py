@@ -17,10 +17,10 @@ from reduced_models.discovery.libraries import (
     PHYSICAL,
     Proposal,
     fault,
-    functions_named,
+    library_terms,
     own_terms,
+    program_functions,
     propose_library,
-    terms_named,
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
 from reduced_models.discovery.polishing import NAME, polish_candidate
@@ -143,8 +143,8 @@ def discover(
     remembers = _is_only(library, MEMORY)
     if remembers:
         _check_memory(target, form, ensemble, input, map)
-    allowed = functions_named(functions, method)
-    method, lacking = _installed(method, functions)
+    allowed = program_functions(functions, method)
+    method, lacking = _installed_method(method, functions)
     sparse = method in ("auto", "sindy")
     search = None
     if method != "sindy":
@@ -176,13 +176,13 @@ def discover(
         words = _words(method, form, ensemble, target if remembers else "")
         name = NAME if remembers else f"{NAME} by {words}"
 
-        def fitted(one: CandidateEquation) -> CandidateEquation:
+        def polish_one(one: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {one.expression.evalf(3)}"[:_LINE])
             candidate = with_memory(one, found.memory, found.judge)
             return polish_candidate(candidate, records, height_map, input, seed, name)
 
         count = 0 if target == "force" else polish
-        front, chosen = polish_front(found.candidates, fitted, count, found.judge, found.others)
+        front, chosen = polish_front(found.candidates, polish_one, count, found.judge, found.others)
         now("done")
     sure = None if remembers else evidence(front[chosen], found.candidates, found.judge, seed)
     notes = (
@@ -217,7 +217,7 @@ def _library(
         )
         found = found._replace(terms=tuple(dict.fromkeys((*found.terms, *more))))
     else:
-        known = terms_named(library, terms, degree, column)
+        known = library_terms(library, terms, degree, column)
         motions = [motion_of(one, height_map, derivative, column) for one in records]
         found = Proposal("", known, height_map, weak_form(*motions), "")
     _check_finite(found.weak, found.terms)
@@ -235,7 +235,7 @@ def _height_map(
     return map_of(records, wanted)
 
 
-def _installed(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
+def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
     """The method, or what stands in for it, and whether pyoperon is lacking for it.
 
     Raises

@@ -42,7 +42,7 @@ def height_equations(
     search = search._replace(functions=_FUNCTIONS)
     found = search.expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
     forms = [form for one in found for form in elliptic_variants(sympy.expand_mul(one))]
-    fitted = [_fitted(one, time, z, noise) for one in forms]
+    fitted = [_fit_numbers(one, time, z, noise) for one in forms]
     if not found:
         raise InputError(
             f"{search.method!r} found no expression that is finite; try another method"
@@ -64,7 +64,7 @@ def height_equations(
     return Discovery(f"{search.method}, z(t)", tuple(front), chosen, height_map)
 
 
-def _fitted(
+def _fit_numbers(
     expression: sympy.Expr,
     time: np.ndarray,
     z: np.ndarray,

@@ -81,7 +81,9 @@ def _relaxing(state: np.ndarray, strain: float, step: float, scale: np.ndarray) 
     return np.asarray(state * np.exp(-kept) - strain * np.expm1(-kept) / kept)
 
 
-def _along(step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _values_along(
+    step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
     """The values (k, n) of a state with one scale (k,)."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     found = np.zeros((len(time), len(scale)))
@@ -90,26 +92,26 @@ def _along(step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray) 
     return found.T
 
 
-def _single(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-    return lambda time, height, scales: _along(step, time, height, scales[:, 0])
+def _values_of_one(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    return lambda time, height, scales: _values_along(step, time, height, scales[:, 0])
 
 
-def _double(time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    first, second = (_along(_yielding, time, height, scales[:, k]) for k in (0, 1))
+def _values_of_two(time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    first, second = (_values_along(_yielding, time, height, scales[:, k]) for k in (0, 1))
     return np.asarray(first + scales[:, 2:] * second)
 
 
-def _strains(_: float) -> np.ndarray:
+def _yield_scales(_: float) -> np.ndarray:
     return np.geomspace(0.01, 1.0, 17)[:, None]
 
 
-def _pairs(_: float) -> np.ndarray:
+def _yield_scale_pairs(_: float) -> np.ndarray:
     strains = np.geomspace(0.01, 1.0, 6)
     pairs = [(a, b) for k, a in enumerate(strains) for b in strains[k + 1 :]]
     return np.array([(*pair, share) for pair in pairs for share in (0.5, 2.0)])
 
 
-def _times(period: float) -> np.ndarray:
+def _relaxation_scales(period: float) -> np.ndarray:
     return period * np.geomspace(0.02, 20.0, 17)[:, None]
 
 
@@ -118,20 +120,20 @@ _YIELDING = "-(z' + Abs(z')*Abs({0})*{0}/{1}**2)/z"
 HIDDEN_STATES = (
     HiddenState(
         "yielding strain", "w' = " + _YIELDING.format("w", "yielding"), "w", ("yielding",),
-        _single(_yielding), _strains,
+        _values_of_one(_yielding), _yield_scales,
     ),
     HiddenState(
         "strain that yields as in Dahl's model", "w' = -(z' + Abs(z')*w/yielding)/z", "w",
-        ("yielding",), _single(_dahl), _strains,
+        ("yielding",), _values_of_one(_dahl), _yield_scales,
     ),
     HiddenState(
         "relaxing strain", "w' = -z'/z - w/relaxation", "w", ("relaxation",),
-        _single(_relaxing), _times,
+        _values_of_one(_relaxing), _relaxation_scales,
     ),
     HiddenState(
         "two yielding strains",
         f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
-        "(w + share*q)", ("yielding", "later", "share"), _double, _pairs,
+        "(w + share*q)", ("yielding", "later", "share"), _values_of_two, _yield_scale_pairs,
     ),
 )  # fmt: skip
 

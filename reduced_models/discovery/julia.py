@@ -56,7 +56,7 @@ _SERIES = {
 _RANGE = (1e-6, 0.9999)
 
 
-def _of_scipy(place: int) -> Callable[..., Any]:
+def _scipy_function(place: int) -> Callable[..., Any]:
     """SciPy's sn, cn or dn of u and m."""
 
     def value(u: Any, m: Any) -> Any:
@@ -67,7 +67,7 @@ def _of_scipy(place: int) -> Callable[..., Any]:
     return value
 
 
-ELLIPTIC = {name: Function(_of_scipy(place), 2, 2) for place, name in enumerate(_SERIES)}
+ELLIPTIC = {name: Function(_scipy_function(place), 2, 2) for place, name in enumerate(_SERIES)}
 """Jacobi's functions by the names that PySR knows them by."""
 
 
@@ -198,16 +198,16 @@ def missing() -> str | None:
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
-    if (julia or project) and _juliacall() >= _READS_BOTH:
-        return _of_the_two(julia, project)
-    if _resolved():
+    if (julia or project) and _juliacall_version() >= _READS_BOTH:
+        return _lack_of_named_julia(julia, project)
+    if _has_resolved():
         return None
     if julia or project:
         return f"{EXE} and {PROJECT} are read by juliacall 0.9.28 and newer only"
     return "Julia, or PySR's Julia packages, are not there"
 
 
-def _of_the_two(julia: str | None, project: str | None) -> str | None:
+def _lack_of_named_julia(julia: str | None, project: str | None) -> str | None:
     """Return what is missing of a Julia and a project that the user names."""
     if not julia or not project:
         return f"{EXE} and {PROJECT} must be set together"
@@ -215,14 +215,14 @@ def _of_the_two(julia: str | None, project: str | None) -> str | None:
         return f"there is no Julia at {quoted(julia)}"
     if not os.path.isdir(project):
         return f"there is no Julia project at {quoted(project)}"
-    installed = _installed(Path(project))
+    installed = _packages_of(Path(project))
     lack = [name for name in _PACKAGES if name not in installed]
     if lack:
         return f"the Julia project at {quoted(project)} lacks {' and '.join(lack)}"
     return None
 
 
-def _installed(project: Path) -> set[str]:
+def _packages_of(project: Path) -> set[str]:
     """Packages of a project's manifests: Julia takes the one of its version."""
     found: set[str] = set()
     for path in project.iterdir():
@@ -236,7 +236,7 @@ def _installed(project: Path) -> set[str]:
     return found
 
 
-def _juliacall() -> tuple[int, ...]:
+def _juliacall_version() -> tuple[int, ...]:
     """The version of juliacall; (0,) where there is none."""
     try:
         words = re.match(r"\d+(\.\d+)*", version("juliacall"))
@@ -245,7 +245,7 @@ def _juliacall() -> tuple[int, ...]:
     return tuple(map(int, words[0].split("."))) if words else (0,)
 
 
-def _resolved() -> bool:
+def _has_resolved() -> bool:
     """Return true where juliapkg has all in place; a dry run looks without installing."""
     logging.getLogger("juliapkg").setLevel(logging.ERROR)
     try:

@@ -77,7 +77,7 @@ FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "m
 """What symbolic regressions know beside sums, differences and products."""
 
 
-def terms_named(
+def library_terms(
     names: str | Sequence[str], texts: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
     """The terms of libraries and of texts, each once, in order.
@@ -127,7 +127,7 @@ def own_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
     return found
 
 
-def functions_named(names: Sequence[str], method: str) -> tuple[str, ...]:
+def program_functions(names: Sequence[str], method: str) -> tuple[str, ...]:
     """Functions by the names that a method's program knows them by.
 
     Raises
@@ -280,7 +280,7 @@ def propose_library(
             own_weak = weak_form(*(motion_of(one, own_map, derivative, column) for one in records))
         if name == "rational" and not all((one.z > 0.0).all() for one in own_weak.motions):
             continue
-        terms = terms_named(name, (), 3, column)
+        terms = library_terms(name, (), 3, column)
         if not any(fault(motion, term) for motion in own_weak.motions for term in terms):
             proposals.append(Proposal(name, terms, own_map, own_weak, ""))
     return _chosen(proposals)
@@ -338,7 +338,7 @@ def _usual(weak: WeakForm, column: str | None, least_degree: int) -> tuple[AnyTe
     chosen: tuple[AnyTerm, ...] = ()
     least = math.inf
     for degree in (least_degree, *(one for one in _DEGREES if one > least_degree)):
-        terms = terms_named(PHYSICAL, (), degree, column)
+        terms = library_terms(PHYSICAL, (), degree, column)
         error = held_out_error(weak, terms)
         if chosen and error > _BETTER * least:
             break

@@ -58,7 +58,7 @@ _KEPT = 20
 """Sums of each hidden state that are candidates."""
 
 
-class _Judged(NamedTuple):
+class _StateScores(NamedTuple):
     """The best sums with one hidden state, or with none."""
 
     memory: Memory | None
@@ -122,12 +122,12 @@ def _state(candidate: CandidateEquation) -> HiddenState | None:
     return None if candidate.memory is None else candidate.memory.state
 
 
-def _judge_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_Judged]:
+def _judge_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_StateScores]:
     """The best sums without a hidden state, and with each of them."""
     still = tuple(one for one in known if not one.driven)
     white = _White(weak, known)
     return [
-        _Judged(None, *score_subsets(weak, still, still, all_subsets(len(still)))),
+        _StateScores(None, *score_subsets(weak, still, still, all_subsets(len(still)))),
         *(_judge_state(state, white, known) for state in HIDDEN_STATES),
     ]
 
@@ -145,7 +145,7 @@ class _White:
     def least(self, state: HiddenState, scales: np.ndarray) -> int:
         """Index of the scales (k, s) that leave the least squares, with all terms."""
         squares = []
-        for one in _strained(self.weak, state, scales):
+        for one in _with_state(self.weak, state, scales):
             columns = np.hstack([self.still, self.whitening @ one.matrix(self.driven)])
             columns, _ = unit_columns(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
@@ -153,7 +153,7 @@ class _White:
         return int(np.argmin(squares))
 
 
-def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _Judged:
+def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _StateScores:
     """The best sums with a hidden state, at the scales where all terms together leave least."""
     weak = white.weak
     scales = state.tried(weak.motions[0].period)
@@ -167,9 +167,9 @@ def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) ->
             scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
             best = scales[white.least(state, scales)]
         width = width ** (2.0 / (_FINER - 1))
-    strained = _strained(weak, state, best[None])[0]
+    strained = _with_state(weak, state, best[None])[0]
     ranked, judge = score_subsets(strained, known, known, all_subsets(len(known)))
-    return _Judged(Memory(state, tuple(map(float, best))), ranked, judge)
+    return _StateScores(Memory(state, tuple(map(float, best))), ranked, judge)
 
 
 def _ratio(scales: np.ndarray) -> np.ndarray:
@@ -178,7 +178,7 @@ def _ratio(scales: np.ndarray) -> np.ndarray:
     return np.array([float((one[1:] / one[:-1]).max()) for one in different])
 
 
-def _strained(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
+def _with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
     """The weak form with the hidden state as its input, for each of the scales (k, s)."""
     values = [state.values(one.time, one.smooth, scales) for one in weak.motions]
     return [
@@ -207,7 +207,9 @@ def with_memory(
     )
 
 
-def _weighed_anew(candidate: CandidateEquation, count: int, judged: _Judged) -> CandidateEquation:
+def _weighed_anew(
+    candidate: CandidateEquation, count: int, judged: _StateScores
+) -> CandidateEquation:
     """A candidate with so many numbers by the common unit of misfit, with its hidden state."""
     judge = judged.judge
     criterion = judge.criterion(judge.squares(candidate.error, count), count)
@@ -215,7 +217,7 @@ def _weighed_anew(candidate: CandidateEquation, count: int, judged: _Judged) -> 
     return with_memory(again, judged.memory, judge)
 
 
-def _candidates(judged: _Judged) -> list[CandidateEquation]:
+def _candidates(judged: _StateScores) -> list[CandidateEquation]:
     """The best sums first; one that does not hold the hidden state is one without memory."""
     found = [
         _weighed_anew(candidate_of(one), len(one.terms), judged)
@@ -226,7 +228,7 @@ def _candidates(judged: _Judged) -> list[CandidateEquation]:
 
 
 def _search_candidates(
-    judged: _Judged, known: Sequence[AnyTerm], search: Search
+    judged: _StateScores, known: Sequence[AnyTerm], search: Search
 ) -> list[CandidateEquation]:
     """Candidates of a symbolic regression, with the hidden state as a variable."""
     if judged.memory is None:

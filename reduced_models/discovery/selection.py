@@ -126,8 +126,8 @@ def score_subsets(
     for _ in range(_ROUNDS):
         # The first covariance is that of z'' alone; then that of the best equation so far.
         known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
-        judge = _judge(weak, every, weak.whitening(*known))
-        found = _ranked(judge, matrix, terms, subsets)
+        judge = _judge_of(weak, every, weak.whitening(*known))
+        found = _rank(judge, matrix, terms, subsets)
         best = found[0]
     return found, judge
 
@@ -141,17 +141,17 @@ def unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def score_terms(judge: Judge, terms: Sequence[AnyTerm]) -> ScoredTerms:
     """One subset, by the same residuals as all others."""
     matrix = judge.weak.matrix(terms)
-    return _ranked(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
+    return _rank(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
 
 
-def _judge(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
+def _judge_of(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
     columns, target = unit_columns(whitening @ every)[0], whitening @ weak.target
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-10)[0]
     freedom = max(1, len(target) - columns.shape[1])
     return Judge(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
 
 
-def _ranked(
+def _rank(
     judge: Judge, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> list[ScoredTerms]:
     columns, sizes = unit_columns(judge.whitening @ matrix)

@@ -159,10 +159,10 @@ def _sparse_supports(
         supports = [support for one, _ in found for support in one]
         shares = found[len(found) // 2][1]
         inclusion = {term.text: float(share) for term, share in zip(terms, shares, strict=True)}
-    return _eliminated(weak, terms, supports), inclusion
+    return _eliminate(weak, terms, supports), inclusion
 
 
-def _eliminated(
+def _eliminate(
     weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
     """Supports, and all that backward elimination makes of them."""
@@ -192,14 +192,14 @@ def symbolic_candidates(
     supports = [
         [place[term] for term in found if term in place] for _, found in sums if found is not None
     ]
-    groups = [*subsets, *_eliminated(weak, union, supports)] or all_subsets(1)
+    groups = [*subsets, *_eliminate(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)
-    candidates = [candidate_of(one) for one in _once(ranked)]
-    candidates += [_judged(one, judge) for one, found in sums if found is None]
+    candidates = [candidate_of(one) for one in _unique(ranked)]
+    candidates += [_judge_expression(one, judge) for one, found in sums if found is None]
     return candidates, judge
 
 
-def _once(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
+def _unique(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
     """Each subset once, though two searches propose it."""
     found = {frozenset(one.terms): one for one in reversed(ranked)}
     return sorted(found.values(), key=lambda one: one.criterion)
@@ -253,7 +253,7 @@ def candidate_of(one: ScoredTerms) -> CandidateEquation:
     return CandidateEquation(expression, complexity(expression), one.misfit, one.criterion)
 
 
-def _judged(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
+def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
     """A candidate that is no sum of terms, by its residuals as it stands."""
     import sympy
 

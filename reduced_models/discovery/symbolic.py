@@ -107,7 +107,7 @@ class ScaledSamples:
     sizes: Mapping[str, float]
     target_size: float
 
-    def restored(self, expression: sympy.Expr) -> sympy.Expr:
+    def restore(self, expression: sympy.Expr) -> sympy.Expr:
         """An expression of the search in the real symbols and units of the variables."""
         import sympy
 
@@ -131,7 +131,7 @@ class ScaledSamples:
             with contextlib.suppress(FormulaError):
                 tree = parse(text, {**FUNCTIONS, **functions})
                 if {one.name for one in names(tree)} <= set(self.names):
-                    found.append(self.restored(expression(tree)))
+                    found.append(self.restore(expression(tree)))
         return found
 
 

@@ -277,10 +277,10 @@ AnyTerm = Term | OwnTerm
 
 def in_order(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
     """Sorted, powers before own terms."""
-    return sorted(terms, key=_place)
+    return sorted(terms, key=_sort_key)
 
 
-def _place(term: AnyTerm) -> tuple[Any, ...]:
+def _sort_key(term: AnyTerm) -> tuple[Any, ...]:
     return (1, term.text) if isinstance(term, OwnTerm) else (0, *term)
 
 

@@ -143,7 +143,7 @@ def check_figures(
     of its record.
     """
     duration = float(record.time[-1] - record.time[0])
-    results = [_refitted(what, swing, duration, model) for what, swing in runs.swings]
+    results = [_refit(what, swing, duration, model) for what, swing in runs.swings]
     other, *scattered = [None if isinstance(one, Failure) else one for one in results]
     checked = {}
     for name, figure in figures.items():
@@ -159,7 +159,7 @@ def check_figures(
     return checked, [one for one in results if isinstance(one, Failure)]
 
 
-def _refitted(
+def _refit(
     what: str, record: PistonRecord | Failure, duration: float, model: ReducedModel
 ) -> dict[str, float] | Failure:
     if isinstance(record, Failure):

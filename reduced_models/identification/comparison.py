@@ -24,7 +24,7 @@ from reduced_models.identification.comparison_table import (
     Comparison,
     Row,
     percent,
-    pooled,
+    pool,
     tie_limit,
 )
 from reduced_models.laws.height_map import HeightMap
@@ -96,7 +96,7 @@ def compare(
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
-    return _ranked(rows, sound)
+    return _rank(rows, sound)
 
 
 def judge_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
@@ -106,7 +106,7 @@ def judge_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
     that diverges there.
     """
     rows = [_further(row, held_out) for row in table.rows if not row.failure]
-    return _ranked([*rows, *(row for row in table.rows if row.failure)], rows)
+    return _rank([*rows, *(row for row in table.rows if row.failure)], rows)
 
 
 def _further(row: Row, held_out: Sequence[PistonRecord]) -> Row:
@@ -117,7 +117,7 @@ def _further(row: Row, held_out: Sequence[PistonRecord]) -> Row:
         except InputError:
             judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
     errors = [*row.stretches, *(one.relative for one in judged)]
-    return dataclasses.replace(row, records=tuple(judged), error=pooled(errors))
+    return dataclasses.replace(row, records=tuple(judged), error=pool(errors))
 
 
 class _Entry(NamedTuple):
@@ -171,14 +171,14 @@ def _row(
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
     errors = [*stretches, *(one.relative for one in judged)]
-    error = pooled(errors) if errors else pooled([model.quality.relative for model in models])
+    error = pool(errors) if errors else pool([model.quality.relative for model in models])
     return Row(law.name, models, count, stretches, judged, error)
 
 
-def _ranked(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
+def _rank(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
     correlation = min(_correlation(row) for row in sound)
-    scored = [_scored(row, correlation) for row in sound]
-    noise = pooled([_noise(model) for model in scored[0].models])
+    scored = [_score(row, correlation) for row in sound]
+    noise = pool([_noise(model) for model in scored[0].models])
     least = min(row.error for row in scored)
     limit = tie_limit(least, noise)
     alike = sorted((row for row in scored if row.error <= limit), key=lambda row: row.bic)
@@ -201,7 +201,7 @@ def _noise(model: ReducedModel) -> float:
     return model.quality.noise * model.quality.relative / max(model.quality.residual, 1e-300)
 
 
-def _scored(row: Row, correlation: float) -> Row:
+def _score(row: Row, correlation: float) -> Row:
     """A row with its information criteria, for samples that follow each other so far."""
     samples = [model.quality.samples for model in row.models]
     squares = sum(
@@ -231,7 +231,7 @@ def _at_rest(row: Row) -> float:
         if model.quality.holdout_at_rest is not None
     ]
     errors += [one.at_rest for one in row.records]
-    return pooled(errors) if errors else 1.0
+    return pool(errors) if errors else 1.0
 
 
 def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:

@@ -136,7 +136,7 @@ class Comparison:
                 empty = [""] * (len(self.header) - 2)
                 lines.append((row.name, row.failure, *empty))
                 continue
-            stretch = percent(pooled(row.stretches)) if row.stretches else "-"
+            stretch = percent(pool(row.stretches)) if row.stretches else "-"
             records = [percent(one.relative) for one in row.records]
             lines.append(
                 (row.name, str(row.parameters), stretch, *records, f"{row.aic - aic:+.1f}",
@@ -177,14 +177,14 @@ class Comparison:
     def _repr_html_(self) -> str:
         from granular.shared import html
 
-        return html.table(self.header, self._filled()) + html.paragraph(self.verdict)
+        return html.table(self.header, self._padded_rows()) + html.paragraph(self.verdict)
 
     def _repr_latex_(self) -> str:
         from granular.shared.latex import array
 
-        return array(self._filled(), self.header)
+        return array(self._padded_rows(), self.header)
 
-    def _filled(self) -> list[tuple[str, ...]]:
+    def _padded_rows(self) -> list[tuple[str, ...]]:
         width = len(self.header)
         return [(*row, *[""] * (width - len(row))) for row in self.cells()]
 
@@ -195,7 +195,7 @@ class Comparison:
         rows = [
             {
                 "law": row.name, "parameters": row.parameters, "error": row.error,
-                "hold-out error": pooled(row.stretches) if row.stretches else math.nan,
+                "hold-out error": pool(row.stretches) if row.stretches else math.nan,
                 **{f"record {k + 1}": one.relative for k, one in enumerate(row.records)},
                 "AIC": row.aic, "BIC": row.bic, "diverged": row.blow_ups, "failure": row.failure,
             }
@@ -249,7 +249,7 @@ def best_text(best: Row) -> str:
     )
 
 
-def pooled(errors: Sequence[float]) -> float:
+def pool(errors: Sequence[float]) -> float:
     """Root mean square."""
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 

@@ -54,14 +54,14 @@ class Quantity(NamedTuple):
     @property
     def text(self) -> str:
         """The number and its unit."""
-        return f"{fixed(self.value, self.digits)} {self.unit}".rstrip()
+        return f"{format_fixed(self.value, self.digits)} {self.unit}".rstrip()
 
     @property
     def interval(self) -> str:
         """The interval, without the unit."""
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
             return "open"
-        return between(self.low, self.high, self.digits)
+        return format_interval(self.low, self.high, self.digits)
 
 
 def decimals(value: float, low: float, high: float) -> int:
@@ -76,7 +76,7 @@ def decimals(value: float, low: float, high: float) -> int:
     return min(1 - math.floor(math.log10(half)), finest)
 
 
-def fixed(value: float, digits: int) -> str:
+def format_fixed(value: float, digits: int) -> str:
     """A number with so many decimals, in powers of ten where it is very large or small."""
     digits = digits if value else min(digits, _MOST_DIGITS)
     size = abs(value)
@@ -85,7 +85,7 @@ def fixed(value: float, digits: int) -> str:
     return f"{round(value, digits):.{max(0, digits)}f}"
 
 
-def between(low: float, high: float, digits: int) -> str:
+def format_interval(low: float, high: float, digits: int) -> str:
     """An interval with so many decimals, rounded outwards: what is in it is in the printed one."""
     last = 10.0**-digits
     slack = 1e-6 * last  # of numbers that are short in decimals
@@ -93,7 +93,7 @@ def between(low: float, high: float, digits: int) -> str:
         low = round(low, digits) - last
     if round(high, digits) < high - slack:
         high = round(high, digits) + last
-    return f"{fixed(low, digits)} to {fixed(high, digits)}"
+    return f"{format_fixed(low, digits)} to {format_fixed(high, digits)}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,9 +145,9 @@ def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Q
     if (seen := rest.peaks) is not None:
         damping = [_ratio(" by the record's peaks", seen.mean, (seen.low, seen.high))]
     elif rest.equivalent is not None:
-        damping = _at_two_amplitudes(rest, rest.equivalent, units)
+        damping = _two_amplitude_figures(rest, rest.equivalent, units)
     else:
-        damping = _of_small_swings(rest, share)
+        damping = _small_swing_figures(rest, share)
     found = [
         Quantity(
             "level of rest", "z", units.length,
@@ -155,29 +155,31 @@ def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Q
         ),
         Quantity("natural frequency", "f", "Hz", *_inverse(rest.period, shortest, longest)),
         *damping,
-        _of(stiffness, 2.0 * share, "stiffness", "k", units.stiffness),
+        _symmetric(stiffness, 2.0 * share, "stiffness", "k", units.stiffness),
     ]  # fmt: skip
     if damping[0].name == DAMPING_RATIO:
         ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
         wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
         value = units.inertia * 4.0 * math.pi * ratio / rest.period
-        found.append(_of(value, math.hypot(share, wide), "damping", "c", units.damping))
+        found.append(_symmetric(value, math.hypot(share, wide), "damping", "c", units.damping))
     return tuple(found)
 
 
-def _of_small_swings(rest: AtRest, share: float) -> list[Quantity]:
+def _small_swing_figures(rest: AtRest, share: float) -> list[Quantity]:
     ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
     found = [_ratio("", ratio, (least, most))]
     if 0.0 < ratio < _UNDERDAMPED:
         found += [
-            _of(damped_frequency(rest.period, ratio), share, "damped frequency", "f_d", "Hz"),
-            _through(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
-            _through(lambda one: 0.5 / one, ratio, most, least, "quality factor", "Q", ""),
+            _symmetric(
+                damped_frequency(rest.period, ratio), share, "damped frequency", "f_d", "Hz"
+            ),
+            _by_ratio(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
+            _by_ratio(lambda one: 0.5 / one, ratio, most, least, "quality factor", "Q", ""),
         ]
     return found
 
 
-def _at_two_amplitudes(rest: AtRest, one: EquivalentDamping, units: Units) -> list[Quantity]:
+def _two_amplitude_figures(rest: AtRest, one: EquivalentDamping, units: Units) -> list[Quantity]:
     wide, narrow = (
         f" at {units.scale * size:.3g} {units.length}" for size in (one.amplitude, one.tenth)
     )
@@ -215,12 +217,12 @@ def _inverse(value: float, low: float, high: float) -> tuple[float, float, float
     return 1.0 / value, 1.0 / high if high else math.inf, 1.0 / low if low > 0.0 else math.inf
 
 
-def _of(value: float, share: float, name: str, symbol: str, unit: str) -> Quantity:
+def _symmetric(value: float, share: float, name: str, symbol: str, unit: str) -> Quantity:
     half = abs(value) * share if math.isfinite(share) else math.inf
     return Quantity(name, symbol, unit, value, value - half, value + half)
 
 
-def _through(
+def _by_ratio(
     function: Callable[[float], float], ratio: float, low: float, high: float, name: str,
     symbol: str, unit: str,
 ) -> Quantity:  # fmt: skip
@@ -306,7 +308,7 @@ def swing_text(
     quantities: Sequence[Quantity], figures: Mapping[str, Figure], angle: bool, mass: float | None
 ) -> str:
     """Rest, frequency, damping and stiffness of the swing in a sentence or two."""
-    known = {one.name: _widened(one, figures) for one in quantities}
+    known = {one.name: _widen(one, figures) for one in quantities}
     rest, frequency = (known[name].text for name in ("level of rest", "natural frequency"))
     words = (
         f"{'The angle' if angle else 'The piston'} comes to rest at {rest}, and small swings about "
@@ -320,7 +322,7 @@ def swing_text(
     return words
 
 
-def _widened(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
+def _widen(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
     """A quantity whose interval is no narrower than its step error and scatter."""
     errors = [error_of(one, figures, name) for name in ("step_error", "seed_spread")]
     wide = max([0.5 * (one.high - one.low), *(float(each) for each in errors if each)])
@@ -353,12 +355,12 @@ def amplitude_text(cycles: Sequence[HarmonicCycle], units: Units) -> str:
     damping = 100.0 * (wide.damping / narrow.damping - 1.0) if narrow.damping else math.inf
     return (
         f" At an amplitude of {units.scale * wide.amplitude:.3g} {units.length} the frequency is "
-        f"{_changed(frequency)} and the damping {_changed(damping)} than at "
+        f"{_change_text(frequency)} and the damping {_change_text(damping)} than at "
         f"{units.scale * narrow.amplitude:.3g} {units.length}."
     )
 
 
-def _changed(per_cent: float) -> str:
+def _change_text(per_cent: float) -> str:
     if not math.isfinite(per_cent):
         return "other"
     if abs(per_cent) < _NO_CHANGE:

@@ -157,7 +157,7 @@ def identify(
     if not (checks and run is not None and run.complete and found.figures):
         return found
 
-    found = _checked(found, run, executor, progress, falls=laws is None)
+    found = _check_by_runs(found, run, executor, progress, falls=laws is None)
     clock.lap("checks of step, seeds, lift and falls")
     if target is not None:
         found.save(target)
@@ -207,7 +207,7 @@ def _notes(
     return tuple(notes)
 
 
-def _checked(
+def _check_by_runs(
     found: Identification, run: Trajectory, executor: Executor | None, progress: bool, falls: bool
 ) -> Identification:
     """Judge laws on another lift and other falls; give figures step errors and scatter.

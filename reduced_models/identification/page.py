@@ -20,10 +20,10 @@ from reduced_models.identification.engineering import (
     Figure,
     Quantity,
     at_amplitudes,
-    between,
     decimals,
     error_of,
-    fixed,
+    format_fixed,
+    format_interval,
     swing_words,
     units_of,
 )
@@ -83,7 +83,7 @@ def add_engineering(
             for one in quantities
         ],
     )  # fmt: skip
-    page.text(_explained(quantities, model, mass))
+    page.text(_explanation(quantities, model, mass))
     if checks:
         page.text(
             "The step error is what twice the time step changes in the same fit (half of it, and "
@@ -111,7 +111,7 @@ def add_engineering(
     )  # fmt: skip
 
 
-def _explained(quantities: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
+def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
     words = f"Of the {swing_words(model)} about rest, from the fit of {model.law.name}. "
     if any(one.name.startswith(f"{DAMPING_RATIO} at ") for one in quantities):
         words += (
@@ -251,8 +251,8 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         # As many digits as the interval is worth, and no fewer than the equation has.
         digits = max(decimals(value, low, high), model.printed_digits - 1 - size)
         # One that is much wider than the value is called open.
-        interval = "open" if high - low > 20.0 * abs(value) else between(low, high, digits)
-        rows.append((symbol(name), fixed(value, digits), model.unit_of(name), interval))
+        interval = "open" if high - low > 20.0 * abs(value) else format_interval(low, high, digits)
+        rows.append((symbol(name), format_fixed(value, digits), model.unit_of(name), interval))
     return rows
 
 

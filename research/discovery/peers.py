@@ -19,7 +19,7 @@ import numpy as np
 
 from granular.formulas import algebra, parse
 from granular.run.record import PistonRecord
-from reduced_models.discovery.libraries import terms_named
+from reduced_models.discovery.libraries import library_terms
 from reduced_models.discovery.terms import AnyTerm, sum_of, symbols
 from reduced_models.records.first_guesses import first_guesses
 from research.discovery.systems import INPUT, System
@@ -89,7 +89,7 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
     z, v, _ = smoothed(record, samples)
     states = np.stack([z, v], axis=1)
     drive = record.extra[INPUT][:, None] if system.driven else None
-    terms = terms_named(system.library, (), 3, INPUT if system.driven else None)
+    terms = library_terms(system.library, (), 3, INPUT if system.driven else None)
     split = round((1.0 - _HELD_OUT) * len(z))
 
     def fitted(threshold: float, rows: slice) -> Any:

@@ -13,7 +13,7 @@ import sympy
 
 from granular.shared.errors import InputError
 from reduced_models import HeightMap
-from reduced_models.discovery.libraries import terms_named
+from reduced_models.discovery.libraries import library_terms
 from reduced_models.discovery.terms import symbols
 from research.campaign import read_results
 from research.discovery import programme
@@ -39,7 +39,7 @@ def test_the_true_law_is_exact_and_in_its_library(system: Any) -> None:
     assert found.exact
     assert found.error == 0.0
     column = INPUT if system.driven else None
-    library = {term.text for term in terms_named(system.library, (), 3, column)}
+    library = {term.text for term in library_terms(system.library, (), 3, column)}
     assert right_structures(system)[0] <= library
 
 

@@ -15,7 +15,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import HeightMap, discover, fit
 from reduced_models.discovery.choice import polish_front
-from reduced_models.discovery.libraries import LIBRARIES, terms_named
+from reduced_models.discovery.libraries import LIBRARIES, library_terms
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import OwnTerm, library, read_terms, sum_of, symbols, terms_of
@@ -136,7 +136,7 @@ def test_both_methods_stand_side_by_side() -> None:
 
 @pytest.mark.parametrize("name", sorted(set(LIBRARIES) - {"physical"}))
 def test_libraries_can_be_written_and_read(name: str) -> None:
-    terms = terms_named(name, (), 3, "force")
+    terms = library_terms(name, (), 3, "force")
     assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0])
     values = np.linspace(1.0, 2.0, len(terms))
     assert terms_of(sum_of(terms, list(values))) == pytest.approx(
@@ -251,18 +251,18 @@ def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
 
 def test_the_terms_of_the_contact_library_are_independent() -> None:
     z, v = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-2, 2, 20)))
-    terms = terms_named("contact", (), 3, None)
+    terms = library_terms("contact", (), 3, None)
     columns = np.stack([term.values(z, v, None) for term in terms], axis=1)
     assert np.linalg.matrix_rank(columns) == len(terms)
 
 
 def test_operands_of_a_maximum_have_one_order() -> None:
     texts = ["max(0, z)", "max(z, 0)", "max(z, 0, z)", "max(0, max(0, z))"]
-    assert len(terms_named((), texts, 3, None)) == 1
+    assert len(library_terms((), texts, 3, None)) == 1
 
 
 def test_a_sum_is_taken_apart() -> None:
-    texts = [term.text for term in terms_named((), ["sin(z) + 0.1*z**3"], 3, None)]
+    texts = [term.text for term in library_terms((), ["sin(z) + 0.1*z**3"], 3, None)]
     assert texts == ["z**3", "sin(z)"]
 
 

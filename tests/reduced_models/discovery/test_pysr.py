@@ -107,7 +107,7 @@ def test_given_julia_is_looked_at_and_not_run(
     (project / "broken" / "Manifest.toml").write_text("[[deps.Symb")
     places = {"full": str(project), "empty": str(project / "empty"),
               "broken": str(project / "broken"), "python": sys.executable}  # fmt: skip
-    monkeypatch.setattr(julia, "_resolved", lambda: False)
+    monkeypatch.setattr(julia, "_has_resolved", lambda: False)
     monkeypatch.setattr(julia, "version", lambda _: juliacall)
     monkeypatch.setattr(julia.importlib.util, "find_spec", lambda _: object())
     for name in ("EXE", "PROJECT"):

@@ -15,10 +15,10 @@ from reduced_models import identify, load_model
 from reduced_models.fitting.diagnostics import diagnostics
 from reduced_models.identification.engineering import (
     Quantity,
-    between,
     decimals,
     engineering,
-    fixed,
+    format_fixed,
+    format_interval,
 )
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
@@ -130,7 +130,7 @@ def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) ->
     ],
 )  # fmt: skip
 def test_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
-    assert fixed(value, decimals(value, low, high)) == text
+    assert format_fixed(value, decimals(value, low, high)) == text
     shown = Quantity("x", "x", "", value, low, high)
     assert low <= float(shown.text) <= high
     if shown.interval != "open":
@@ -150,7 +150,7 @@ def test_digits_follow_the_interval(value: float, low: float, high: float, text:
 def test_a_printed_interval_holds_the_whole(
     low: float, high: float, digits: int, text: str
 ) -> None:
-    assert between(low, high, digits) == text
+    assert format_interval(low, high, digits) == text
 
 
 @pytest.mark.parametrize(
