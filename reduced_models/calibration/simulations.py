@@ -252,7 +252,7 @@ class SceneSimulator:
                     raise InputError(outcome["error"])
                 record = PistonRecord.from_columns(outcome["figures"]).from_zero()
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
-                found = features(record, self.law, force=self.force)
+                figures = features(record, self.law, force=self.force)
             except InputError as error:
                 where = ", ".join(
                     f"{key} = {value:.5g}" for key, value in self.changes(place).items()
@@ -260,5 +260,5 @@ class SceneSimulator:
                 cause = f"the simulation with {where} from random start {seed} failed: {error}"
                 return SimulatedPoint(place, (), np.empty((0, 0)), cause)
             records.append(record)
-            rows.append(np.log(found.values))
+            rows.append(np.log(figures.values))
         return SimulatedPoint(place, tuple(records), np.array(rows))

@@ -130,15 +130,15 @@ def design(
                     str(error), Design(target, tuple(rounds)) if rounds else None
                 ) from None
             rounds.append(Round(candidate, chosen.predict(candidate), checks))
-            found = Design(target, tuple(rounds))
-            if found.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            result = Design(target, tuple(rounds))
+            if result.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 if out is not None:
-                    found.save(out, chosen)
-                return found
-            if len(ways) > 1 and not found.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+                    result.save(out, chosen)
+                return result
+            if len(ways) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
             aim = _next_aim(target, rounds[first:])
-    raise DesignError(_miss_text(found), found)
+    raise DesignError(_miss_text(result), result)
 
 
 def _next_aim(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
@@ -196,9 +196,9 @@ def _run_checks(
     return tuple(checks)
 
 
-def _miss_text(found: Design) -> str:
-    low, high = found.spread("damping_ratio")
-    target = found.target
+def _miss_text(attempt: Design) -> str:
+    low, high = attempt.spread("damping_ratio")
+    target = attempt.target
     if target.mass is not None:
         remedy = "give another mass, or leave it free"
     elif target.grains is not None:
@@ -206,7 +206,7 @@ def _miss_text(found: Design) -> str:
     else:
         remedy = "ask for a heavier damping, or another frequency"
     return (
-        f"{len(found.rounds)} proposals missed the wish; the last has {found.frequency:.4g} Hz for "
-        f"{target.frequency:g} Hz and a damping ratio of {low:.3g} to {high:.3g}, by the "
-        f"random start, for {target.damping:g}: {remedy}"
+        f"{len(attempt.rounds)} proposals missed the wish; the last has "
+        f"{attempt.frequency:.4g} Hz for {target.frequency:g} Hz and a damping ratio of "
+        f"{low:.3g} to {high:.3g}, by the random start, for {target.damping:g}: {remedy}"
     )

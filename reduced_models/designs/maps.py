@@ -209,10 +209,10 @@ def damper_maps(path: Path = COMMITTED) -> DamperMaps:
 
 def _figures(study: pandas.DataFrame) -> dict[str, np.ndarray]:
     height, k1 = study["rest_height"].to_numpy(), study["k1"].to_numpy()
-    found = {name: np.log(study[name].to_numpy()) for name in LOGARITHMIC}
-    found["quadratic"] = study["k2"].to_numpy() * height / k1
-    found["cubic"] = study["k3"].to_numpy() * height**2 / k1
-    return found
+    figures = {name: np.log(study[name].to_numpy()) for name in LOGARITHMIC}
+    figures["quadratic"] = study["k2"].to_numpy() * height / k1
+    figures["cubic"] = study["k3"].to_numpy() * height**2 / k1
+    return figures
 
 
 @functools.cache

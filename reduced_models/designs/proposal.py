@@ -105,8 +105,8 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     """
     target.check()
     aim = (target.frequency, target.damping)
-    found = (proposal(maps, one, aim) for one in candidate_targets(target))
-    first = next((one for one in found if one is not None), None)
+    dampers = (proposal(maps, one, aim) for one in candidate_targets(target))
+    first = next((one for one in dampers if one is not None), None)
     if first is None:
         raise InputError(_refusal(maps, target))
     return first
@@ -125,8 +125,8 @@ def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
     None if there is no such damper in the maps.
     """
-    found = _solve(maps, _places(target), aim)
-    return found if found is None or target.mass is None else found._replace(mass=target.mass)
+    damper = _solve(maps, _places(target), aim)
+    return damper if damper is None or target.mass is None else damper._replace(mass=target.mass)
 
 
 def _places(target: DesignTarget) -> Places:
@@ -174,10 +174,10 @@ def _solve(maps: DamperMaps, places: Places, aim: tuple[float, float]) -> Candid
         (np.array([one, other]) for one in _GRID[::4] for other in _GRID[::4]),
         key=lambda free: float(np.abs(misses(free)).max()),
     )
-    found = least_squares(misses, start, bounds=(-1.0, 1.0), xtol=1e-12)
-    if np.abs(found.fun).max() > _MET:
+    solution = least_squares(misses, start, bounds=(-1.0, 1.0), xtol=1e-12)
+    if np.abs(solution.fun).max() > _MET:
         return None
-    place = places(*found.x)
+    place = places(*solution.x)
     assert place is not None
     return candidate_at(place)
 

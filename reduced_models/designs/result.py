@@ -146,17 +146,17 @@ class Design:
     @property
     def notes(self) -> tuple[str, ...]:
         """Doubts, in plain words."""
-        found = []
+        notes = []
         gap = min(one.fall_gap for one in self.checks)
         contact = 1.0 if self.target.small_share == 0.0 else ASPECT
         if gap < contact:
-            found.append(
+            notes.append(
                 f"in the fall two grains came as near as {gap:.3g} D, closer than their contact, "
                 "which the scene does not hold; drop the piston from lower down"
             )
         if min(one.rest_gap for one in self.checks) < 1.0:
-            found.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
-        return tuple(found)
+            notes.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
+        return tuple(notes)
 
     def __str__(self) -> str:
         one, target = self.damper, self.target

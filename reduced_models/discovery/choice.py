@@ -57,9 +57,9 @@ def _first_with_model(
 ) -> list[CandidateEquation]:
     """The best of those that come next which can be polished; none where none of many can."""
     for one in order[:_MOST_TRIED]:
-        found = polish(one)
-        if found.models:
-            return [found]
+        polished = polish(one)
+        if polished.models:
+            return [polished]
     return []
 
 
@@ -69,14 +69,14 @@ def _with_simpler_ones(
     judge: Judge,
 ) -> list[CandidateEquation]:
     """Polished candidates, and what is left of them without the terms that may be zero."""
-    found = list(done)
-    for one in found:  # which grows: what is left may have such terms as well
+    candidates = list(done)
+    for one in candidates:  # which grows: what is left may have such terms as well
         needed = _needed_terms(one)
         if needed:
             simpler = candidate_of(score_terms(judge, needed))
-            if not _is_among(simpler, found):
-                found.append(polish(simpler))
-    return found
+            if not _is_among(simpler, candidates):
+                candidates.append(polish(simpler))
+    return candidates
 
 
 def _is_among(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:

@@ -163,14 +163,14 @@ def discover(
             height_map, library_note = HeightMap(), ""
             motions = [motion_of(one, height_map, derivative) for one in records]
             weak = force_form(records, motions) if target == "force" else weak_form(*motions)
-            found = structures_with_memory(weak, search, terms, sparse)
+            proposed = structures_with_memory(weak, search, terms, sparse)
         else:
             now("libraries")
             _, known, height_map, weak, library_note = _library(
                 records, library, terms, derivative, input, map, degree
             )
             now("sparse sums of terms" if search is None else "symbolic regression")
-            found = structures(
+            proposed = structures(
                 weak, known, search, sparse=sparse, form=form, ensemble=ensemble, seed=seed
             )
         words = _words(method, form, ensemble, target if remembers else "")
@@ -178,17 +178,20 @@ def discover(
 
         def polish_one(one: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {one.expression.evalf(3)}"[:_LINE])
-            candidate = with_memory(one, found.memory, found.judge)
+            candidate = with_memory(one, proposed.memory, proposed.judge)
             return polish_candidate(candidate, records, height_map, input, seed, name)
 
         count = 0 if target == "force" else polish
-        front, chosen = polish_front(found.candidates, polish_one, count, found.judge, found.others)
+        front, chosen = polish_front(
+            proposed.candidates, polish_one, count, proposed.judge, proposed.others
+        )
         now("done")
-    sure = None if remembers else evidence(front[chosen], found.candidates, found.judge, seed)
+    judge = proposed.judge
+    sure = None if remembers else evidence(front[chosen], proposed.candidates, judge, seed)
     notes = (
         library_note,
-        *found.notes,
-        *notes_on(front[chosen], found.judge),
+        *proposed.notes,
+        *notes_on(front[chosen], judge),
         "" if sure is None else sure.note,
         _NO_OPERON if lacking else "",
     )
@@ -197,7 +200,7 @@ def discover(
         tuple(front),
         chosen,
         height_map,
-        found.inclusion,
+        proposed.inclusion,
         tuple(note for note in notes if note),
         {} if sure is None else sure.prices,
     )
@@ -212,16 +215,16 @@ def _library(
     height_map = _height_map(records, library, terms, wanted)
     if _is_only(library, AUTO):
         more = own_terms(terms, column)
-        found = propose_library(
+        proposal = propose_library(
             records, derivative, column, height_map if terms else wanted, degree
         )
-        found = found._replace(terms=tuple(dict.fromkeys((*found.terms, *more))))
+        proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *more))))
     else:
         known = library_terms(library, terms, degree, column)
         motions = [motion_of(one, height_map, derivative, column) for one in records]
-        found = Proposal("", known, height_map, weak_form(*motions), "")
-    _check_finite(found.weak, found.terms)
-    return found
+        proposal = Proposal("", known, height_map, weak_form(*motions), "")
+    _check_finite(proposal.weak, proposal.terms)
+    return proposal
 
 
 def _height_map(

@@ -40,10 +40,10 @@ def height_equations(
     time = time - time[0]
     rows = slice(None, None, max(1, math.ceil(len(time) / _MOST_POINTS)))
     search = search._replace(functions=_FUNCTIONS)
-    found = search.expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
-    forms = [form for one in found for form in elliptic_variants(sympy.expand_mul(one))]
+    expressions = search.expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
+    forms = [form for one in expressions for form in elliptic_variants(sympy.expand_mul(one))]
     fitted = [_fit_numbers(one, time, z, noise) for one in forms]
-    if not found:
+    if not expressions:
         raise InputError(
             f"{search.method!r} found no expression that is finite; try another method"
         )
@@ -83,8 +83,8 @@ def _fit_numbers(
 
     def residual(numbers: np.ndarray) -> np.ndarray:
         with np.errstate(all="ignore"):
-            found = (function(time, *numbers) - z) / noise
-        return np.where(np.isfinite(found), found, 1e6) * np.ones(len(time))
+            difference = (function(time, *numbers) - z) / noise
+        return np.where(np.isfinite(difference), difference, 1e6) * np.ones(len(time))
 
     if 0 < len(values) <= _MOST_NUMBERS:
         with warnings.catch_warnings():
@@ -106,7 +106,7 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     import sympy
 
     t = sympy.Symbol("t", real=True)
-    found = [expression]
+    variants = [expression]
     for phased in (False, True):
         changed: dict[sympy.Expr, sympy.Expr] = {}
         for place, call in enumerate(sorted(_calls(expression), key=str)):
@@ -122,8 +122,8 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
                 new += sympy.Float(shift + apart)
             changed[call] = call.func(new, sympy.Float(float(modulus) * (1.0 - apart)))
         if changed:
-            found.append(expression.xreplace(changed))
-    return found
+            variants.append(expression.xreplace(changed))
+    return variants
 
 
 def _calls(expression: sympy.Expr) -> list[sympy.Expr]:

@@ -86,10 +86,10 @@ def _values_along(
 ) -> np.ndarray:
     """The values (k, n) of a state with one scale (k,)."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
-    found = np.zeros((len(time), len(scale)))
+    values = np.zeros((len(time), len(scale)))
     for k, (strain, each) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
-        found[k + 1] = step(found[k], strain, each, scale)
-    return found.T
+        values[k + 1] = step(values[k], strain, each, scale)
+    return values.T
 
 
 def _values_of_one(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:

@@ -224,7 +224,7 @@ def _lack_of_named_julia(julia: str | None, project: str | None) -> str | None:
 
 def _packages_of(project: Path) -> set[str]:
     """Packages of a project's manifests: Julia takes the one of its version."""
-    found: set[str] = set()
+    names: set[str] = set()
     for path in project.iterdir():
         if _MANIFEST.fullmatch(path.name):
             try:
@@ -232,8 +232,8 @@ def _packages_of(project: Path) -> set[str]:
             except (OSError, ValueError):
                 continue
             packages = plain.get("deps", plain)  # a manifest of the first format has them on top
-            found |= set(packages) if isinstance(packages, dict) else set()
-    return found
+            names |= set(packages) if isinstance(packages, dict) else set()
+    return names
 
 
 def _juliacall_version() -> tuple[int, ...]:

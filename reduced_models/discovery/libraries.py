@@ -87,7 +87,7 @@ def library_terms(
     InputError
         If there is no such library, or a text is no term.
     """
-    found: dict[AnyTerm, None] = {}
+    terms: dict[AnyTerm, None] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name not in LIBRARIES:
             if name == MEMORY:
@@ -97,15 +97,15 @@ def library_terms(
                 f"or {MEMORY}, and own terms by terms="
             )
         if name == PHYSICAL:
-            found |= dict.fromkeys(library(degree, column is not None))
+            terms |= dict.fromkeys(library(degree, column is not None))
         elif name == "driven" and column is None:
             raise InputError("library = 'driven' needs an input; name its column with input=")
         else:
-            found |= dict.fromkeys(own_terms(LIBRARIES[name][0], column))
-    found |= dict.fromkeys(own_terms(texts, column))
-    if not found:
+            terms |= dict.fromkeys(own_terms(LIBRARIES[name][0], column))
+    terms |= dict.fromkeys(own_terms(texts, column))
+    if not terms:
         raise InputError("there are no terms to choose from; give library= or terms=")
-    return tuple(in_order(found))
+    return tuple(in_order(terms))
 
 
 def own_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
@@ -116,15 +116,15 @@ def own_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
     InputError
         If a text is no term.
     """
-    found: list[AnyTerm] = []
+    all_terms: list[AnyTerm] = []
     for text, expression in zip(texts, read_terms(texts, column), strict=True):
         terms = terms_of(expression)
         if terms is None:
             raise InputError(
                 f"the term {quoted(text)} is no function of z and z' with exact numbers"
             )
-        found += terms
-    return found
+        all_terms += terms
+    return all_terms
 
 
 def program_functions(names: Sequence[str], method: str) -> tuple[str, ...]:
@@ -189,12 +189,12 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
     for _ in range(_ZOOMS):
         near = np.clip(centres[:, None] + half * _GRID, first, end)
         along = [None if each is None else np.interp(near, places, each) for each in (z, v, u)]
-        found = np.abs(term.values(along[0], along[1], along[2]))  # type: ignore[arg-type]  # z, v
-        if not np.isfinite(found).all():
+        values = np.abs(term.values(along[0], along[1], along[2]))  # type: ignore[arg-type]  # z, v
+        if not np.isfinite(values).all():
             return True
-        best = found.argmax(axis=1)
+        best = values.argmax(axis=1)
         rows = np.arange(len(peaks))
-        centres, greatest = near[rows, best], np.maximum(greatest, found[rows, best])
+        centres, greatest = near[rows, best], np.maximum(greatest, values[rows, best])
         half /= 8.0
     return bool((greatest > _POLE * before).any())
 

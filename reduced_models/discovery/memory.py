@@ -219,12 +219,12 @@ def _weighed_anew(
 
 def _candidates(judged: _StateScores) -> list[CandidateEquation]:
     """The best sums first; one that does not hold the hidden state is one without memory."""
-    found = [
+    candidates = [
         _weighed_anew(candidate_of(one), len(one.terms), judged)
         for one in judged.ranked
         if judged.memory is None or any(term.driven for term in one.terms)
     ]
-    return sorted(found, key=lambda one: one.criterion)[:_KEPT]
+    return sorted(candidates, key=lambda one: one.criterion)[:_KEPT]
 
 
 def _search_candidates(
@@ -234,8 +234,8 @@ def _search_candidates(
     if judged.memory is None:
         return []
     terms = [one for one in known if one.driven or one.still]
-    found, _ = symbolic_candidates(judged.judge.weak, terms, search)
-    return [_weighed_anew(one, len(parametrise(one.expression)[1]), judged) for one in found]
+    candidates, _ = symbolic_candidates(judged.judge.weak, terms, search)
+    return [_weighed_anew(one, len(parametrise(one.expression)[1]), judged) for one in candidates]
 
 
 def _notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:

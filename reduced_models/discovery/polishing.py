@@ -1,4 +1,4 @@
-"""The last step of every method: a found structure is fitted through its differential equation."""
+"""The last step of every method: a structure is fitted through its differential equation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import sympy
 
 STARTS = 4
-_SPREAD = 0.1  # of the start values about the coefficients found
+_SPREAD = 0.1  # of the start values about the coefficients of the structure
 _MOST_NUMBERS = 12
 _STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
 _RESOLUTION = 4  # of laws with it, in the steps of smooth ones

@@ -87,13 +87,13 @@ def in_one_unit(judges: Sequence[Judge]) -> list[Judge]:
 
 def all_subsets(count: int) -> list[np.ndarray]:
     """Subsets (s, k) of ``count`` terms for each size k, as far as they can all be tried."""
-    found, total = [], 0
+    subsets, total = [], 0
     for size in range(1, min(count, MOST_TERMS) + 1):
         total += math.comb(count, size)
         if total > _MOST_SUBSETS:
             break
-        found.append(np.array(list(itertools.combinations(range(count), size))))
-    return found
+        subsets.append(np.array(list(itertools.combinations(range(count), size))))
+    return subsets
 
 
 def by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
@@ -122,14 +122,14 @@ def score_subsets(
     """
     best: ScoredTerms | None = None
     matrix, every = weak.matrix(terms), weak.matrix(library)
-    found: list[ScoredTerms] = []
+    ranked: list[ScoredTerms] = []
     for _ in range(_ROUNDS):
         # The first covariance is that of z'' alone; then that of the best equation so far.
         known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
         judge = _judge_of(weak, every, weak.whitening(*known))
-        found = _rank(judge, matrix, terms, subsets)
-        best = found[0]
-    return found, judge
+        ranked = _rank(judge, matrix, terms, subsets)
+        best = ranked[0]
+    return ranked, judge
 
 
 def unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +157,7 @@ def _rank(
     columns, sizes = unit_columns(judge.whitening @ matrix)
     target = judge.whitening @ judge.weak.target
     gram, moment = columns.T @ columns, columns.T @ target
-    found = []
+    scores = []
     for group in subsets:
         count = group.shape[1]
         grams = gram[group[:, :, None], group[:, None, :]] + 1e-12 * np.eye(count)
@@ -169,7 +169,7 @@ def _rank(
             # From the residuals themselves: the difference of two large sums keeps no digits.
             left = target - columns[:, chosen] @ solved[k]
             squares = float(left @ left)
-            found.append(
+            scores.append(
                 ScoredTerms(
                     tuple(terms[place] for place in chosen),
                     solved[k] / sizes[chosen],
@@ -177,7 +177,7 @@ def _rank(
                     judge.criterion(squares, count),
                 )
             )
-    return sorted(found, key=lambda one: one.criterion)
+    return sorted(scores, key=lambda one: one.criterion)
 
 
 def prune(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:

@@ -155,9 +155,9 @@ def _sparse_supports(
     supports = regression.supports()
     inclusion: dict[str, float] = {}
     if ensemble:
-        found = [ensemble_supports(regression, threshold, seed) for threshold in _ENSEMBLES]
-        supports = [support for one, _ in found for support in one]
-        shares = found[len(found) // 2][1]
+        ensembles = [ensemble_supports(regression, threshold, seed) for threshold in _ENSEMBLES]
+        supports = [support for one, _ in ensembles for support in one]
+        shares = ensembles[len(ensembles) // 2][1]
         inclusion = {term.text: float(share) for term, share in zip(terms, shares, strict=True)}
     return _eliminate(weak, terms, supports), inclusion
 
@@ -184,25 +184,25 @@ def symbolic_candidates(
     """
     expressions = _expressions(weak.motions, terms, search)
     sums = [(one, terms_of(one)) for one in expressions]
-    union = in_order({term for _, found in sums if found is not None for term in found})
+    union = in_order({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MOST_UNION:
         more = [term for term in union if term not in terms]
         union = [*terms, *more][:_MOST_UNION]
     place = {term: k for k, term in enumerate(union)}
     supports = [
-        [place[term] for term in found if term in place] for _, found in sums if found is not None
+        [place[term] for term in parts if term in place] for _, parts in sums if parts is not None
     ]
     groups = [*subsets, *_eliminate(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)
     candidates = [candidate_of(one) for one in _unique(ranked)]
-    candidates += [_judge_expression(one, judge) for one, found in sums if found is None]
+    candidates += [_judge_expression(one, judge) for one, parts in sums if parts is None]
     return candidates, judge
 
 
 def _unique(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
     """Each subset once, though two searches propose it."""
-    found = {frozenset(one.terms): one for one in reversed(ranked)}
-    return sorted(found.values(), key=lambda one: one.criterion)
+    unique = {frozenset(one.terms): one for one in reversed(ranked)}
+    return sorted(unique.values(), key=lambda one: one.criterion)
 
 
 def _expressions(
@@ -234,7 +234,7 @@ def _search_samples(
     edge = int(_EDGE * len(motion.time))
     inner = len(motion.time) - 2 * edge
     rows = slice(edge, edge + inner, max(1, math.ceil(inner * motions / _MOST_POINTS)))
-    found = {
+    samples = {
         "z": motion.smooth,
         "v": motion.velocity,
         "speed": np.abs(motion.velocity),
@@ -242,10 +242,10 @@ def _search_samples(
         "target": motion.acceleration,
     }
     if motion.drive is not None:
-        found["u"] = motion.drive
+        samples["u"] = motion.drive
     for k, one in enumerate(own):
-        found[f"own{k}"] = one.values(motion.smooth, motion.velocity, motion.drive)
-    return {name: values[rows] for name, values in found.items()}
+        samples[f"own{k}"] = one.values(motion.smooth, motion.velocity, motion.drive)
+    return {name: values[rows] for name, values in samples.items()}
 
 
 def candidate_of(one: ScoredTerms) -> CandidateEquation:
@@ -297,13 +297,13 @@ class Regression:
 
     def supports(self) -> list[list[int]]:
         """Supports along a ladder of thresholds (sequentially thresholded least squares)."""
-        found = []
+        supports = []
         for threshold in _THRESHOLDS:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that a high threshold leaves nothing
                 fitted = self.thresholded(threshold).fit(self.matrix, self.target[:, None])
-            found.append(np.flatnonzero(fitted.coef_[0]).tolist())
-        return found
+            supports.append(np.flatnonzero(fitted.coef_[0]).tolist())
+        return supports
 
     def inclusion(self, threshold: float, seed: int) -> np.ndarray:
         """Share (p,) of bootstrap resamples whose fit keeps each term."""

@@ -126,13 +126,13 @@ class ScaledSamples:
 
         ``functions`` are those that they may name beside the usual ones.
         """
-        found = []
+        expressions = []
         for text in texts:
             with contextlib.suppress(FormulaError):
                 tree = parse(text, {**FUNCTIONS, **functions})
                 if {one.name for one in names(tree)} <= set(self.names):
-                    found.append(self.restore(expression(tree)))
-        return found
+                    expressions.append(self.restore(expression(tree)))
+        return expressions
 
 
 def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> ScaledSamples:

@@ -96,9 +96,9 @@ class OwnTerm:
         steps = np.diff(z[order], prepend=z[order[:1]])
         places = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0
         areas = steps * (self.by_primitive(places) @ _WEIGHTS) / 2.0
-        found = np.empty(len(z))
-        found[order] = np.cumsum(areas)
-        return found
+        areas_below = np.empty(len(z))
+        areas_below[order] = np.cumsum(areas)
+        return areas_below
 
     def by_primitive(self, z: np.ndarray) -> np.ndarray:
         """G'(z)."""
@@ -173,10 +173,10 @@ def _read(text: str, column: str | None) -> sympy.Expr:
             known = "z, z' and the input's column" if column is None else f"z, z', u and {column}"
             more = "; name the input's column with input=" if column is None else ""
             raise InputError(f"{term} names {strange[0]}; terms are of {known}{more}")
-        found = algebra.expression(tree, named)
+        formula = algebra.expression(tree, named)
     except formulas.FormulaError as error:
         raise InputError(f"{term} cannot be read: {error}") from None
-    exact = found.xreplace({one: sympy.Rational(str(one)) for one in found.atoms(sympy.Float)})
+    exact = formula.xreplace({one: sympy.Rational(str(one)) for one in formula.atoms(sympy.Float)})
     if exact == 0:
         raise InputError(f"{term} is zero; leave it out")
     return exact
@@ -200,8 +200,8 @@ def _values(
     expression: sympy.Expr, z: np.ndarray, v: np.ndarray, u: np.ndarray | None
 ) -> np.ndarray:
     with np.errstate(all="ignore"):
-        found = _function(expression)(z, v, 0.0 if u is None else u)
-    return np.broadcast_to(np.asarray(found, dtype=np.float64), z.shape)
+        values = _function(expression)(z, v, 0.0 if u is None else u)
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), z.shape)
 
 
 class Term(NamedTuple):
@@ -246,10 +246,10 @@ class Term(NamedTuple):
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Return its values at samples (n,)."""
-        found = z**self.power * np.abs(v) ** self.speed
+        product = z**self.power * np.abs(v) ** self.speed
         if self.odd:
-            found = found * np.sign(v)
-        return found * u if self.driven and u is not None else found
+            product = product * np.sign(v)
+        return product * u if self.driven and u is not None else product
 
     def primitive(self, z: np.ndarray) -> np.ndarray:
         """G(z), of whose rate a total term is."""
@@ -268,8 +268,8 @@ class Term(NamedTuple):
     def by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Its derivative by z'."""
         sign = 1.0 if self.odd else np.sign(v)
-        found = z**self.power * self.speed * np.abs(v) ** (self.speed - 1) * sign
-        return found * u if self.driven and u is not None else found
+        product = z**self.power * self.speed * np.abs(v) ** (self.speed - 1) * sign
+        return product * u if self.driven and u is not None else product
 
 
 AnyTerm = Term | OwnTerm
@@ -304,7 +304,7 @@ def terms_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     """
     import sympy
 
-    found: dict[AnyTerm, float] = {}
+    coefficients: dict[AnyTerm, float] = {}
     for part in sympy.Add.make_args(sympy.expand(expression)):
         terms = _powers_of(part)
         if terms is None:
@@ -315,8 +315,8 @@ def terms_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
                 return None
             terms = {own_term(rest): float(coefficient)}
         for term, value in terms.items():
-            found[term] = found.get(term, 0.0) + value
-    return {term: value for term, value in found.items() if value != 0.0}
+            coefficients[term] = coefficients.get(term, 0.0) + value
+    return {term: value for term, value in coefficients.items() if value != 0.0}
 
 
 def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
@@ -330,15 +330,15 @@ def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
         polynomial = sympy.Poly(sympy.expand(plain), z, v, modulus, sign, u)
     except sympy.PolynomialError:
         return None
-    found: dict[AnyTerm, float] = {}
+    coefficients: dict[AnyTerm, float] = {}
     for (power, first, second, signs, driven), coefficient in polynomial.terms():
         if not coefficient.is_number or driven > 1:
             return None
         odd = (first + signs) % 2 == 1
         # sign(z')^2 is 1 wherever the piston moves.
         term = Term(power, first + second, odd, bool(driven))
-        found[term] = found.get(term, 0.0) + float(coefficient)
-    return found
+        coefficients[term] = coefficients.get(term, 0.0) + float(coefficient)
+    return coefficients
 
 
 def sum_of(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:

@@ -104,17 +104,17 @@ class Integrals:
 
     def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
         """Return the slopes of the residuals by each sample's noise, a sparse (r, n)."""
-        motion, found = self.motion, self.curvature
+        motion, weights = self.motion, self.curvature
         for term, value in zip(terms, coefficients, strict=True):
             if term.total:
-                found = found + value * self.slope.multiply(term.by_primitive(motion.z))
+                weights = weights + value * self.slope.multiply(term.by_primitive(motion.z))
             elif term.still:
                 rate = term.by_height(motion.z, motion.velocity, motion.drive)
                 if np.any(rate):
-                    found = found - value * self.bump.multiply(rate)
+                    weights = weights - value * self.bump.multiply(rate)
             elif term.moving:
-                found = found + value * self._speed_weights(term)
-        return found
+                weights = weights + value * self._speed_weights(term)
+        return weights
 
     def _speed_weights(self, term: AnyTerm) -> Any:
         """Those of a term that holds the speed in another way than z', by parts as well."""
@@ -219,8 +219,8 @@ def evaluate(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     function = function_of(symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):
-        found = function(motion.smooth, motion.velocity, drive)
-    return np.broadcast_to(np.asarray(found, dtype=np.float64), motion.time.shape)
+        values = function(motion.smooth, motion.velocity, drive)
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), motion.time.shape)
 
 
 _FLOOR = 1e-6  # least noise, in standard deviations of the record or the force: rounding

@@ -91,15 +91,15 @@ class DropScores:
 
     def cells(self) -> list[tuple[str, ...]]:
         """A law a row: errors in % of the drop."""
-        found = []
+        rows = []
         for row in self.rows:
             if row.model is None:
-                found.append((row.name, "", *("" for _ in self.labels), "not fitted"))
+                rows.append((row.name, "", *("" for _ in self.labels), "not fitted"))
                 continue
             errors = (_percent(each) for each in (*row.errors, row.median))
             numbers = len(row.model.parameters) + (2 if row.model.map.fitted else 0)
-            found.append((row.name, str(numbers), *errors))
-        return found
+            rows.append((row.name, str(numbers), *errors))
+        return rows
 
     @property
     def table(self) -> str:

@@ -121,10 +121,10 @@ def predict(scene: Scene) -> PredictedLaw:
         )
     values = parameters_of(scene)
     assert piston is not None
-    found = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
+    swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
     at_rest = None
-    if not isinstance(found, NoSwing):
-        at_rest = AtRest(found.z, found.period, found.damping_ratio, {})
+    if not isinstance(swing, NoSwing):
+        at_rest = AtRest(swing.z, swing.period, swing.damping_ratio, {})
     return PredictedLaw(values, (piston.height, 0.0), at_rest, {"from": f"the scene {scene.name}"})
 
 

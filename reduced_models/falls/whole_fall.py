@@ -131,5 +131,5 @@ def _motion(values: dict[str, float], start: float, times: np.ndarray) -> np.nda
         drag = 2.0 * lam * v * v
         return v, acceleration, stress, drag, -weight * (rest / z) ** power * w * v
 
-    found = odeint(rates, (start, 0.0, 0.0, 0.0, 0.0), times, rtol=TOLERANCE, atol=TOLERANCE)
-    return np.asarray(found.T)
+    states = odeint(rates, (start, 0.0, 0.0, 0.0, 0.0), times, rtol=TOLERANCE, atol=TOLERANCE)
+    return np.asarray(states.T)

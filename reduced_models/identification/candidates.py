@@ -88,8 +88,8 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     """
     there = column_names(record)
     if drive not in there:
-        found = ", ".join(map(quoted, there)) or "none"
-        raise InputError(f"the record has no column {quoted(drive)}; further columns: {found}")
+        others = ", ".join(map(quoted, there)) or "none"
+        raise InputError(f"the record has no column {quoted(drive)}; further columns: {others}")
     if not drive.isidentifier() or drive in (*law.parameters, "gain", "z", "t", "pi", "e"):
         raise InputError(
             f"the column {quoted(drive)} cannot be named in an equation; rename it, such as to u"
@@ -193,9 +193,9 @@ def screen(record: PistonRecord, laws: Sequence[Law]) -> Screening:
     misfits = {}
     for law in laws:
         if not law.hidden and not law.inputs:
-            found = _misfit(law, weak, judge.whitening, guess, height_map)
-            if math.isfinite(found):
-                misfits[law.name] = found
+            misfit = _misfit(law, weak, judge.whitening, guess, height_map)
+            if math.isfinite(misfit):
+                misfits[law.name] = misfit
     return Screening(misfits, math.sqrt(judge.excess))
 
 
@@ -223,8 +223,8 @@ def _view(law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: Hei
 
     def rate(values: np.ndarray) -> np.ndarray:
         with np.errstate(all="ignore"):
-            found = np.nan_to_num(field(z, v, *values)[0] / size, nan=_LARGEST)
-        return np.broadcast_to(np.clip(found, -_LARGEST, _LARGEST), z.shape)
+            accelerations = np.nan_to_num(field(z, v, *values)[0] / size, nan=_LARGEST)
+        return np.broadcast_to(np.clip(accelerations, -_LARGEST, _LARGEST), z.shape)
 
     return _View(rate, plain.parameters, plain.positive, starts)
 
@@ -250,8 +250,8 @@ def _misfit(
             values = units * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
             return np.asarray(target - inside @ view.rate(values))
 
-        found = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
-        least = min(least, _rms(found.fun, len(units)))
+        result = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
+        least = min(least, _rms(result.fun, len(units)))
     return least
 
 

@@ -298,18 +298,18 @@ def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
     stage = {"kind": "free", "name": first.name,
              "duration": float(fall.time[-1] - fall.time[0])}  # fmt: skip
     alone = {"protocol": [stage], "output.record": first.name}
-    found = []
+    drops = []
     for ratio in DROPS:
         other = rest + ratio * (height - rest)
         below = None if grid is None else other - (height - grid)
         changes = {**alone, "piston.height": other, "arrangement.height": below}
-        found.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
+        drops.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
     seed = scene.arrangement.seed + 1
-    found += [
+    drops += [
         RunCheck(f"start {k}", {**alone, "arrangement.seed": k})
         for k in range(seed, seed + CHECK_SEEDS)
     ]
-    return [one for one in found if _fits(scene, one)]
+    return [one for one in drops if _fits(scene, one)]
 
 
 def _fits(scene: Scene, check: RunCheck) -> bool:

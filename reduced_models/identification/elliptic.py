@@ -35,17 +35,17 @@ def elliptic_motion_of(model: ReducedModel, duration: float) -> EllipticMotion |
     if _lost(model, duration) > _MOST_LOST:
         return None
     values = model.parameters
-    found = elliptic_motion(values["k"], values["beta"], values["rest"], *model.initial)
-    return found if found is not None and found.m >= _BENT else None
+    motion = elliptic_motion(values["k"], values["beta"], values["rest"], *model.initial)
+    return motion if motion is not None and motion.m >= _BENT else None
 
 
-def elliptic_text(found: EllipticMotion, model: ReducedModel, duration: float) -> str:
+def elliptic_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
     """Return that a fitted Duffing law and an elliptic function are one motion."""
     lost = _lost(model, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
-        f"The motion of {DUFFING.name}{start} is {found.text()}, with m = k^2: Jacobi's "
-        f"{found.function} solves this law, so the elliptic motion and the Duffing law are one "
+        f"The motion of {DUFFING.name}{start} is {motion.text()}, with m = k^2: Jacobi's "
+        f"{motion.function} solves this law, so the elliptic motion and the Duffing law are one "
         "motion, not two."
     )
 
@@ -110,12 +110,12 @@ def averaging_of(model: ReducedModel, time: np.ndarray) -> Averaging | None:
         return None
     if not turns_about_rest(cycles.amplitude, one):
         return None
-    found = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
+    averaged = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
     return Averaging(
         law=model.law.name,
         unit=model.unit,
-        amplitudes=_ends(found),
-        frequencies=_ends(averaged_frequency(found, one)),
+        amplitudes=_ends(averaged),
+        frequencies=_ends(averaged_frequency(averaged, one)),
         solved_amplitudes=_ends(cycles.amplitude),
         solved_frequencies=_ends(cycles.frequency / (2.0 * math.pi)),
         critical=critical_share(float(cycles.amplitude[0]), one),

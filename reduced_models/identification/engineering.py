@@ -148,7 +148,7 @@ def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Q
         damping = _two_amplitude_figures(rest, rest.equivalent, units)
     else:
         damping = _small_swing_figures(rest, share)
-    found = [
+    quantities = [
         Quantity(
             "level of rest", "z", units.length,
             *(units.scale * each for each in (rest.height, *rest.intervals["height"])),
@@ -161,36 +161,36 @@ def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Q
         ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
         wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
         value = units.inertia * 4.0 * math.pi * ratio / rest.period
-        found.append(_symmetric(value, math.hypot(share, wide), "damping", "c", units.damping))
-    return tuple(found)
+        quantities.append(_symmetric(value, math.hypot(share, wide), "damping", "c", units.damping))
+    return tuple(quantities)
 
 
 def _small_swing_figures(rest: AtRest, share: float) -> list[Quantity]:
     ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
-    found = [_ratio("", ratio, (least, most))]
+    quantities = [_ratio("", ratio, (least, most))]
     if 0.0 < ratio < _UNDERDAMPED:
-        found += [
+        quantities += [
             _symmetric(
                 damped_frequency(rest.period, ratio), share, "damped frequency", "f_d", "Hz"
             ),
             _by_ratio(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
             _by_ratio(lambda one: 0.5 / one, ratio, most, least, "quality factor", "Q", ""),
         ]
-    return found
+    return quantities
 
 
 def _two_amplitude_figures(rest: AtRest, one: EquivalentDamping, units: Units) -> list[Quantity]:
     wide, narrow = (
         f" at {units.scale * size:.3g} {units.length}" for size in (one.amplitude, one.tenth)
     )
-    found = [
+    quantities = [
         _ratio(wide, rest.damping_ratio, rest.intervals["damping_ratio"]),
         _ratio(narrow, one.tenth_ratio, one.intervals["tenth_ratio"]),
     ]
     if one.friction > 0.0:
         friction = (units.inertia * each for each in (one.friction, *one.intervals["friction"]))
-        found.append(Quantity("friction", "F", units.friction, *friction))
-    return found
+        quantities.append(Quantity("friction", "F", units.friction, *friction))
+    return quantities
 
 
 def _ratio(where: str, value: float, ends: tuple[float, float]) -> Quantity:
@@ -236,15 +236,15 @@ def at_amplitudes(model: ReducedModel, heights: np.ndarray) -> list[HarmonicCycl
     if model.at_rest is None or model.law.inputs:
         return []
     farthest = float(np.abs(heights - model.at_rest.height).max())
-    found = []
+    cycles = []
     for share in SHARES:
         try:
             cycle = model.cycle(share * farthest)
         except GranularError:
             continue
         if cycle.stiffness > 0.0:
-            found.append(cycle)
-    return found
+            cycles.append(cycle)
+    return cycles
 
 
 @dataclasses.dataclass(frozen=True)

@@ -135,7 +135,7 @@ def identify(
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     best = comparison.best
     shown = next((one for one in (best, *models) if one.at_rest is not None), best)
-    found = Identification(
+    result = Identification(
         record=record,
         models=models,
         comparison=comparison,
@@ -150,18 +150,18 @@ def identify(
         advice=advice(comparison, models, record, run, discovery),
     )
     doubts = [f"fit of {best.law.name}: {note}" for note in best.notes]
-    for note in (*found.notes, *doubts):
+    for note in (*result.notes, *doubts):
         warnings.warn(note, stacklevel=2)
     if target is not None:
-        found.save(target)
-    if not (checks and run is not None and run.complete and found.figures):
-        return found
+        result.save(target)
+    if not (checks and run is not None and run.complete and result.figures):
+        return result
 
-    found = _check_by_runs(found, run, executor, progress, falls=laws is None)
+    result = _check_by_runs(result, run, executor, progress, falls=laws is None)
     clock.lap("checks of step, seeds, lift and falls")
     if target is not None:
-        found.save(target)
-    return found
+        result.save(target)
+    return result
 
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
@@ -208,33 +208,33 @@ def _notes(
 
 
 def _check_by_runs(
-    found: Identification, run: Trajectory, executor: Executor | None, progress: bool, falls: bool
+    result: Identification, run: Trajectory, executor: Executor | None, progress: bool, falls: bool
 ) -> Identification:
     """Judge laws on another lift and other falls; give figures step errors and scatter.
 
     A check that fails becomes a note. The other lift is run where there are laws to choose from,
     and other falls, if asked for, where the scene begins with one.
     """
-    period = found.figures["period"].value if falls else None
-    checks = further_runs(run, period, executor, progress, lift=len(found.models) > 1)
-    comparison, model, figures = found.comparison, found.shown, found.figures
+    period = result.figures["period"].value if falls else None
+    checks = further_runs(run, period, executor, progress, lift=len(result.models) > 1)
+    comparison, model, figures = result.comparison, result.shown, result.figures
     if checks.lift is not None:  # the laws are ranked anew, and the best one now gives the figures
         comparison = judge_on(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((one for one in order if one.at_rest is not None), order[0])
         figures = figures_of(model)
-    figures, failed = check_figures(figures, model, found.record, checks)
+    figures, failed = check_figures(figures, model, result.record, checks)
     failures = dict.fromkeys((*checks.failures, *failed))
     notes = tuple(f"the check with {one.what} failed: {one.cause}" for one in failures)
     for note in notes:
         warnings.warn(note, stacklevel=3)
     models = tuple(
         dataclasses.replace(one, notes=one.notes + notes) if one is model else one
-        for one in found.models
+        for one in result.models
     )
     return dataclasses.replace(
-        found, models=models, comparison=comparison, figures=figures, figures_law=model.law.name,
-        notes=found.notes + notes, lift=checks.lift, falls=checks.falls,
+        result, models=models, comparison=comparison, figures=figures, figures_law=model.law.name,
+        notes=result.notes + notes, lift=checks.lift, falls=checks.falls,
     )  # fmt: skip
 
 

@@ -51,8 +51,8 @@ def comparison_page(table: Comparison) -> Page:
 def made_text() -> str:
     """When, and with which versions of what made the fits."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    found = versions(("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib"))
-    return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in found.items())
+    programs = versions(("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib"))
+    return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in programs.items())
 
 
 def sentence(words: str) -> str:

@@ -78,7 +78,7 @@ class ResponseComparison:
 _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")
 
 
-def compare_response(found: Response) -> ResponseComparison:
+def compare_response(response: Response) -> ResponseComparison:
     """Solve the law for a response's scene and forces, between its frequencies.
 
     Raises
@@ -86,7 +86,7 @@ def compare_response(found: Response) -> ResponseComparison:
     InputError
         If the law is not known for the scene (see `CoupledSystem.of`), or no force shakes it.
     """
-    data = found.dataset
+    data = response.dataset
     if data.amplitude.attrs["long_name"] != "force":
         raise InputError(
             f"the base of the machine is shaken by its {data.amplitude.attrs['long_name']}; the "
@@ -95,32 +95,32 @@ def compare_response(found: Response) -> ResponseComparison:
     dense = np.linspace(float(data.frequency.min()), float(data.frequency.max()), POINTS)
     peaks, law, linear = [], {}, {}
     for force in data.amplitude.values.tolist():
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", OutsideRangeWarning)
-            said = predicted_response(found.scene, dense.tolist(), force)
-        outside = [str(one.message) for one in told if one.category is OutsideRangeWarning]
-        law[force], linear[force] = said.displacement, said.linear
+            predicted = predicted_response(response.scene, dense.tolist(), force)
+        outside = [str(one.message) for one in caught if one.category is OutsideRangeWarning]
+        law[force], linear[force] = predicted.displacement, predicted.linear
         simulated = float(data.displacement.sel(amplitude=force).max())
         peaks.append(
             PeakComparison(
-                force, simulated, said.peak, float(said.linear.max()), "".join(outside)
+                force, simulated, predicted.peak, float(predicted.linear.max()), "".join(outside)
             )
         )  # fmt: skip
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
 
-def law_page(found: Response) -> tuple[Page, ResponseComparison | None, str]:
+def law_page(response: Response) -> tuple[Page, ResponseComparison | None, str]:
     """The report of a response with the law; the law; and why, where there is none."""
     try:
-        law = compare_response(found)
+        law = compare_response(response)
     except InputError as error:
         why = f"No law stands beside the simulation: {error}."
-        return response_page(found, missing=why), None, why
-    return response_page(found, _shown(law)), law, ""
+        return response_page(response, missing=why), None, why
+    return response_page(response, _report_section(law)), law, ""
 
 
-def _shown(found: ResponseComparison) -> Beside:
-    notes = [f"Under {one.force:g} N {one.outside}." for one in found.peaks if one.outside]
+def _report_section(comparison: ResponseComparison) -> Beside:
+    notes = [f"Under {one.force:g} N {one.outside}." for one in comparison.peaks if one.outside]
     return Beside(
         title="The law in place of the bed",
         words=(
@@ -131,9 +131,9 @@ def _shown(found: ResponseComparison) -> Beside:
             "simulated, their greatest may miss the peak."
         ),
         header=_HEAD,
-        rows=_cells(found.peaks),
-        frequencies=found.frequencies,
-        curves={"law": found.law, "linear law": found.linear},
+        rows=_cells(comparison.peaks),
+        frequencies=comparison.frequencies,
+        curves={"law": comparison.law, "linear law": comparison.linear},
         notes=notes,
     )
 

@@ -104,7 +104,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
         )
     _, best = min(tried, key=lambda pair: pair[0].peak)
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
-    found = response_of(CoupledSystem.of(best), fine, excitation.force)
+    response = response_of(CoupledSystem.of(best), fine, excitation.force)
     assert best.piston is not None
     mass = (best.piston.mass or 0.0) + float(best.grains.masses().sum())
     alone_host = Host(bodies=host.bodies, excitation=excitation)
@@ -112,12 +112,12 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     alone = float(np.abs(linear_response(alone_host, dense)[:, -1]).max())
     tuned = hanging_mass(dense, mass, *tuned_mass(host, mass))
     ideal = float(np.abs(linear_response(alone_host, dense, tuned)[:, -1]).max())
-    stroke = float(found.stroke[int(found.displacement.argmax())])
+    stroke = float(response.stroke[int(response.displacement.argmax())])
     diameters = stroke / best.grains.species[0].diameter
-    helps = found.peak < HELPS * alone and diameters >= RANGE[0]
+    helps = response.peak < HELPS * alone and diameters >= RANGE[0]
     return DamperDesign(
-        best, found.peak, alone, ideal, stroke, mass, helps,
-        _verdict(best, found.peak, alone, ideal, diameters),
+        best, response.peak, alone, ideal, stroke, mass, helps,
+        _verdict(best, response.peak, alone, ideal, diameters),
     )  # fmt: skip
 
 

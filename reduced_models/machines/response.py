@@ -212,10 +212,10 @@ def swing_of(law: CoupledSystem, force: float, omega: float, steps: int, last: i
             sums[1] += 2.0 / last * state[0] * cosine
             sums[2] += 2.0 / last * (state[2] - law.rest) * sine
             sums[3] += 2.0 / last * (state[2] - law.rest) * cosine
-    found = np.zeros(2)
-    found[0] = sums[0] * sums[0] + sums[1] * sums[1]
-    found[1] = sums[2] * sums[2] + sums[3] * sums[3]
-    return found
+    squares = np.zeros(2)
+    squares[0] = sums[0] * sums[0] + sums[1] * sums[1]
+    squares[1] = sums[2] * sums[2] + sums[3] * sums[3]
+    return squares
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -273,9 +273,9 @@ def predicted_response(
     law = CoupledSystem.of(scene)
     if force is None:
         force = _force_of(host)
-    found = response_of(law, frequencies, force)
+    response = response_of(law, frequencies, force)
     diameter = scene.grains.species[0].diameter
-    stroke = float(found.stroke[int(found.displacement.argmax())]) / diameter
+    stroke = float(response.stroke[int(response.displacement.argmax())]) / diameter
     outside = not RANGE[0] <= stroke <= RANGE[1]
     if outside:
         warnings.warn(
@@ -284,7 +284,7 @@ def predicted_response(
             OutsideRangeWarning,
             stacklevel=2,
         )
-    return dataclasses.replace(found, outside=outside)
+    return dataclasses.replace(response, outside=outside)
 
 
 def _force_of(host: Host | None) -> float:
