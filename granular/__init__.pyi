@@ -1,5 +1,4 @@
-from .effects.own import effect
-from .effects.own_wall import wall_law
+from .effects.own import effect, wall_law
 from .methods import Method
 from .run.evaluation import Evaluation, evaluate
 from .run.record import PistonRecord

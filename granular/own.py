@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from granular.effects.own_section import mark_origin
+from granular.effects.own import mark_origin
 from granular.methods.method import Method
 from granular.methods.named import add_methods
 from granular.methods.tables import METHODS

@@ -3,35 +3,52 @@
 An effect is a section of the scene: its fields are its parameters, with units and limits. Once a
 run it makes its *law*: a named tuple of numbers in natural units, and of arrays with one value for
 each grain, which follow a grain that leaves. (Arrays that are something else stand in a tuple of
-their own within the law.) The law's class has the kernels, as static methods. Each may be there or
-not, and what is not there costs nothing; ``law, room, place`` stand before the others' arguments:
+their own within the law.) The law's class has kernels as static methods, the *hooks* of the loop.
+What is not there costs nothing; ``law, room, place`` stand before the others' arguments. An effect
+is of one of three kinds, or of several.
+
+A **force** has an energy, and is minus its gradient. `granular.effects.gravity` is one.
 
 ``add_forces(..., state, constants, time) -> int``
     Add the forces on the grains; how many grains are where they cannot be.
 ``measure(..., state, constants, time, stiffness, energies) -> int``
     Enter the energy at ``energies[place]``; add to ``stiffness`` a bound of each grain's stiffness
     over its mass, which the automatic step follows.
+``work(..., span, state, constants, time) -> int``
+    Enter in ``state.ledger[WORK]`` what a force that depends on time does.
+``collision(..., speed, constants) -> float``
+    Greatest stiffness over mass that a grain of this speed meets.
+
+A **flow** takes energy: the velocities after a duration, solved exactly while places stand still.
+As a force it would cost the second order. What it takes is entered in
+``state.ledger[LOSSES + place]``. `granular.effects.eddy` is one.
+
+``flow(..., span, state, constants, opening) -> int``
+    Velocities after ``span`` under this effect alone; forward behind the kick that opens a step,
+    backward before the one that closes it.
 ``kick(..., span, state, constants, opening) -> int``
     Velocities after ``span`` under all forces, instead of the plain kick, for what must be solved
     together with them; the last effect that has one gives it, and must take along what others do.
-``flow(..., span, state, constants, opening) -> int``
-    Velocities after ``span`` under a dissipative effect alone, solved exactly; forward behind the
-    kick that opens a step, backward before the one that closes it. What it takes is entered in
-    ``state.ledger[LOSSES + place]``.
-``glide(..., span, state, constants) -> int``
-    Places after ``span``, instead of the plain drift, and velocities that change in its middle; the
-    last effect that has one gives it, for Störmer-Verlet's coefficients alone.
 ``slow(..., slopes, span, state, constants) -> int``
     The same as a force, for Runge-Kutta methods.
-``work(..., span, state, constants, time) -> int``
-    Enter in ``state.ledger[WORK]`` what a force that depends on time does.
+
+A **frame** acts on everything, the piston too. `granular.effects.shaking` is one. (A host moves
+grains and piston by their forces, so the loop itself moves it: `granular.engine.host`.)
+
 ``lift(..., time) -> float``
-    Upward acceleration of all that has a mass, the piston too.
-``collision(..., speed, constants) -> float``
-    Greatest stiffness over mass that a grain of this speed meets.
+    Upward acceleration of all that has a mass.
+``glide(..., span, state, constants) -> int``
+    Places after ``span``, instead of the plain drift, and velocities that change in its middle, as
+    a heat bath wants it; for Störmer-Verlet's coefficients alone.
+
 ``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``;
 what stands in its field ``kept``, if it has one, is of the run's state.
-The file's own test aside, nothing else has to be touched: `granular.effects.registry` finds it.
+
+Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
+written: a class with the functions of one of them, decorated with `granular.effects.own.effect` as
+a user's own, becomes an effect of this form, and so does a formula. `granular.effects.gradient` is
+written so. The file's own test aside, nothing else has to be touched: `granular.effects.registry`
+finds it.
 """
 
 from __future__ import annotations

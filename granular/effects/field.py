@@ -16,8 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.formula import Formula, Functions
-from granular.effects.listed import Listed
+from granular.effects.formula import Formula, Functions, Listed
 from granular.effects.own_definition import Grain, Kind
 from granular.effects.own_law import OwnLaw
 from granular.formulas import names, parse

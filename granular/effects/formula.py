@@ -11,21 +11,24 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numba
 
 from granular.compiled.dispatch import OPTIONS
+from granular.effects.effect import Effect
 from granular.effects.own_definition import DEFINITIONS, Definition
 from granular.formulas import parse
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
-from granular.schema.sections import text
+from granular.schema.sections import FieldError, text
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 
 if TYPE_CHECKING:
     import sympy
+
+    from granular.schema.parts import Cell, Grains, Piston
 
 Functions = dict[str, Callable[..., Any]]
 
@@ -87,13 +90,44 @@ class Formula(Parametric):
         return (self.definition.digest,)
 
 
+class Listed(Effect):
+    """Base of an effect that a scene gives as a list of tables, or as one table.
+
+    Its subclass declares ``fields``, whose sections are effects.
+    """
+
+    if TYPE_CHECKING:
+        fields: tuple[Any, ...]
+
+    @classmethod
+    def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
+        tables = [plain] if isinstance(plain, Mapping) else plain
+        try:
+            return super().from_plain({"fields": tables}, diameter)
+        except FieldError as error:
+            raise FieldError(error.reason, *error.path[1:]) from None
+
+    def to_plain(self) -> Any:
+        return [one.to_plain() for one in self.parts]
+
+    @property
+    def parts(self) -> tuple[Effect, ...]:
+        return self.fields
+
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        for one in self.parts:
+            one.check(grains, cell, piston, others)
+
+
 @functools.cache
 def _definition(kind: type[Formula], energy: str, parameters: tuple[str, ...]) -> Definition:
     key = kind.__name__.lower()
     content = repr((_FORM, key, energy, parameters))
     digest = hashlib.sha256(content.encode()).hexdigest()[:24]
     functions = _Derived(kind, energy, parameters)
-    return Definition(key, f"{key}_{digest}", _as_given, functions, _Compiled(functions))
+    return Definition("effect", key, f"{key}_{digest}", _as_given, functions, _Compiled(functions))
 
 
 def _as_given(*values: float) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""An effect of a user's own: a class with a few static functions, decorated with `effect`.
+"""Effects and laws of walls of a user's own: classes with static functions, and a decorator.
 
     from granular import effect, quantity
 
@@ -45,6 +45,16 @@ reads as it does in SI. There may be, each with what belongs to it:
 ``frequency(p)``
     Highest angular frequency with which it changes in time, for the step.
 
+A law of a wall is decorated with `wall_law` and has, of a grain of the first species at the
+distance w (others feel it in the ratio of their moments):
+
+``energy(p, w)``, ``force(p, w)``, ``stiffness(p, w)``
+    Force away from the wall, minus the slope of the energy; and minus its own slope.
+
+A scene names it as ``effects.walls.left = { law = "soft", k = "9 N/m", reach = "1 cm" }``. Either
+can be a formula as well: `granular.effects.field`, `granular.effects.pair_law`, and of the distance
+``w`` of a wall ``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
+
 What is not there costs nothing. Compiled code is kept under a digest of the functions and of all
 that they use of their file, so a second process starts as fast as with a built-in effect, and an
 edited one is compiled anew.
@@ -52,17 +62,76 @@ edited one is compiled anew.
 
 from __future__ import annotations
 
+import collections
+import dataclasses
 import math
-from typing import Any
+import types as python_types
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
+import numba
+
+from granular.compiled.dispatch import OPTIONS
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.own_check import check, check_compiling
-from granular.effects.own_definition import FUNCTIONS, Kind
-from granular.effects.own_law import OwnLaw
-from granular.effects.own_section import OwnSection, define, functions_in, name_of, natural_values
-from granular.effects.registry import register
+from granular.effects.own_check import check, check_compiling, check_wall
+from granular.effects.own_definition import (
+    DEFINITIONS,
+    FUNCTIONS,
+    WALL_FUNCTIONS,
+    Definition,
+    Kind,
+    functions_digest,
+)
+from granular.effects.own_law import OwnLaw, OwnWallLaw
+from granular.effects.registry import WALL_LAWS, register
 from granular.schema.scales import Scales
+from granular.schema.sections import Quantity, Section, Whole, unknown
 from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+from granular.shared.own_file import OwnFile, contents
+
+
+class OwnSection(Section):
+    """Base of what is made of a user's class.
+
+    Attributes
+    ----------
+    definition : Definition
+    written : type
+        The class as it was written.
+    origin : OwnFile or None
+        The file that it came from, where the command line named one.
+    made_by : function
+        The decorator.
+    """
+
+    definition: ClassVar[Definition]
+    written: ClassVar[type]
+    origin: ClassVar[OwnFile | None] = None
+    made_by: ClassVar[Callable[[type], Any]]
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Digest of its functions, for the run's settings; those of the package have a version."""
+        return () if built_in(type(self)) else (self.definition.digest,)
+
+    def natural(self, scales: Scales) -> Any:
+        """The parameters in natural units."""
+        values = []
+        for field in dataclasses.fields(self):
+            kind = field.metadata["kind"]
+            unit = kind.unit if isinstance(kind, Quantity) else "1"
+            values.append(float(getattr(self, field.name)) / scales.unit(unit))
+        return self.definition.parameters(*values)
+
+    def __reduce__(self) -> Any:
+        """Any process can have it so: by the file's text, or by the class as it was written."""
+        values = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        if self.origin is not None:
+            return _of_file, (self.origin, self.definition.key, values)
+        if self.__module__ != "__main__":
+            return _of_module, (type(self), values)
+        return _of_script, (type(self).made_by, self.written, values)
 
 
 class OwnEffect(OwnSection, Effect):
@@ -87,10 +156,6 @@ class OwnEffect(OwnSection, Effect):
     def check_compiling(self, setting: Setting) -> None:
         check_compiling(self.definition, self.natural(setting.scales))
 
-    def natural(self, scales: Scales) -> Any:
-        """The parameters in natural units."""
-        return natural_values(self, self.definition, scales)
-
     @property
     def is_flow(self) -> bool:
         return "flow" in self.definition.functions
@@ -98,6 +163,22 @@ class OwnEffect(OwnSection, Effect):
     def drive_frequency(self, scales: Scales) -> float:
         found = self.definition.functions.get("frequency")
         return 0.0 if found is None else abs(float(found(self.natural(scales))))
+
+
+class OwnWall(OwnSection):
+    """Base of the wall laws that `wall_law` makes."""
+
+    def law(self, scales: Scales) -> OwnWallLaw:
+        """The law in natural units.
+
+        Raises
+        ------
+        InputError
+            If a function fails, or the force is not minus the slope of its energy.
+        """
+        values = self.natural(scales)
+        check_wall(self.definition, values)
+        return OwnWallLaw(Kind(self.definition.digest), tuple(values))
 
 
 def effect(written: type) -> Any:
@@ -136,7 +217,8 @@ def effect(written: type) -> Any:
         if "flow" in functions
         else None,
     )
-    register(made)
+    if not built_in(made):  # which the registry knows by its file
+        register(made)
     return made
 
 
@@ -147,4 +229,130 @@ _NEED = {
 }  # fmt: skip
 """What a function cannot be without."""
 
-OwnEffect.made_by = staticmethod(effect)
+
+def wall_law(written: type) -> Any:
+    """Make a class a law that scenes can name for a wall; see the head of this file.
+
+    Raises
+    ------
+    InputError
+        If the class is no such.
+    """
+    made = define(written, OwnWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
+    WALL_LAWS[made.definition.key] = made
+    return made
+
+
+def mark_origin(file: OwnFile) -> dict[str, type[OwnSection]]:
+    """The effects and wall laws that a file defines, by their names; they know the file then."""
+    found = {}
+    for one in list(contents(file).values()):
+        own = isinstance(one, type) and issubclass(one, OwnSection)
+        if own and one.__module__ == file.module:
+            one.origin = file
+            found[one.definition.key] = one
+    return found
+
+
+def _of_file(file: OwnFile, key: str, values: dict[str, Any]) -> Any:
+    return mark_origin(file)[key](**values)
+
+
+def _of_module(made: type, values: dict[str, Any]) -> Any:
+    return made(**values)
+
+
+def _of_script(made_by: Callable[[type], Any], written: type, values: dict[str, Any]) -> Any:
+    return made_by(written)(**values)
+
+
+def define(
+    written: type, base: type[OwnSection], known: Sequence[str], needed: Sequence[str],
+    what: str, /, **more: Any,
+) -> Any:  # fmt: skip
+    """A subclass of ``base`` with the class's parameters, and its functions as ``definition``.
+
+    Parameters
+    ----------
+    written : type
+        As the user wrote it.
+    base : type
+    known, needed : sequence of str
+        Names of the functions that there may be, and must be.
+    what : str
+        In messages: ``"effect"``.
+    **more
+        Further attributes of the made class.
+
+    Raises
+    ------
+    InputError
+        If the class is no such.
+    """
+    key = name_of(written)
+    content = {
+        name: value
+        for name, value in vars(written).items()
+        if name not in ("__dict__", "__weakref__")
+    }
+    functions = functions_in(content)
+    for name in functions:
+        if name not in known:
+            raise InputError(f"{what} {key!r}: {unknown(name, tuple(known), 'function')}")
+    for name in needed:
+        if name not in functions:
+            raise InputError(f"{what} {key!r} has no {name!r}; give it, as a static method")
+    for name, value in content.items():
+        taken = hasattr(base, name) and name not in more
+        if not name.startswith("_") and name not in functions and taken:
+            raise InputError(f"{what} {key!r}: {quoted(name)} has a meaning of its own; rename it")
+        if isinstance(value, python_types.FunctionType):
+            raise InputError(f"{what} {key!r}: {name!r} must be static; write @staticmethod above")
+    fields = [
+        name
+        for name, kind in content.get("__annotations__", {}).items()
+        if name not in functions and "ClassVar" not in str(kind)
+    ]
+    definition = Definition(
+        what,
+        key,
+        f"{key}_{functions_digest(functions, fields)}",
+        collections.namedtuple("Parameters", fields),
+        functions,
+        {name: _kernel(function) for name, function in functions.items()},
+    )
+    DEFINITIONS[definition.digest] = definition
+    for name in functions:
+        del content[name]
+    made = type(
+        written.__name__, (base,), content | {"definition": definition, "written": written} | more
+    )
+    for field in dataclasses.fields(made):
+        if not isinstance(field.metadata.get("kind"), Quantity | Whole):
+            raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")
+    return made
+
+
+def built_in(made: type) -> bool:
+    """Whether a class stands in a file of the package's effects."""
+    return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
+
+
+def name_of(written: type) -> str:
+    """What scenes call a class: ``LeafSpring`` is ``leaf_spring``."""
+    words = "".join(f"_{one.lower()}" if one.isupper() else one for one in written.__name__)
+    return words.lstrip("_")
+
+
+def functions_in(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
+    """The static methods of a class by their names."""
+    return {
+        name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)
+    }
+
+
+def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    return numba.njit(**OPTIONS)(function)
+
+
+OwnEffect.made_by, OwnWall.made_by = staticmethod(effect), staticmethod(wall_law)

@@ -1,4 +1,4 @@
-"""Whether the functions of an own effect fit each other, in plain Python at a few places."""
+"""Check that functions of a user's own fit each other, in plain Python at a few places."""
 
 from __future__ import annotations
 
@@ -44,6 +44,17 @@ def check(definition: Definition, p: Any, setting: Setting) -> None:
             _check_flow(definition, p, grain)
 
 
+def check_wall(definition: Definition, p: Any) -> None:
+    """Raise `InputError` where a law of a wall fails, or its force is not minus its slope."""
+    for w in _DISTANCES:
+
+        def energy(distance: float) -> float:
+            return float(_value(definition, "energy", p, distance))
+
+        found = _value(definition, "force", p, w)
+        _compare(definition, "force", found, -_slope(energy, w), 1e-6 * abs(energy(w)))
+
+
 def check_compiling(definition: Definition, p: Any) -> None:
     """Raise `InputError` where a function does not compile."""
     grain = Grain(1.5, 1.5, 1.0, 1.0)
@@ -59,7 +70,7 @@ def check_compiling(definition: Definition, p: Any) -> None:
             kernel(*arguments.get(name, (p, grain, 0.0)))
         except NumbaError as error:
             raise InputError(
-                f"effect {definition.key!r}: {name!r} does not compile: {_reason(error)}; take "
+                f"{definition.title}: {name!r} does not compile: {_reason(error)}; take "
                 "arithmetic, math, and functions that are compiled themselves"
             ) from None
 
@@ -77,11 +88,9 @@ def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -
         values = (found,) if count == 1 else tuple(found)
         numbers = [float(value) for value in values]
     except Exception as error:
-        raise failed(definition.key, f"{name!r} fails", error) from None
+        raise failed(definition, f"{name!r} fails", error) from None
     if len(numbers) != count:
-        raise InputError(
-            f"effect {definition.key!r}: {name!r} gives {len(numbers)} numbers, not {count}"
-        )
+        raise InputError(f"{definition.title}: {name!r} gives {len(numbers)} numbers, not {count}")
     return numbers[0] if count == 1 else numbers
 
 
@@ -98,7 +107,7 @@ def _compare(definition: Definition, name: str, found: float, slope: float, size
         return  # a place where it cannot be evaluated says nothing
     if abs(found - slope) > CLOSE * max(abs(slope), abs(found), size):
         raise InputError(
-            f"effect {definition.key!r}: {name!r} gives {found:.6g} where its energy asks for "
+            f"{definition.title}: {name!r} gives {found:.6g} where its energy asks for "
             f"{slope:.6g} (natural units); mend one of them"
         )
 
@@ -131,7 +140,7 @@ def _check_pair(definition: Definition, p: Any, r: float, grains: list[Grain]) -
         other = _value(definition, "pair_force", p, r, second, first)
         if not np.isclose(found, other, rtol=1e-9, atol=0.0, equal_nan=True):
             raise InputError(
-                f"effect {definition.key!r}: 'pair_force' gives {found:.6g} and, with the grains "
+                f"{definition.title}: 'pair_force' gives {found:.6g} and, with the grains "
                 f"exchanged, {other:.6g}; a pair must pull and push equally"
             )
         if "pair_stiffness" in definition.functions:
@@ -143,12 +152,12 @@ def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
         wx, wy = _value(definition, "flow", p, grain, vx, vy, span, count=2)
         if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
             raise InputError(
-                f"effect {definition.key!r}: 'flow' makes a grain faster; it may only take energy"
+                f"{definition.title}: 'flow' makes a grain faster; it may only take energy"
             )
         twice = _value(definition, "flow", p, grain, wx, wy, span, count=2)
         whole = _value(definition, "flow", p, grain, vx, vy, 2.0 * span, count=2)
         if not np.allclose(twice, whole, rtol=1e-9, atol=1e-14):
             raise InputError(
-                f"effect {definition.key!r}: 'flow' over two spans is not that over both at once; "
+                f"{definition.title}: 'flow' over two spans is not that over both at once; "
                 "solve it exactly, as v*exp(-rate*span)"
             )

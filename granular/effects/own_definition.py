@@ -20,6 +20,9 @@ FUNCTIONS = (
 )  # fmt: skip
 """Names of the functions that an effect may have."""
 
+WALL_FUNCTIONS = ("energy", "force", "stiffness")
+"""Names of the functions that a law of a wall has."""
+
 
 class Grain(NamedTuple):
     """A grain as the functions of an own effect see it.
@@ -39,10 +42,12 @@ class Grain(NamedTuple):
 
 
 class Definition(NamedTuple):
-    """What an own effect does.
+    """What an own effect, or an own law of a wall, does.
 
     Attributes
     ----------
+    what : str
+        In messages: ``"effect"``.
     key : str
     digest : str
         Of its functions, and of all that they use of their file.
@@ -54,11 +59,17 @@ class Definition(NamedTuple):
         The same, to be called by kernels.
     """
 
+    what: str
     key: str
     digest: str
     parameters: Any
     functions: Mapping[str, Callable[..., Any]]
     kernels: Mapping[str, Callable[..., Any]]
+
+    @property
+    def title(self) -> str:
+        """Its name in messages."""
+        return f"{self.what} {self.key!r}"
 
 
 DEFINITIONS: dict[str, Definition] = {}
@@ -134,6 +145,8 @@ def _code_parts(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[st
             yield repr(used.tolist() if isinstance(used, np.ndarray) else used)
 
 
-def failed(key: str, what: str, error: BaseException) -> InputError:
-    """The error of an own effect, in one line."""
-    return InputError(f"effect {key!r}: {what}: {type(error).__name__}: {one_line(error)}; mend it")
+def failed(definition: Definition, what: str, error: BaseException) -> InputError:
+    """The error of what a user wrote, in one line."""
+    return InputError(
+        f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; mend it"
+    )

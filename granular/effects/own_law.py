@@ -1,4 +1,4 @@
-"""How the loop takes an own effect: loops over grains and pairs that hold its functions."""
+"""Laws of a user's own as the loop takes them: loops over grains and pairs that hold functions."""
 
 from __future__ import annotations
 
@@ -266,3 +266,65 @@ _work = by_kind(_make_work)
 _flow = by_kind(_make_flow)
 _pair_forces = by_kind(_make_pair_forces)
 _pair_energy = by_kind(_make_pair_energy)
+
+
+NEAREST, FARTHEST = 1e-4, 1e3
+"""Distances [D] between which a grain's turning point is looked for."""
+
+
+class OwnWallLaw(NamedTuple):
+    """An own law of a wall as the kernels take it.
+
+    Attributes
+    ----------
+    kind : Kind
+    values : tuple of float
+    """
+
+    kind: Any
+    values: tuple[float, ...]
+
+    @staticmethod
+    @compiled(inline=True)
+    def force(law: OwnWallLaw, w: float) -> float:
+        return _wall_force(law.kind, law.values, w)
+
+    @staticmethod
+    @compiled(inline=True)
+    def energy(law: OwnWallLaw, w: float) -> float:
+        return _wall_energy(law.kind, law.values, w)
+
+    @staticmethod
+    @compiled(inline=True)
+    def stiffness(law: OwnWallLaw, w: float) -> float:
+        return _wall_stiffness(law.kind, law.values, w)
+
+    @staticmethod
+    @compiled
+    def turning_stiffness(law: OwnWallLaw, speed: float) -> float:
+        """Stiffness where a grain of this speed turns, found by bisection of the distance."""
+        near, far = math.log(NEAREST), math.log(FARTHEST)
+        for _ in range(60):
+            middle = 0.5 * (near + far)
+            if _wall_energy(law.kind, law.values, math.exp(middle)) > 0.5 * speed * speed:
+                near = middle
+            else:
+                far = middle
+        return abs(_wall_stiffness(law.kind, law.values, math.exp(near)))
+
+
+def _make_of_distance(name: str) -> Any:
+    def make(definition: Definition) -> Any:
+        function, values_of = definition.kernels[name], definition.parameters
+
+        def call(kind: Any, values: tuple[float, ...], w: float) -> Any:
+            return function(values_of(*values), w)
+
+        return call
+
+    return by_kind(make)
+
+
+_wall_force, _wall_energy, _wall_stiffness = (
+    _make_of_distance(name) for name in ("force", "energy", "stiffness")
+)

@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.formula import Formula, Functions
-from granular.effects.listed import Listed
+from granular.effects.formula import Formula, Functions, Listed
 from granular.effects.own_check import check
 from granular.effects.own_definition import Grain, Kind
 from granular.effects.own_law import OwnLaw

@@ -1,4 +1,4 @@
-"""The effects that a scene can name: those of the files beside this one, and a user's own."""
+"""Effects and laws of walls that a scene can name: those of the files here, and a user's own."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from granular.effects.effect import Effect
+from granular.schema.sections import Section
 from granular.shared.errors import InputError
 from granular.shared.offered import names_offered, offered
 
-GROUP = "granular.effects"
-"""Group of the entry points by which installed packages bring effects."""
+GROUP, WALL_GROUP = "granular.effects", "granular.wall_laws"
+"""Groups of the entry points by which installed packages bring effects, and laws of walls."""
 
 _OWN: dict[str, type[Effect]] = {}
+WALL_LAWS: dict[str, type[Section]] = {}
+"""A user's own laws of walls, by their names."""
 
 
 def effects() -> Mapping[str, type[Effect]]:
@@ -41,6 +44,19 @@ def find(name: str) -> type[Effect] | None:
 def names() -> tuple[str, ...]:
     """Names of all effects, those of installed packages included."""
     return tuple(sorted({*effects(), *names_offered(GROUP)}))
+
+
+def find_wall_law(name: str) -> type[Section] | None:
+    """The own law of a wall of that name; one that an installed package brings is imported now.
+
+    Raises
+    ------
+    InputError
+        If a package says that it brings one, and it cannot be loaded.
+    """
+    if name not in WALL_LAWS:
+        offered(WALL_GROUP, name, "wall law")
+    return WALL_LAWS.get(name)
 
 
 def register(effect: type[Effect]) -> None:

@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.own_wall import WallText, find_wall_law, wall_laws
+from granular.effects.formula import Formula, Functions
+from granular.effects.own_definition import Kind as OwnKind
+from granular.effects.own_law import OwnWallLaw
+from granular.effects.registry import WALL_LAWS, find_wall_law
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_side import SIDES
 from granular.effects.wall_slab import SlabWall
 from granular.effects.walls_law import WallLaws
+from granular.formulas.dimensions import LENGTH, Dimension
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Kind, Section, declare, one, quantity, unknown
@@ -33,7 +37,7 @@ class LawName(Kind):
     """The name of a law of a wall."""
 
     def parse(self, value: Any, diameter: float | None) -> str:
-        known = (*LAWS, FORMULA, *wall_laws())
+        known = (*LAWS, FORMULA, *WALL_LAWS)
         if not isinstance(value, str) or value not in known:
             raise FieldError(unknown(str(value), known, "choice"))
         return value
@@ -44,6 +48,32 @@ class Own(Kind):
 
     def parse(self, value: Any, diameter: float | None) -> Any:
         return value
+
+
+class WallText(Formula):
+    """A law of a wall as a formula of the distance ``w``."""
+
+    variables: ClassVar[Mapping[str, Dimension]] = {"w": LENGTH}
+
+    @classmethod
+    def names_given(cls, energy: str) -> tuple[str, ...]:
+        return ("energy", "force", "stiffness")
+
+    @staticmethod
+    def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
+        w = symbols["w"]
+        return {"energy": energy, "force": -energy.diff(w), "stiffness": energy.diff(w, 2)}
+
+    @staticmethod
+    def functions_of(made: Functions) -> Functions:
+        def wrapped(of: Any) -> Any:
+            return lambda p, w: of(w, *p)
+
+        return {name: wrapped(of) for name, of in made.items()}
+
+    def law(self, scales: Scales) -> OwnWallLaw:
+        """The law in natural units."""
+        return OwnWallLaw(OwnKind(self.definition.digest), self.natural(scales))
 
 
 class Wall(Section):
@@ -61,7 +91,7 @@ class Wall(Section):
         A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
     own : section or None
         Of a law of one's own; in a scene its keys stand beside ``law``. See
-        `granular.effects.own_wall`.
+        `granular.effects.own`.
     """
 
     law: str = declare(LawName(), default="experimental")
@@ -83,7 +113,7 @@ class Wall(Section):
         if own is not None:
             return cls(law=law, own=own.from_plain(given, diameter))
         if isinstance(law, str) and law not in LAWS:
-            raise FieldError(unknown(law, (*LAWS, FORMULA, *wall_laws()), "law of a wall"))
+            raise FieldError(unknown(law, (*LAWS, FORMULA, *WALL_LAWS), "law of a wall"))
         return super().from_plain(plain, diameter)
 
     def to_plain(self) -> dict[str, Any]:

@@ -36,12 +36,12 @@ def misplaced(
             step=step, time=time, value=value,
             remedy="give it a wall ('effects.walls.top'), or a path that stays above the bottom",
         )  # fmt: skip
-    walls = constants.acting.sides
+    left, right, bottom, top = constants.acting.walls
     gaps = {
-        "the left wall": (walls.left, place[:, 0]),
-        "the right wall": (walls.right, constants.width - place[:, 0]),
-        "the bottom": (walls.bottom, place[:, 1]),
-        "the piston": (walls.top, state.piston[HEIGHT] - place[:, 1]),
+        "the left wall": (left, place[:, 0]),
+        "the right wall": (right, constants.width - place[:, 0]),
+        "the bottom": (bottom, place[:, 1]),
+        "the piston": (top, state.piston[HEIGHT] - place[:, 1]),
     }
     for name, (law, gap) in gaps.items():
         if law is not None and len(gap) and not gap.min() > 0.0:

@@ -10,6 +10,7 @@ import math
 from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import greatest_over
 from granular.compiled.reference import by_reference
+from granular.effects.wall_side import TOP
 from granular.effects.walls_law import add_piston_stiffness
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Measurement, State
@@ -64,7 +65,7 @@ def stiffest_mode(
     if motion.free:
         slopes = measurement.against_piston
         slopes[:] = 0.0
-        add_piston_stiffness(constants.acting.top, state, constants, slopes)
+        add_piston_stiffness(constants.acting.walls[TOP], state, constants, slopes)
         total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), highest_collision(constants, speed))

@@ -8,10 +8,12 @@ that it is made with. Here 1/Q = `granular.pairs.density.step_density`.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from granular.compiled import compiled, entry
 from granular.compiled.reference import by_reference
-from granular.kernel_data.constants import Constants, Sides, moments_of
+from granular.effects.wall_side import BOTTOM, LEFT, RIGHT, TOP
+from granular.kernel_data.constants import Constants, moments_of
 from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, State
 from granular.pairs.density import step_density
 
@@ -22,12 +24,14 @@ def _place(here: bool, value: float, away: float) -> float:
 
 
 @compiled
-def _sides(walls: Sides, width: float, height: float) -> tuple[float, float, float, float]:
+def _sides(
+    walls: tuple[Any, ...], width: float, height: float
+) -> tuple[float, float, float, float]:
     return (
-        _place(walls.left is not None, 0.0, -math.inf),
-        _place(walls.right is not None, width, math.inf),
-        _place(walls.bottom is not None, 0.0, -math.inf),
-        _place(walls.top is not None, height, math.inf),
+        _place(walls[LEFT] is not None, 0.0, -math.inf),
+        _place(walls[RIGHT] is not None, width, math.inf),
+        _place(walls[BOTTOM] is not None, 0.0, -math.inf),
+        _place(walls[TOP] is not None, height, math.inf),
     )
 
 
@@ -36,7 +40,7 @@ def _density(state: State, constants: Constants) -> tuple[float, float]:
     return step_density(
         state.x, state.y, state.vx, state.vy, constants.grains, moments_of(constants),
         state.clock[SQUARE], state.clock[LEAST],
-        _sides(constants.acting.sides, constants.width, state.piston[HEIGHT]),
+        _sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
         state.piston[SPEED], constants.acting.dipole is not None,
     )  # fmt: skip
 

@@ -10,15 +10,6 @@ from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import Listing
 
 
-class Sides(NamedTuple):
-    """Which sides of the cell have a wall; None where one is open, and compiled away."""
-
-    left: bool | None = None
-    right: bool | None = None
-    bottom: bool | None = None
-    top: bool | None = None
-
-
 class Acting(NamedTuple):
     """The effects that act; what does not is None, or no law, and compiled away.
 
@@ -29,10 +20,10 @@ class Acting(NamedTuple):
         takes them; see `granular.effects.effect`.
     host : HostLaw or None
         The one among them that carries the cell, and moves all the others.
-    top : law of a wall, or None
-        That of the top wall, which a free piston is.
     dipole : bool or None
-    sides : Sides
+    walls : tuple
+        Law of each wall, in the order of `granular.effects.wall_side.SIDES`; None: it is open.
+        (No named tuple: kernels take each law out as a whole.)
     weight : float64 (m,) or None
         Where friction bears on the grains: weight_j of the sums over weight_j / r_ij^3 that the
         pass over the pairs takes along.
@@ -48,9 +39,8 @@ class Acting(NamedTuple):
 
     laws: tuple[Any, ...]
     host: Any
-    top: Any
     dipole: bool | None
-    sides: Sides
+    walls: tuple[Any, ...]
     weight: Array | None
     cut: CutOff | None
     listing: Listing | None

@@ -11,7 +11,7 @@ import functools
 import re
 from typing import Any
 
-from granular.effects.listed import Listed
+from granular.effects.formula import Listed
 from granular.effects.registry import find, names
 from granular.effects.walls import Wall
 from granular.methods.tables import METHODS

@@ -10,7 +10,8 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from granular.effects.effect import Effect, Setting
-from granular.kernel_data.constants import Acting, Constants, Resistance, Sides
+from granular.effects.wall_side import SIDES
+from granular.kernel_data.constants import Acting, Constants, Resistance
 from granular.methods import Method
 from granular.pairs.direct import padded_values
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
@@ -101,7 +102,7 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
     grains, effects = scene.grains, scene.effects.laws
     setting = _setting(scene, scales, species)
     weights = [found for one in effects if (found := one.load_weight(setting)) is not None]
-    dipole, walls = scene.effects.dipole, scene.effects.walls
+    dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
     far = _far_field(scene, scales, summed, method)
     periods = _periods(scene, scales)
@@ -119,11 +120,8 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
     return Acting(
         laws=laws,
         host=named.get("host"),
-        top=None if walls is None else named["walls"].top,
         dipole=None if dipole is None else True,
-        sides=Sides()
-        if walls is None
-        else Sides(*(None if one is None else True for one in walls.sides)),
+        walls=tuple(named.get("walls", (None,) * len(SIDES))),
         weight=weights[0] if weights else None,
         cut=cut,
         listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,

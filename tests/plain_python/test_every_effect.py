@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from granular.effects.registry import effects
 from granular.engine.departure import grain_constants, take_out
 from granular.engine.new_state import new_state
 from granular.methods import METHODS
+from granular.own import import_own
 from granular.scene.system import natural_system
+from tests.commands.shown import files
 
 pytestmark = [
     pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile"),
@@ -119,6 +122,19 @@ class Soft:
         return 12.0 * p.k * max(p.end - w, 0.0) ** 2 / p.end**2
 
 
+GUIDE = ("springs.py", "oil.py", "rubber.py")
+"""A force, a flow and a law of a wall, as the page on them has them."""
+
+with tempfile.TemporaryDirectory() as folder:
+    for file in GUIDE:
+        (Path(folder) / file).write_text(files()[file], encoding="utf-8")
+        import_own([Path(folder) / file])
+
+
+def test_what_the_guide_brings_is_short() -> None:
+    assert max(len(files()[file].splitlines()) for file in GUIDE) <= 60
+
+
 OWN_WALLS = {
     "left": {"law": "soft", "k": "4 N/m"},
     "top": {"energy": "a*(l/w)**3", "a": "20 uJ", "l": "6 mm"},
@@ -126,6 +142,9 @@ OWN_WALLS = {
 NAMES = sorted(effects())
 EXAMPLES: dict[str, Any] = {name: one.example for name, one in effects().items()}
 EXAMPLES["own walls"] = OWN_WALLS
+EXAMPLES["leaf_spring"] = {"k": "1 N/m", "height": "2 cm"}
+EXAMPLES["oil"] = {"drag": "0.2 kg/s"}
+EXAMPLES["walls of the guide"] = {"left": {"law": "rubber", "k": "9 N/m", "reach": "2 cm"}}
 ALONE = {"dipole": True, "walls": True}
 
 
