@@ -7,7 +7,7 @@
 
 import lazy_loader
 
-from granular.shared.missing import with_advice
+from granular.shared.errors import with_advice
 
 # Names, which stand in __init__.pyi, are imported when they are used: importing the package costs
 # next to nothing.

@@ -14,7 +14,7 @@ from granular.commands.console import Parser, add_version, emit
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
 from granular.shared.files import finite, write_text
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from validation.table import TextTable
 
 if TYPE_CHECKING:
@@ -226,23 +226,23 @@ def kept_rows(
     cases: Sequence[Case],
     key: Callable[[Case], str],
     make: Callable[[Case], Plain],
-    shelf: Shelf | None,
+    cache: ResultCache | None,
     *,
     what: str,
     progress: bool,
 ) -> list[Plain]:
-    """A row for each case, kept on the shelf as soon as it is made, and found there again."""
+    """A row for each case, cached as soon as it is made, and found there again."""
     from granular.shared.progress import progress_bar
 
     rows = []
     with progress_bar(total=len(cases), desc=what, wanted=progress) as bar:
         for case in cases:
             name = key(case)
-            row = None if shelf is None else shelf.read(name)
+            row = None if cache is None else cache.read(name)
             if row is None:
                 row = make(case)
-                if shelf is not None:
-                    shelf.keep(name, row)
+                if cache is not None:
+                    cache.keep(name, row)
             rows.append(row)
             bar.update()
     return rows

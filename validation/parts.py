@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granular.shared.errors import GranularError
-from granular.shared.shelf import Shelf, digest
+from granular.shared.result_cache import ResultCache, digest
 
 Plain = dict[str, Any]
 
@@ -76,16 +76,16 @@ def measured(
         If the directory cannot be written.
     """
     results = []
-    shelf = None if directory is None else Shelf(directory / "pieces")
+    cache = None if directory is None else ResultCache(directory / "pieces")
     for piece in _shown(part, part.pieces(full), progress):
-        result: Plain | None = None if shelf is None else shelf.read(_key(part, piece))
+        result: Plain | None = None if cache is None else cache.read(_key(part, piece))
         if result is None:
             try:
                 result = piece.measure()
             except GranularError as stop:
                 result = {FAILED: f"{type(stop).__name__}: {stop}", "label": piece.label}
-            if shelf is not None:
-                shelf.keep(_key(part, piece), result)
+            if cache is not None:
+                cache.keep(_key(part, piece), result)
         results.append(result)
     return results
 

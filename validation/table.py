@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from granular.shared.text_columns import in_columns
+from granular.shared.tables import in_columns
 
 
 class TextTable(NamedTuple):

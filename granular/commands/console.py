@@ -27,17 +27,16 @@ import argparse
 import contextlib
 import io
 import json
+import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from granular.shared.errors import GranularError, InputError, Interrupted, Terminated
+from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing
 from granular.shared.files import finite
 from granular.shared.messages import one_line, printable, visible
-from granular.shared.missing import missing
 from granular.shared.stops import taking_sigterm
-from granular.shared.surroundings import check_surroundings
 from granular.shared.version import __version__
 
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
@@ -65,7 +64,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
-        check_surroundings()
+        _check_surroundings()
         with taking_sigterm():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
@@ -255,3 +254,22 @@ def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
     JSON has neither infinities nor NaN: they are printed as null.
     """
     print(json.dumps(finite(result), allow_nan=False) if as_json else printable(text))
+
+
+def _check_surroundings() -> None:
+    """Refuse surroundings that no command can run in, before what stumbles over them is imported.
+
+    Raises
+    ------
+    InputError
+        If the working directory was deleted, or the environment asks for less than one thread.
+    """
+    try:
+        os.getcwd()
+    except OSError:
+        raise InputError(
+            "the working directory is not there any more; change to one that is"
+        ) from None
+    threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
+    if threads.lstrip("+-").isdecimal() and not float(threads) > 0:
+        raise InputError(f"NUMBA_NUM_THREADS = {threads!r}; give at least 1, or leave it out")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import group, option
 from granular.shared.errors import GranularError, InputError
+from granular.shared.files import parse_toml
 from granular.shared.messages import quoted
-from granular.shared.toml import parse_toml
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene

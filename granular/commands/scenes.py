@@ -50,7 +50,7 @@ def _list_scenes(options: Any) -> None:
     from granular.observables.named import GROUP as OBSERVABLE_GROUP
     from granular.observables.named import OBSERVABLES
     from granular.scene.loading import SCENES, scene_names
-    from granular.shared.offered import names_offered
+    from granular.shared.registry import entry_point_names
 
     first = {}
     for name in scene_names():
@@ -61,8 +61,8 @@ def _list_scenes(options: Any) -> None:
     lines = [f"{name:{width}}  {text}" for name, text in first.items()]
     known = {
         "effects": names(),
-        "methods": (*METHODS, *names_offered(METHOD_GROUP)),
-        "observables": (*OBSERVABLES, *names_offered(OBSERVABLE_GROUP)),
+        "methods": (*METHODS, *entry_point_names(METHOD_GROUP)),
+        "observables": (*OBSERVABLES, *entry_point_names(OBSERVABLE_GROUP)),
     }
     more = [f"{what}: {', '.join(some)}" for what, some in known.items()]
     emit(first, "\n".join([*lines, "", *more]), options.json)

@@ -11,7 +11,7 @@ from pathlib import Path
 from granular.effects.effect import Effect
 from granular.schema.sections import Section
 from granular.shared.errors import InputError
-from granular.shared.offered import names_offered, offered
+from granular.shared.registry import entry_point_names, load_entry_point
 
 GROUP, WALL_GROUP = "granular.effects", "granular.wall_laws"
 """Groups of the entry points by which installed packages bring effects, and laws of walls."""
@@ -36,14 +36,14 @@ def find(name: str) -> type[Effect] | None:
     """
     known = effects()
     if name not in known:
-        offered(GROUP, name, "effect")
+        load_entry_point(GROUP, name, "effect")
         known = effects()
     return known.get(name)
 
 
 def names() -> tuple[str, ...]:
     """Names of all effects, those of installed packages included."""
-    return tuple(sorted({*effects(), *names_offered(GROUP)}))
+    return tuple(sorted({*effects(), *entry_point_names(GROUP)}))
 
 
 def find_wall_law(name: str) -> type[Section] | None:
@@ -55,7 +55,7 @@ def find_wall_law(name: str) -> type[Section] | None:
         If a package says that it brings one, and it cannot be loaded.
     """
     if name not in WALL_LAWS:
-        offered(WALL_GROUP, name, "wall law")
+        load_entry_point(WALL_GROUP, name, "wall law")
     return WALL_LAWS.get(name)
 
 

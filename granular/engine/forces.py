@@ -13,12 +13,12 @@ from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
 from granular.pairs.stripes import CutOff
 from granular.pairs.vector import lane_sum
-from granular.pairs.verlet_list import Listing, list_sum
+from granular.pairs.verlet_list import Registry, list_sum
 
 
 @compiled(inline=True)
 def _magnetic_forces(
-    cut: CutOff | None, listing: Listing | None, state: State, constants: Constants,
+    cut: CutOff | None, listing: Registry | None, state: State, constants: Constants,
     stiffness: Array | None, extremes: Array | None, load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
     if cut is None and listing is None:

@@ -10,9 +10,8 @@ from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.listing import Listing
 from granular.shared.messages import quoted
-from granular.shared.offered import names_offered, offered
+from granular.shared.registry import Registry, entry_point_names, load_entry_point
 
 GROUP = "granular.methods"
 """Entry points by which an installed distribution offers methods."""
@@ -70,7 +69,7 @@ def method_named(name: str) -> Method:
     """
     word = str(name)
     plain = word.removesuffix(COMPENSATED)
-    method = METHODS.get(plain) or _own.get(plain) or _offered(plain)
+    method = METHODS.get(plain) or _own.get(plain) or _from_entry_point(plain)
     if method is None:
         known = (*METHODS, *_own)
         raise InputError(
@@ -80,10 +79,10 @@ def method_named(name: str) -> Method:
     return method if plain == word else compensated(method)
 
 
-def known_methods() -> Listing[Method]:
+def known_methods() -> Registry[Method]:
     """All methods by their names: built in, of the user's own, and of installed distributions."""
-    names = (*METHODS, *_own, *names_offered(GROUP))
-    return Listing(((name, method_named(name)) for name in dict.fromkeys(names)), str)
+    names = (*METHODS, *_own, *entry_point_names(GROUP))
+    return Registry(((name, method_named(name)) for name in dict.fromkeys(names)), str)
 
 
 def compensated(method: Method) -> Method:
@@ -123,8 +122,8 @@ def _is_built_in(method: Method) -> bool:
     return method.name.removesuffix(COMPENSATED) in METHODS
 
 
-def _offered(name: str) -> Method | None:
-    found = offered(GROUP, name, "method")
+def _from_entry_point(name: str) -> Method | None:
+    found = load_entry_point(GROUP, name, "method")
     if found is not None and (not isinstance(found, Method) or found.name != name):
         raise InputError(f"method {quoted(name)} is no granular.Method of that name")
     return found

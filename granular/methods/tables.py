@@ -15,7 +15,7 @@ import itertools
 import math
 
 from granular.methods.method import Method
-from granular.shared.listing import Listing
+from granular.shared.registry import Registry
 
 
 def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
@@ -132,4 +132,4 @@ _TABLES = (
     ),
 )  # fmt: skip
 
-METHODS = Listing(((method.name, method) for method in _TABLES), str)
+METHODS = Registry(((method.name, method) for method in _TABLES), str)

@@ -16,7 +16,7 @@ from granular.observables.temperature import kinetic_temperature
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from granular.shared.offered import offered
+from granular.shared.registry import load_entry_point
 
 GROUP = "granular.observables"
 """Entry points by which an installed distribution offers observables."""
@@ -91,7 +91,7 @@ def observable_named(name: str, own: Mapping[str, Observable] | None = None) -> 
     every = {**OBSERVABLES, **(own or {})}
     if name in every:
         return every[name]
-    found = offered(GROUP, name, "observable")
+    found = load_entry_point(GROUP, name, "observable")
     if isinstance(found, Observable):
         return found
     if found is not None:

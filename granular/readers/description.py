@@ -15,9 +15,8 @@ from typing import Any
 
 from granular.readers.reading import Reading, reading_from_plain
 from granular.shared.errors import RecordError
-from granular.shared.files import write_text
+from granular.shared.files import read_toml, write_text
 from granular.shared.messages import quoted, visible
-from granular.shared.toml import read_toml
 
 FILE = "file"
 """Key of the file that is described, as a path from the description."""

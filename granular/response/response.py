@@ -17,7 +17,7 @@ from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import quoted
-from granular.shared.text_columns import in_columns
+from granular.shared.tables import in_columns
 from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from granular.run.summary import effect_names
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.shared.toml import parse_toml
+from granular.shared.files import parse_toml
 
 TABLE = Path(__file__).with_name("prices.toml")
 

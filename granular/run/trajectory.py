@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-    from granular.shared.live import LivePage
+    from granular.shared.html import LivePage
 
 LEAST = 1e-18
 """Between two records of one time near zero [s], where numbers of double precision lie denser."""
@@ -97,9 +97,9 @@ class Trajectory:
         return preformatted(repr(self)) + self.dataset._repr_html_()
 
     def _repr_latex_(self) -> str:
-        from granular.shared.latex import text
+        from granular.shared.tables import latex_text
 
-        return text(repr(self))
+        return latex_text(repr(self))
 
     @property
     def literature(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.live import LivePage
+from granular.shared.html import LivePage
 from granular.shared.plotting import COLOURS
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from pathlib import Path
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import SceneError
+from granular.shared.files import read_toml
 from granular.shared.messages import quoted
-from granular.shared.toml import read_toml
 
 SCENES = Path(__file__).parents[1] / "scenes"
 

@@ -332,9 +332,9 @@ class Scene(Section):
         return preformatted(self.to_toml())
 
     def _repr_latex_(self) -> str:
-        from granular.shared.latex import text
+        from granular.shared.tables import latex_text
 
-        return text(repr(self))
+        return latex_text(repr(self))
 
     def to_toml(self) -> str:
         """The scene as a TOML file's text; `load_scene` reads an equal scene from it."""

@@ -1,4 +1,4 @@
-"""Files that are written beside their place first and appear all at once, or not at all."""
+"""Files: read within limits, and written beside their place to appear all at once or not at all."""
 
 from __future__ import annotations
 
@@ -6,14 +6,24 @@ import contextlib
 import json
 import math
 import os
+import re
 import secrets
 import stat
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quoted, visible
+
+MOST_TOML_BYTES = 16 * 2**20
+"""Of a file: the positions of 400 000 grains, which are read in half a minute."""
+MOST_KEY_PARTS = 20
+"""Of a dotted key, of which a scene's have up to four: the time grows with the square of them."""
+
+_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
 
 
 @contextlib.contextmanager
@@ -148,6 +158,37 @@ def _too_long(path: Path, most: int, kind: type[InputError]) -> InputError:
     return kind(
         f"{visible(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
     )
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Plain data from a TOML text.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or too much of one.
+    """
+    if _DOTTED.search(text):
+        raise ValueError(f"a key of more than {MOST_KEY_PARTS} parts; write fewer dots")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("tables or lists too deep within each other") from None
+
+
+def read_toml(path: Path, kind: type[InputError] = InputError) -> dict[str, Any]:
+    """Plain data from a TOML file.
+
+    Raises
+    ------
+    InputError
+        Of the given kind, if it cannot be read.
+    """
+    text = read_text(path, MOST_TOML_BYTES, kind)
+    try:
+        return parse_toml(text)
+    except ValueError as error:
+        raise kind(f"{path}: not a TOML file: {error}") from None
 
 
 def write_text(path: Path, text: str) -> None:

@@ -15,7 +15,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from granular.shared.shelf import digest
+from granular.shared.result_cache import digest
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
 M = TypeVar("M", bound=Measure)

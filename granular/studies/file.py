@@ -25,7 +25,7 @@ from typing import Any
 from granular.scene.loading import load_scene, scene_names
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.toml import read_toml
+from granular.shared.files import read_toml
 from granular.studies.cases import Measure
 from granular.studies.measures import measure_named
 

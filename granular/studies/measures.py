@@ -9,7 +9,7 @@ from granular.run.trajectory import Trajectory
 from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from granular.shared.offered import offered
+from granular.shared.registry import load_entry_point
 from granular.studies.cases import Measure, known_as
 
 GROUP = "granular.measures"
@@ -58,7 +58,7 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
         return last_values
     if own is not None and name in own:
         return own[name]
-    found: Measure | None = offered(GROUP, name, "measure")
+    found: Measure | None = load_entry_point(GROUP, name, "measure")
     if callable(found):
         return found
     if found is not None:

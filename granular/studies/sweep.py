@@ -170,8 +170,8 @@ def _directory(path: Path) -> Path:
 def _done_before(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
     if directory is None:
         return {}
-    shelf = outcomes_in(directory)
-    found = {case.key: shelf.read(case.key) for case in cases}
+    cache = outcomes_in(directory)
+    found = {case.key: cache.read(case.key) for case in cases}
     return {key: outcome for key, outcome in found.items() if outcome is not None}
 
 
@@ -252,12 +252,12 @@ def _kept(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:
     """The outcome, after it is kept where its worker has not done so: its disk may be another."""
     if directory is None:
         return outcome
-    shelf = outcomes_in(directory)
+    cache = outcomes_in(directory)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of a damaged one, which was told of before
-            if shelf.read(case.key) is None:
-                shelf.keep(case.key, outcome)
+            if cache.read(case.key) is None:
+                cache.keep(case.key, outcome)
     except StoreError as error:
         return outcome | {"error": f"{type(error).__name__}: {error}", "cause": MACHINE}
     return outcome

@@ -10,7 +10,7 @@ from typing import Any
 from granular.shared.errors import GranularError, MissingError, StoreError
 from granular.shared.files import make_directory
 from granular.shared.locks import locked
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from granular.studies.cases import Case, Measure
 
 Outcome = dict[str, Any]
@@ -30,9 +30,9 @@ ELSEWHERE = "elsewhere"
 OF_THE_MACHINE = (OSError, StoreError, MemoryError)
 
 
-def outcomes_in(directory: Path) -> Shelf:
+def outcomes_in(directory: Path) -> ResultCache:
     """The outcomes that a study's directory keeps, by the keys of their cases."""
-    return Shelf(directory / "cases")
+    return ResultCache(directory / "cases")
 
 
 def compute(
@@ -46,12 +46,12 @@ def compute(
     try:
         if directory is None:
             return _computed(case, measure, None)
-        shelf = outcomes_in(directory)
-        make_directory(shelf.directory)
-        with locked(shelf.directory / f".{case.key}.lock", wait) as alone:
+        cache = outcomes_in(directory)
+        make_directory(cache.directory)
+        with locked(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
                 return failure("another sweep computes it", ELSEWHERE)
-            return _kept(shelf, case, measure, directory / "runs" / case.key if keep_runs else None)
+            return _kept(cache, case, measure, directory / "runs" / case.key if keep_runs else None)
     except OF_THE_MACHINE as error:
         return failure(f"{type(error).__name__}: {error}", MACHINE)
     except Exception as error:
@@ -63,14 +63,14 @@ def failure(error: str, cause: str) -> Outcome:
     return {"figures": {}, "error": error, "cause": cause}
 
 
-def _kept(shelf: Shelf, case: Case, measure: Measure, out: Path | None) -> Outcome:
+def _kept(cache: ResultCache, case: Case, measure: Measure, out: Path | None) -> Outcome:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the study has said what is damaged
-        done: Outcome | None = shelf.read(case.key)
+        done: Outcome | None = cache.read(case.key)
     if done is None:
         done = _computed(case, measure, out)
         with contextlib.suppress(StoreError):  # the study tries it again
-            shelf.keep(case.key, done)
+            cache.keep(case.key, done)
     return done
 
 

@@ -35,7 +35,7 @@ from reduced_models.designs.study import COMMITTED
 if TYPE_CHECKING:
     import pandas
 
-    from granular.shared.live import LivePage
+    from granular.shared.html import LivePage
 
 COLUMNS = ("mass", "grains", "drag", "small_share")
 LOGARITHMIC = ("rest_height", "frequency", "damping_ratio")
@@ -166,7 +166,7 @@ class DamperMaps:
 
     def view(self) -> LivePage:
         """The maps under sliders, as a page for a notebook; ``.save`` writes it for a browser."""
-        from granular.shared.live import LivePage
+        from granular.shared.html import LivePage
 
         surfaces = {
             name: {"coefficients": one.coefficients.tolist(), "powers": _powers(DEGREES[name]),

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.text_columns import in_columns
+from granular.shared.tables import in_columns
 from reduced_models.fitting.fitting import fit, law_of
 from reduced_models.fitting.options import STARTS
 from reduced_models.laws.law import Law

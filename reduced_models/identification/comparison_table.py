@@ -180,9 +180,9 @@ class Comparison:
         return html.table(self.header, self._padded_rows()) + html.paragraph(self.verdict)
 
     def _repr_latex_(self) -> str:
-        from granular.shared.latex import array
+        from granular.shared.tables import latex_array
 
-        return array(self._padded_rows(), self.header)
+        return latex_array(self._padded_rows(), self.header)
 
     def _padded_rows(self) -> list[tuple[str, ...]]:
         width = len(self.header)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.listing import Listing
+from granular.shared.registry import Registry
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.laws.bouc_wen import BOUC_WEN
 from reduced_models.laws.coulomb import COULOMB
@@ -34,7 +34,7 @@ _ALL = (
     ANNEALING_BED,
 )
 
-LAWS = Listing(((law.name, law) for law in _ALL), lambda law: law.equation)
+LAWS = Registry(((law.name, law) for law in _ALL), lambda law: law.equation)
 
 
 def law_named(name: str) -> Law:

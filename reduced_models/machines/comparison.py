@@ -12,7 +12,7 @@ from granular.response import Response
 from granular.response.page import Beside, response_page
 from granular.shared.errors import InputError
 from granular.shared.html import Page, number
-from granular.shared.text_columns import in_columns
+from granular.shared.tables import in_columns
 from reduced_models.machines.response import OutsideRangeWarning, predicted_response
 
 POINTS = 201

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from research.campaign import RESULTS, kept_rows, made_now, read_results, write_results
 from research.discovery.cases import NOISES, SEEDS, Case, all_cases, measured
 from research.discovery.results import EMPTY, Results
@@ -63,17 +63,17 @@ def discovery(
     if quick:
         systems, noises, seeds = systems or _QUICK, (0.01,), 1
     cases = all_cases(systems, noises, seeds)
-    shelf = None if out is None else Shelf(Path(out) / "cases")
-    if anew and shelf is not None:
+    cache = None if out is None else ResultCache(Path(out) / "cases")
+    if anew and cache is not None:
         for case in cases:
-            shelf.path(case.key).unlink(missing_ok=True)
+            cache.path(case.key).unlink(missing_ok=True)
     try:
         rows = kept_rows(
-            cases, lambda case: case.key, _measured, shelf, what="searches", progress=progress
+            cases, lambda case: case.key, _measured, cache, what="searches", progress=progress
         )
     finally:
-        if out is not None and shelf is not None:
-            found = _kept(shelf, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))
+        if out is not None and cache is not None:
+            found = _kept(cache, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))
             write_results(found.to_plain(), Path(out) / RESULTS)
     if out is None:
         return Results(dict(zip(cases, rows, strict=True)), made_now(COMMAND))
@@ -93,7 +93,7 @@ def _forget_compiled() -> None:
         jax.clear_caches()
 
 
-def _kept(shelf: Shelf, former: Results) -> Results:
+def _kept(cache: ResultCache, former: Results) -> Results:
     """All cases of a directory, also those of earlier runs."""
-    rows = {case: row for case in all_cases() if (row := shelf.read(case.key)) is not None}
+    rows = {case: row for case in all_cases() if (row := cache.read(case.key)) is not None}
     return Results({**former.rows, **rows}, made_now(COMMAND))

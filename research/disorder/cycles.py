@@ -12,7 +12,7 @@ from granular.observables.slip import Slip, area_change, elastic_strain, slip_of
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.shared.shelf import digest
+from granular.shared.result_cache import digest
 from reduced_models.laws.annealing_bed import MODULUS, STIFFENING
 
 Row = dict[str, Any]

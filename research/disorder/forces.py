@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.shared.shelf import digest
+from granular.shared.result_cache import digest
 from research.disorder.uneven import (
     QUIET,
     SHELLS,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from research.campaign import (
     RESULTS,
     Plain,
@@ -64,7 +64,7 @@ def run_studies(
         study = STUDIES[question]
         rows = kept_rows(
             study.cases[:: study.quick if quick else 1], study.key, study.row,
-            Shelf(out / question), what=question, progress=progress,
+            ResultCache(out / question), what=question, progress=progress,
         )  # fmt: skip
         command = f"python -m research.disorder {question} {'--quick' if quick else '--full'}"
         found[question] = {"made": made_now(command), "rows": rounded(rows, DIGITS)}

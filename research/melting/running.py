@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granular.shared.files import make_directory
-from granular.shared.shelf import Shelf, digest
+from granular.shared.result_cache import ResultCache, digest
 from granular.studies.workers import workshop
 from research.melting.scenes import STEP, layer
 
@@ -84,14 +84,14 @@ def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
     one = layer(gamma, plan.columns)
     asked = {"scene": one.scene.to_plain(), "plan": plan._asdict() | {"gammas": None}}
     key = digest(asked, 20)
-    shelf = Shelf(directory / "layers")
-    kept = shelf.read(f"{key}-{FORM}")
+    cache = ResultCache(directory / "layers")
+    kept = cache.read(f"{key}-{FORM}")
     if kept is None:
         run = simulate(
             one.scene, t_end=plan.settling + plan.measured, dt=STEP, threads=1,
             out=directory / "runs" / key, resume=True, progress=False,
         )  # fmt: skip
         kept = figures(one, run, plan.settling)
-        make_directory(shelf.directory)
-        shelf.keep(f"{key}-{FORM}", kept)
+        make_directory(cache.directory)
+        cache.keep(f"{key}-{FORM}", kept)
     return dict(kept)

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from granular.studies.cases import measure_name
 
 Numbers = dict[str, float]
@@ -189,23 +189,23 @@ def calculated(directory: Path, *, full: bool) -> None:
     What the single grain gives depends on ``full``, and is kept apart. A calculation whose code
     has changed is made anew.
     """
-    shelf = _shelf(directory)
+    cache = _cache(directory)
     for name, calculation in CALCULATIONS.items():
-        if shelf.read(_key(name, full)) is None:
-            shelf.keep(_key(name, full), calculation(full))
+        if cache.read(_key(name, full)) is None:
+            cache.keep(_key(name, full), calculation(full))
 
 
 def kept(directory: Path) -> dict[str, Numbers]:
     """The calculations that a directory keeps, the full ones where both are there."""
-    shelf = _shelf(directory)
+    cache = _cache(directory)
     found = {
-        name: [shelf.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS
+        name: [cache.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS
     }
     return {name: full or quick for name, (full, quick) in found.items() if full or quick}
 
 
-def _shelf(directory: Path) -> Shelf:
-    return Shelf(directory / "calculations")
+def _cache(directory: Path) -> ResultCache:
+    return ResultCache(directory / "calculations")
 
 
 def _key(name: str, full: bool) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.scene.dryness import is_coarse
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from research.campaign import Plain, made_now
 from research.published.calculations import kept
 from research.published.figures import Figures, figures_of
@@ -149,12 +149,12 @@ def _starts(series: Series, directory: Path, former: Sequence[Results]) -> list[
 def _start(outcome: Plain, key: str, series: Series, seed: int, directory: Path) -> Plain:
     if outcome["error"] is not None:
         return {"key": key, "error": outcome["error"], "figures": {}, "versions": {}}
-    shelf = Shelf(directory / "figures")
+    cache = ResultCache(directory / "figures")
     name = f"{key}-{_code_of_figures()}"
-    figures: Figures | None = shelf.read(name)
+    figures: Figures | None = cache.read(name)
     if figures is None:
         figures = figures_of(outcome["figures"], series.scene(seed))
-        shelf.keep(name, figures)
+        cache.keep(name, figures)
     wanted = {k: v for k, v in figures.items() if k not in COURSES or _shows_courses(series)}
     return {
         "key": key, "error": None, "figures": wanted, "versions": outcome["figures"]["versions"],
@@ -178,12 +178,12 @@ def _reference(series: Series, directory: Path, former: Sequence[Results]) -> Re
         plain = one.series.get(series.key, {})
         if plain.get("reference") and keys & set(plain["keys"]) and not plain.get("stale"):
             return dict(plain["reference"])
-    shelf = references_in(directory)
+    cache = references_in(directory)
     name = case_keys(series)[0]
-    found: Reference | None = shelf.read(name)
+    found: Reference | None = cache.read(name)
     if found is None:
         found = reference(series)
-        shelf.keep(name, found)
+        cache.keep(name, found)
     return found
 
 

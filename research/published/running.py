@@ -14,7 +14,7 @@ from granular import sweep
 from granular.run.options import checked_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from granular.studies.cases import make_cases
 from granular.studies.work import Outcome, outcomes_in
 from research.published.plan import Group
@@ -70,9 +70,9 @@ def run_groups(
 
 def _drop_runs(directory: Path) -> None:
     """Delete the runs whose outcome is kept: they were there to go on from, had it been cut off."""
-    shelf = outcomes_in(directory)
+    cache = outcomes_in(directory)
     for run in (directory / "runs").glob("*"):
-        if shelf.path(run.name).exists():
+        if cache.path(run.name).exists():
             shutil.rmtree(run, ignore_errors=True)
 
 
@@ -84,20 +84,20 @@ def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
 
 def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[Outcome | None]:
     """What is kept under each key, None where nothing is."""
-    shelf = outcomes_in(directory)
-    return [shelf.read(key) for key in keys]
+    cache = outcomes_in(directory)
+    return [cache.read(key) for key in keys]
 
 
-def references_in(directory: Path) -> Shelf:
+def references_in(directory: Path) -> ResultCache:
     """Where reference runs are kept, under the key of the first start."""
-    return Shelf(directory / "references")
+    return ResultCache(directory / "references")
 
 
 def forget(series: Series, directory: Path) -> None:
     """Delete what is kept of a series, whose code has changed: outcomes and reference."""
-    shelf, keys = outcomes_in(directory), case_keys(series)
+    cache, keys = outcomes_in(directory), case_keys(series)
     for key in keys:
-        shelf.path(key).unlink(missing_ok=True)
+        cache.path(key).unlink(missing_ok=True)
     references_in(directory).path(keys[0]).unlink(missing_ok=True)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.shelf import digest
+from granular.shared.result_cache import digest
 from reduced_models.fitting.case import split
 from reduced_models.fitting.options import HOLDOUT, STARTS
 from reduced_models.fitting.start_vectors import start_vectors, unknowns_of

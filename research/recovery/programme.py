@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.shelf import Shelf, digest
+from granular.shared.result_cache import ResultCache, digest
 from research.campaign import RESULTS, kept_rows, made_now, write_results
 from research.recovery.peer import Problem, problem, problem_key, scipy_fit
 from research.recovery.systems import (
@@ -61,11 +61,11 @@ def recovery(
         for seed in range(seeds)
     ]
     starts = _PEER_STARTS if full else _QUICK_PEER_STARTS
-    shelf = None if out is None else Shelf(Path(out) / "fits")
-    fits = kept_rows(cases, _key, _fitted, shelf, what="fits", progress=progress)
+    cache = None if out is None else ResultCache(Path(out) / "fits")
+    fits = kept_rows(cases, _key, _fitted, cache, what="fits", progress=progress)
     beside = [case for case in cases if not case.seed]
     peers = kept_rows(
-        beside, partial(_peer_key, starts=starts), partial(_peer, starts=starts), shelf,
+        beside, partial(_peer_key, starts=starts), partial(_peer, starts=starts), cache,
         what="SciPy", progress=progress,
     )  # fmt: skip
     rows = [

@@ -13,8 +13,7 @@ from typing import Any
 import pytest
 
 from granular import __version__
-from granular.shared.errors import InputError, MissingError
-from granular.shared.missing import NEEDED_BY, missing, with_advice
+from granular.shared.errors import NEEDED_BY, InputError, MissingError, missing, with_advice
 
 ROOT = Path(__file__).parents[2]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))

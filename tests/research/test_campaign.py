@@ -14,7 +14,7 @@ import pytest
 
 from granular.commands.console import launch
 from granular.shared.errors import InputError
-from granular.shared.shelf import Shelf
+from granular.shared.result_cache import ResultCache
 from research import campaign
 from research.campaign import (
     Block,
@@ -94,10 +94,10 @@ def test_rows_are_kept_and_found_again(tmp_path: Path) -> None:
             raise KeyboardInterrupt
         return {"case": case}
 
-    shelf = Shelf(tmp_path)
+    cache = ResultCache(tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        kept_rows([0, 1, 2], str, stops, shelf, what="rows", progress=False)
-    rows = kept_rows([0, 1, 2], str, lambda case: {"new": case}, shelf, what="r", progress=False)
+        kept_rows([0, 1, 2], str, stops, cache, what="rows", progress=False)
+    rows = kept_rows([0, 1, 2], str, lambda case: {"new": case}, cache, what="r", progress=False)
     assert rows == [{"case": 0}, {"case": 1}, {"new": 2}]
 
 

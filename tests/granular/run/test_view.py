@@ -17,7 +17,7 @@ from granular import load_scene, simulate
 from granular.run import view
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.live import LivePage
+from granular.shared.html import LivePage
 
 
 def data_of(page: LivePage) -> dict[str, Any]:

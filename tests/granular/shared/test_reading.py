@@ -13,8 +13,7 @@ from granular import PistonRecord, load_scene, simulate
 from granular.readers import parquet
 from granular.shared import files
 from granular.shared.errors import InputError, RecordError, SceneError
-from granular.shared.files import read_text
-from granular.shared.toml import parse_toml, read_toml
+from granular.shared.files import parse_toml, read_text, read_toml
 
 
 def test_texts_with_and_without_a_byte_order_mark(tmp_path: Path) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from granular.shared.latex import array
+from granular.shared.tables import latex_array
 
 
 def test_signs_of_latex_are_letters() -> None:
-    found = array([["a_1 & 50 %", "{x}^2"]], ["law", "C:\\"])
+    found = latex_array([["a_1 & 50 %", "{x}^2"]], ["law", "C:\\"])
     assert r"\text{a\_1 \& 50 \%} & \text{\{x\}\^{}2} \\" in found
     assert r"\text{law} & \text{C:\textbackslash{}} \\ \hline" in found
     assert found.startswith("$$\\begin{array}{ll}\n")

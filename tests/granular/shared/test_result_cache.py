@@ -1,4 +1,4 @@
-"""Results on a shelf: found again by content, whole or not there, whoever kept them."""
+"""Results on a cache: found again by content, whole or not there, whoever kept them."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from pathlib import Path
 import pytest
 
 from granular.shared.errors import InputError, StoreError
-from granular.shared.shelf import Shelf, digest
+from granular.shared.result_cache import ResultCache, digest
 
 PLAIN = {"figures": {"a": 0.1 + 0.2, "b": 5e-324, "list": [1, 2.5, -0.0]}, "error": None}
 
 
 def test_what_is_kept_is_found_again_to_the_bit(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path / "a" / "shelf")
-    assert shelf.read("key") is None
-    shelf.keep("key", PLAIN)
-    assert shelf.read("key") == PLAIN
-    assert str(shelf.read("key")) == str(PLAIN)
-    shelf.keep("key", {"value": math.nan, "limit": math.inf})
-    found = shelf.read("key")
+    cache = ResultCache(tmp_path / "a" / "cache")
+    assert cache.read("key") is None
+    cache.keep("key", PLAIN)
+    assert cache.read("key") == PLAIN
+    assert str(cache.read("key")) == str(PLAIN)
+    cache.keep("key", {"value": math.nan, "limit": math.inf})
+    found = cache.read("key")
     assert math.isnan(found["value"])
     assert found["limit"] == math.inf
-    assert [one.name for one in shelf.directory.iterdir()] == ["key.json"]
+    assert [one.name for one in cache.directory.iterdir()] == ["key.json"]
 
 
 def test_equal_content_has_equal_keys() -> None:
@@ -35,32 +35,32 @@ def test_equal_content_has_equal_keys() -> None:
 
 
 def test_a_damaged_file_is_said_to_be_and_counts_as_nothing(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path)
-    shelf.keep("key", PLAIN)
-    whole = shelf.path("key").read_bytes()
+    cache = ResultCache(tmp_path)
+    cache.keep("key", PLAIN)
+    whole = cache.path("key").read_bytes()
     for damaged in (b"", whole[:-3], b"\xff\xfe" + whole):
-        shelf.path("key").write_bytes(damaged)
+        cache.path("key").write_bytes(damaged)
         with pytest.warns(UserWarning, match="key.json is damaged; what it held is made anew"):
-            assert shelf.read("key") is None
-    shelf.keep("key", PLAIN)
-    assert shelf.read("key") == PLAIN
+            assert cache.read("key") is None
+    cache.keep("key", PLAIN)
+    assert cache.read("key") == PLAIN
 
 
 def test_a_place_that_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here", encoding="utf-8")
     with pytest.raises(InputError, match=r"file cannot be made: .*; give another place"):
-        Shelf(tmp_path / "file").keep("key", PLAIN)
-    assert Shelf(tmp_path / "file").read("key") is None
+        ResultCache(tmp_path / "file").keep("key", PLAIN)
+    assert ResultCache(tmp_path / "file").read("key") is None
     (tmp_path / "key.json").mkdir()
     with pytest.raises(StoreError, match=r"key.json cannot be read: .*; remove it"):
-        Shelf(tmp_path).read("key")
+        ResultCache(tmp_path).read("key")
     with pytest.raises(InputError, match="is a directory"):
-        Shelf(tmp_path).keep("key", PLAIN)
+        ResultCache(tmp_path).keep("key", PLAIN)
 
 
 def test_a_write_that_is_cut_leaves_what_was_there(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path)
-    shelf.keep("key", PLAIN)
+    cache = ResultCache(tmp_path)
+    cache.keep("key", PLAIN)
     with pytest.raises(TypeError):
-        shelf.keep("key", {"no": object()})
-    assert json.loads(shelf.path("key").read_text(encoding="utf-8")) == PLAIN
+        cache.keep("key", {"no": object()})
+    assert json.loads(cache.path("key").read_text(encoding="utf-8")) == PLAIN

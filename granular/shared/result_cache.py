@@ -1,4 +1,4 @@
-"""A shelf of results: plain data, each in a file that is named by its key.
+"""A cache of results: plain data, each in a file that is named by its key.
 
 A key tells all that determines its result, for instance as a `digest`. So what is kept is found
 again, never goes stale, and is the same whoever made it. Cases of studies, calculations and the
@@ -25,7 +25,7 @@ def digest(content: object, length: int) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Shelf:
+class ResultCache:
     """A directory of results.
 
     Attributes

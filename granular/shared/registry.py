@@ -1,0 +1,60 @@
+"""Things by their names: tables that show themselves, and what installed distributions add."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+Named = TypeVar("Named")
+
+
+class Registry(dict[str, Named]):
+    """Things by their names; printed, each has a line with what it is."""
+
+    def __init__(self, things: Iterable[tuple[str, Named]], said: Callable[[Named], str]) -> None:
+        super().__init__(things)
+        self._said = said
+
+    def __repr__(self) -> str:
+        width = max(map(len, self), default=0)
+        return "\n".join(f"{name:{width}}  {words}" for name, words in self.words().items())
+
+    def words(self) -> dict[str, str]:
+        """Description of each thing, by its name."""
+        return {name: self._said(thing) for name, thing in self.items()}
+
+
+def load_entry_point(group: str, name: str, what: str) -> Any | None:
+    """Load what an installed distribution adds under a name; None where none does.
+
+    Parameters
+    ----------
+    group : str
+        Of the entry points.
+    name : str
+    what : str
+        What it is, for the message.
+
+    Raises
+    ------
+    InputError
+        If it cannot be loaded.
+    """
+    for point in importlib.metadata.entry_points(group=group, name=name):
+        try:
+            return point.load()
+        except (ImportError, AttributeError, InputError) as error:
+            raise InputError(
+                f"{what} {quoted(name)} cannot be loaded: {error}; mend the distribution that "
+                f"offers it as {quoted(point.value)}"
+            ) from None
+    return None
+
+
+def entry_point_names(group: str) -> tuple[str, ...]:
+    """Names that installed distributions add."""
+    return tuple(point.name for point in importlib.metadata.entry_points(group=group))
