@@ -143,6 +143,7 @@ def discover(
     remembers = _is_only(library, MEMORY)
     if remembers:
         _check_memory(target, form, ensemble, input, map)
+    known = _known_terms(library, terms, degree, input)
     allowed = program_functions(functions, method)
     method, lacking = _installed_method(method, functions)
     sparse = method in ("auto", "sindy")
@@ -167,7 +168,7 @@ def discover(
         else:
             now("libraries")
             _, known, height_map, weak, library_note = _library(
-                records, library, terms, derivative, input, map, degree
+                records, library, terms, known, derivative, input, map, degree
             )
             now("sparse sums of terms" if search is None else "symbolic regression")
             proposed = structures(
@@ -206,21 +207,33 @@ def discover(
     )
 
 
+def _known_terms(
+    library: str | Sequence[str], terms: Sequence[str], degree: int, column: str | None
+) -> tuple[AnyTerm, ...]:
+    """Terms of a library that is named, and own ones; own ones alone where none is.
+
+    Terms with hidden states have symbols of their own, and are read where these are.
+    """
+    if _is_only(library, MEMORY):
+        return ()
+    if _is_only(library, AUTO):
+        return tuple(own_terms(terms, column))
+    return library_terms(library, terms, degree, column)
+
+
 def _library(
     records: Sequence[PistonRecord], library: str | Sequence[str], terms: Sequence[str],
-    derivative: DerivativeMethod, column: str | None, wanted: HeightMap | Literal["auto"],
-    degree: int,
+    known: tuple[AnyTerm, ...], derivative: DerivativeMethod, column: str | None,
+    wanted: HeightMap | Literal["auto"], degree: int,
 ) -> Proposal:  # fmt: skip
     """The terms to choose from, and the weak form of the records in the z that they mean."""
     height_map = _height_map(records, library, terms, wanted)
     if _is_only(library, AUTO):
-        more = own_terms(terms, column)
         proposal = propose_library(
             records, derivative, column, height_map if terms else wanted, degree
         )
-        proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *more))))
+        proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
     else:
-        known = library_terms(library, terms, degree, column)
         motions = [motion_of(one, height_map, derivative, column) for one in records]
         proposal = Proposal("", known, height_map, weak_form(*motions), "")
     _check_finite(proposal.weak, proposal.terms)

@@ -177,16 +177,12 @@ class Comparison:
     def _repr_html_(self) -> str:
         from granular.shared import html
 
-        return html.table(self.header, self._padded_rows()) + html.paragraph(self.verdict)
+        return html.table(self.header, self.cells()) + html.paragraph(self.verdict)
 
     def _repr_latex_(self) -> str:
         from granular.shared.tables import latex_array
 
-        return latex_array(self._padded_rows(), self.header)
-
-    def _padded_rows(self) -> list[tuple[str, ...]]:
-        width = len(self.header)
-        return [(*row, *[""] * (width - len(row))) for row in self.cells()]
+        return latex_array(self.cells(), self.header)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """A law a row, errors in rms swings; columns as in `Row`, ``record 1`` ... held out."""

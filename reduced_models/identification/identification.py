@@ -143,7 +143,7 @@ def identify(
         figures=figures_of(shown),
         figures_law=shown.law.name,
         notes=_notes(record, run, comparison, models),
-        seconds=clock.seconds,
+        seconds=dict(clock.seconds),
         mass=mass,
         left_out=left_out,
         residuals={model.law.name: residual_tests(model, record) for model in models},
@@ -159,6 +159,7 @@ def identify(
 
     result = _check_by_runs(result, run, executor, progress, falls=laws is None)
     clock.lap("checks of step, seeds, lift and falls")
+    result = dataclasses.replace(result, seconds=dict(clock.seconds))
     if target is not None:
         result.save(target)
     return result

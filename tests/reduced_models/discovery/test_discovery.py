@@ -350,6 +350,8 @@ def test_symbolic_regression_finds_a_damped_cosine() -> None:
         ({"polish": -1}, "from 0 on"),
         ({"derivative": "tea-leaves"}, "savitzky-golay"),
         ({"target": "height"}, "symbolic"),
+        ({"target": "height", "method": "operon", "library": "own"}, "give one or more of"),
+        ({"target": "height", "method": "operon", "terms": ["q*"]}, "cannot be read"),
         ({"method": "operon", "ensemble": True}, "belong to method 'sindy'"),
         ({"input": "wind"}, "wind"),
         ({"map": "no"}, "HeightMap"),
