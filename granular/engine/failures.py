@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
+
+import numba
 import numpy as np
 
 from granular.kernel_data.constants import Constants
@@ -9,6 +13,7 @@ from granular.kernel_data.state import HEIGHT, State
 from granular.schema.scales import Scales
 from granular.shared.errors import (
     EnergyError,
+    InputError,
     NotAtRestError,
     NotFiniteError,
     OutsideError,
@@ -103,3 +108,14 @@ def countless(what: str, steps: float, limit: float, step: int, time: float) -> 
         value=steps,
         remedy="check the units of the scene and of t_end, or shorten output.scalars",
     )
+
+
+@contextlib.contextmanager
+def unfinite_as(failure: Callable[[], Exception]) -> Iterator[None]:
+    """Without the compiler, let arithmetic that fails in a kernel be what compiled code reports."""
+    try:
+        yield
+    except (ArithmeticError, ValueError) as error:
+        if not numba.config.DISABLE_JIT or isinstance(error, InputError):
+            raise
+        raise failure() from error

@@ -2,7 +2,11 @@
 
 Hairer and Soderlind, SIAM J. Sci. Comput. 26 (2005) 1838: with a control Q the step is eps/rho, and
 rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n), G = -d ln Q/dt; the step is symmetric with the density
-that it is made with. Here 1/Q = `granular.pairs.density.step_density`.
+that it is made with. Here 1/Q = `step_density`, a smooth bound of the highest frequency.
+
+Only differentiable functions of the positions serve a reversible control of the step, so each pair
+and each wall enters the sum with the same law, whatever the scene's wall law is; a power mean of
+them is close to the largest.
 """
 
 from __future__ import annotations
@@ -10,12 +14,70 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from granular.compiled import compiled, entry
+from granular.compiled import Array, compiled, entry
 from granular.compiled.reference import by_reference
 from granular.effects.wall_side import BOTTOM, LEFT, RIGHT, TOP
 from granular.kernel_data.constants import Constants, moments_of
 from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, State
-from granular.pairs.density import step_density
+
+_POWER = 4
+"""Of the mean: with 4, a thousand equal terms raise the frequency by (1000)^(1/8) = 2.4."""
+
+
+@compiled
+def _enter(gap: float, rate: float, share: float, square: float) -> tuple[float, float]:
+    """kappa^4 and its rate, for kappa = share/gap^5 + square/gap^2 and d gap/dt = rate."""
+    inverse = 1.0 / gap
+    near, far = share * inverse**5, square * inverse**2
+    kappa = near + far
+    cube = kappa * kappa * kappa
+    return cube * kappa, -_POWER * cube * (5.0 * near + 2.0 * far) * inverse * rate
+
+
+@compiled
+def step_density(
+    x: Array, y: Array, vx: Array, vy: Array, count: int, moments: Array | None, square: float,
+    least: float, sides: tuple[float, float, float, float], piston_speed: float, pairs: bool,
+) -> tuple[float, float]:  # fmt: skip
+    """Frequency omega [1/tau] and d ln(omega)/dt.
+
+    With omega^8 = sum kappa^4 + least^8 over all pairs and walls.
+
+    Parameters
+    ----------
+    square : float
+        Square of a speed c [D/tau]: what comes with it shall not cross much of its distance in a
+        step. A wall stands still, so kappa = (7/4)/w^5 + c^2/w^2; two grains may approach at twice
+        it, so kappa = 3 (q_i + q_j)/r^5 + (2 c)^2/r^2.
+    least : float
+        The frequency where nothing is near [1/tau], above 0.
+    sides : tuple of float
+        Places of the left, right, bottom and top wall; infinite where there is none.
+    """
+    total, rate = least**8, 0.0
+    left, right, bottom, top = sides
+    for i in range(count):
+        qi = 1.0 if moments is None else moments[i]
+        if pairs:
+            for j in range(i):
+                qj = 1.0 if moments is None else moments[j]
+                dx, dy = x[i] - x[j], y[i] - y[j]
+                r = math.sqrt(dx * dx + dy * dy)
+                closing = (dx * (vx[i] - vx[j]) + dy * (vy[i] - vy[j])) / r
+                value, change = _enter(r, closing, 3.0 * (qi + qj), 4.0 * square)
+                total += value
+                rate += change
+        for gap, speed in (
+            (x[i] - left, vx[i]),
+            (right - x[i], -vx[i]),
+            (y[i] - bottom, vy[i]),
+            (top - y[i], piston_speed - vy[i]),
+        ):
+            if gap < math.inf:
+                value, change = _enter(gap, speed, 1.75, square)
+                total += value
+                rate += change
+    return total**0.125, 0.125 * rate / total
 
 
 @compiled

@@ -7,19 +7,58 @@ fixed order: one thread or several give the same bits.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.inverse import SCALE
+from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.rows import add_row, clear_row
 from granular.pairs.runs import if_given, sweep_runs
 from granular.pairs.stripe_lists import make_ready
 from granular.pairs.stripes import Stripes
+
+
+@intrinsic
+def clear_row(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
+    """Set the places first .. end - 1 of a row to zero; both are multiples of the width."""
+    signature = types.void(sums, types.intp, types.intp, types.intp)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        code, (array, row, first, end) = Code(context, builder), values
+        pointer = code.data(signature.args[0], array, row)
+        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (place, _):
+            code.store(constant(0.0), pointer, place)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
+    """Add to the places first .. end - 1 of a row those of another; as in `clear_row`."""
+    signature = types.void(sums, types.intp, types.intp, types.intp, types.intp)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        code, (array, row, other, first, end) = Code(context, builder), values
+        total = code.data(signature.args[0], array, row)
+        more = code.data(signature.args[0], array, other)
+        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (place, _):
+            value = builder.fadd(code.load(total, place), code.load(more, place))
+            code.store(value, total, place)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _step() -> ir.Constant:
+    return ir.Constant(INDEX, WIDTH)
 
 
 class Asked(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.inverse import SCALE
+from granular.pairs.lanes import SCALE
 from granular.pairs.plain import plain_direct_sum
 from granular.pairs.vector import WIDTH, padded, sweep_block, sweep_rows
 

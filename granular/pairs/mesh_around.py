@@ -2,20 +2,159 @@
 
 Each level is stored like those of `granular.pairs.mesh`, with copies in place of zeros: points of
 the other side before and behind every line, one line below the first one and two above the last.
+
+Its tables say what a point feels of another and of all its images. The bands are those of
+`granular.pairs.mesh`: they end at a distance, and the mesh goes round the cell. The rest does not
+end. On the coarsest level, which goes round the cell in a few points, it is summed over all images
+by Ewald's way for the power r^-3 in the plane: with
+
+    1/r^3 = 1/Gamma(3/2) integral of t^(1/2) exp(-r^2 t) dt
+
+split at t = a^2, the upper part falls off within a few 1/a, and the lower one is a Fourier series
+over the reciprocal lattice (by Poisson's sum)
+
+    pi/(A Gamma(3/2)) sum_k cos(k d) (2 a exp(-k^2/(4 a^2)) - sqrt(pi) k erfc(k/(2 a))),
+
+with the cell's area A. The term k = 0 is there: a sum over r^-3 converges in the plane.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
 from granular.pairs.lanes import WIDTH, padded
-from granular.pairs.mesh import ACROSS, PARTS, UP, Mesh
-from granular.pairs.mesh_images import image_tables, points_around
+from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables
+from granular.pairs.split import far_cube
 from granular.pairs.stencil import put_spline, spline_sums
+
+Samples = NDArray[np.float64]
+
+FEWEST = 4
+"""Points of the coarsest level along the shorter side, at least; and less than twice as many."""
+
+_MARGIN = 48
+"""As in `granular.pairs.mesh`."""
+
+_SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
+"""Of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
+12 a are taken, and leave less than 1e-15."""
+
+_NOTHING, _DIGITS = 1e-5, 13
+"""Products below this part of the first one are left out, which keeps eight of them: the others
+change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
+`granular.pairs.mesh`."""
+
+
+def points_around(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
+    """Points along both sides [D], level by level, no farther apart than ``spacing`` at first."""
+    wanted = [math.ceil(side / spacing) for side in (width, height)]
+    levels = 1 + max(0, math.floor(math.log2(min(wanted) / FEWEST)))
+    across, up = (max(FEWEST, math.ceil(one / 2 ** (levels - 1))) for one in wanted)
+    return [(across * 2**k, up * 2**k) for k in reversed(range(levels))]
+
+
+def image_sum(dx: Samples, dy: Samples, width: float, height: float, radius: float) -> Samples:
+    """Sum of the far part of r^-3, split at a radius, over a point's images, at some distances."""
+    from scipy.special import erfc, gammainc, gammaincc
+
+    sharp = _SHARPNESS / math.sqrt(width * height)
+    total = np.zeros(np.broadcast(dx, dy).shape)
+    # Where the far part is softened, it is the upper part less what near pairs have.
+    reach = max(radius, _IMAGES / sharp)
+    for column in _numbers(reach, width):
+        for row in _numbers(reach, height):
+            square = (dx + column * width) ** 2 + (dy + row * height) ** 2
+            cube = np.maximum(square, 1e-12) ** 1.5
+            lower = gammainc(1.5, sharp**2 * square) / cube
+            lower = np.where(square < 1e-12, sharp**3 * 4.0 / (3.0 * math.sqrt(math.pi)), lower)
+            upper = gammaincc(1.5, sharp**2 * square) / cube
+            near = far_cube(square, radius) - lower
+            total += np.where(square < radius**2, near, upper)
+    waves = 2.0 * math.pi / np.array([width, height])
+    most = [math.ceil(_WAVES * sharp / wave) for wave in waves]
+    series = np.full_like(total, 2.0 * sharp)
+    for m in range(-most[0], most[0] + 1):
+        for n in range(-most[1], most[1] + 1):
+            if m or n:
+                k = math.hypot(m * waves[0], n * waves[1])
+                share = 2.0 * sharp * math.exp(-((k / (2.0 * sharp)) ** 2))
+                share -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
+                series += share * np.cos(m * waves[0] * dx + n * waves[1] * dy)
+    return total + 2.0 * math.sqrt(math.pi) / (width * height) * series
+
+
+def _numbers(reach: float, side: float) -> range:
+    """Of the images along a side that lie within reach of any point of the cell."""
+    most = math.ceil(reach / side) + 1
+    return range(-most, most + 1)
+
+
+def _interpolating(samples: Samples) -> Samples:
+    """Divide a periodic table by the splines of both grains."""
+    up, across = (
+        (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(many))) / 3.0 for many in samples.shape
+    )
+    spectrum = np.fft.fft2(samples) / np.outer(up, across) ** 2
+    return np.asarray(np.fft.ifft2(spectrum).real)
+
+
+def _products(table: Samples, reach: int) -> Table:
+    """A quarter of a table, by the distances up and across, as a sum of products."""
+    left, weights, right = np.linalg.svd(table, full_matrices=False)
+    # The sign of a pair of vectors is free; it is fixed, and the numbers cut, for all machines.
+    signs = np.where(right[:, 0] < 0.0, -1.0, 1.0)
+    left, right = np.round(left * signs, _DIGITS), np.round(right * signs[:, None], _DIGITS)
+    many = int(np.count_nonzero(weights > _NOTHING * weights[0]))
+    groups = -(-many // TERMS)
+    along, across = np.zeros((2, groups, reach, TERMS))
+    for term in range(many):
+        along[term // TERMS, : table.shape[1], term % TERMS] = right[term]
+        across[term // TERMS, : table.shape[0], term % TERMS] = weights[term] * left[:, term]
+    along[:, 0] *= 0.5
+    across[:, 0] *= 0.5
+    return Table(along, across)
+
+
+def _band(radius: float, spacings: tuple[float, float]) -> Samples:
+    """A quarter of the band's table, up and across."""
+    reach = math.ceil(2.0 * radius / min(spacings)) + REACH
+    n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
+    square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
+    samples = far_cube(square, radius) - far_cube(square, 2.0 * radius)
+    table = np.fft.fftshift(_interpolating(np.fft.ifftshift(samples)))
+    middle = len(n) // 2
+    return np.asarray(table[middle : middle + reach + 1, middle : middle + reach + 1])
+
+
+def _rest(width: float, height: float, radius: float, across: int, up: int) -> Samples:
+    """A quarter of the rest's table; what lies half round the cell is met from both sides."""
+    dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
+    table = _interpolating(image_sum(dx, dy, width, height, radius))
+    quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
+    if up % 2 == 0:
+        quarter[-1] *= 0.5
+    if across % 2 == 0:
+        quarter[:, -1] *= 0.5
+    return quarter
+
+
+@functools.cache
+def image_tables(width: float, height: float, radius: float, spacing: float) -> Tables:
+    """Tables of the band and of the rest, for a periodic cell and a split radius [D]."""
+    points = points_around(width, height, spacing)
+    fine, coarse = points[0], points[-1]
+    scale = 2.0 ** (len(points) - 1)
+    band = _band(radius, (width / fine[0], height / fine[1]))
+    rest = _rest(width, height, radius * scale, *coarse) * scale**3
+    reach = max(*band.shape, *rest.shape)
+    return Tables(_products(band, reach), _products(rest, reach))
+
 
 BELOW, ABOVE = 1, 2
 """Copied lines that a spline reaches."""

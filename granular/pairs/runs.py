@@ -22,8 +22,7 @@ from granular.pairs.interact import (
     one_grain,
     present,
 )
-from granular.pairs.inverse import SCALE
-from granular.pairs.lanes import INDEX, WIDTH, Code, constant
+from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
 from granular.pairs.split import CUBE, FIFTH
 
 ROWS = 2

@@ -26,8 +26,7 @@ from granular.pairs.interact import (
     one_grain,
     present,
 )
-from granular.pairs.inverse import SCALE
-from granular.pairs.lanes import INDEX, WIDTH, Code, constant, has_avx512, padded
+from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant, has_avx512, padded
 
 __all__ = ["WIDTH", "lane_sum", "padded", "sweep_block", "sweep_rows"]
 

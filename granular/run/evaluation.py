@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 
 from granular.effects.wall_side import SIDES, TOP
+from granular.engine.failures import unfinite_as
 from granular.engine.far import total_force
 from granular.engine.forces import evaluate_forces
 from granular.engine.new_state import new_measurement, new_state
-from granular.engine.plain_arithmetic import unfinite_as
 from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene

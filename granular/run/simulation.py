@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.compiled.timer import CompileTimer, timed_compiling
-from granular.engine.plain_arithmetic import unfinite_as
+from granular.engine.failures import unfinite_as
 from granular.engine.step_size import Step
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting

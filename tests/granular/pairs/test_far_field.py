@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
 from granular.engine.far import add_far_field, refresh_far_field
-from granular.pairs import far_field, mesh_grains, mesh_kernel
+from granular.pairs import far_field, mesh, mesh_grains
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import (
     FarField,
@@ -141,8 +141,8 @@ def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> No
 def test_no_more_levels_than_cover_the_bed(extent: float) -> None:
     """Spacings double from level to level; the last one's table reaches over all of the bed."""
     spacing = 0.75
-    reach = mesh_kernel.mesh_tables(RADIUS, spacing).band.along.shape[1] - 1
-    levels = mesh_kernel.levels_over(extent, RADIUS, spacing)
+    reach = mesh.mesh_tables(RADIUS, spacing).band.along.shape[1] - 1
+    levels = mesh.levels_over(extent, RADIUS, spacing)
     assert spacing * reach * 2.0 ** (levels - 1) >= extent
     assert levels == 1 or spacing * reach * 2.0 ** (levels - 2) < extent
 
