@@ -60,6 +60,7 @@ Row = dict[str, Any]
 BOUNDED = {
     "walls": "there is no piston",
     "own walls": "there is no piston",
+    "walls of the guide": "there is no piston",
     "wall_friction": "there is no side wall to rub at",
 }
 """What misses the bounds of a closed cell before anything else."""
@@ -130,7 +131,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     count, name, around = sizes[row["size"]], row["effect"], row["sides"] == "periodic"
     if around and row["method"] in ("mesh", "cut-off"):
         count = max(count, 44)
-    key = {"own walls": "walls"} | dict.fromkeys(REACH, "pair_law")
+    key = {"own walls": "walls", "walls of the guide": "walls"} | dict.fromkeys(REACH, "pair_law")
     width, height = ROOM[count]
     if around:
         width = height = max(2.0 * count**0.5, 17.5)
