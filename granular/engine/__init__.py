@@ -57,7 +57,7 @@ What a run changes is a `State` of plain arrays, what it does not are `Constants
 (`granular.kernel_data`). In these stands, for every effect that acts, a law whose kernels the
 compiler writes into the loop (`granular.effects.effect`, `granular.compiled.dispatch`); of what
 does not act nothing is there. A host that carries the cell moves all the others (`host`).
-`ledger` checks the energy of every record, `checkpoint` says what must be kept to go on with the
-same bits, `failures` puts what went wrong into words. Kernels are declared with
+`ledger` checks the energy of every record, `granular.run.snapshot` says what must be kept to go on
+with the same bits, `failures` puts what went wrong into words. Kernels are declared with
 `granular.compiled`.
 """

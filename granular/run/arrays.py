@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,46 +27,9 @@ GROUP = f"{TRAJECTORY}/{METADATA}"
 
 TIME_CHUNK = 4096
 FRAME_CHUNK = 2**16  # numbers in a chunk of a grain field
+_FORMAT = {"zarr_format": 3}
+_LEVEL = 0  # of compression
 _CHECKSUM = 4  # bytes of a CRC-32C, behind those that it is of
-
-
-def metadata_files(scene: Scene) -> tuple[str, ...]:
-    """Names of the files of metadata in a run directory: of all arrays together, and of each."""
-    names = ("", *(f"{variable.name}/" for variable in run_variables(scene)))
-    return tuple(f"{TRAJECTORY}/{name}{METADATA}" for name in names)
-
-
-def create_arrays(path: Path, scene: Scene) -> None:
-    """Make the arrays of a run directory, without records and frames."""
-    import zarr
-
-    group = zarr.create_group(path / TRAJECTORY)
-    count = scene.grains.count
-    depth = max(1, FRAME_CHUNK // max(1, 2 * count))
-    for variable in run_variables(scene):
-        rest = (count, 2)[: len(variable.dims) - 1]
-        chunks = (depth, max(1, count), 2)[: len(variable.dims)] if rest else (TIME_CHUNK,)
-        _create(group, variable, (0, *rest), chunks)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Zarr calls consolidated metadata new in its format 3
-        zarr.consolidate_metadata(path / TRAJECTORY)
-
-
-def _create(group: Any, variable: Variable, shape: Any, chunks: Any) -> None:
-    from zarr.codecs import BytesCodec, Crc32cCodec, ZstdCodec
-
-    integer = variable is STAGE
-    group.create_array(
-        variable.name,
-        shape=shape,
-        chunks=chunks,
-        dtype="int64" if integer else "float64",
-        fill_value=0 if integer else np.nan,
-        serializer=BytesCodec(endian="little"),
-        compressors=(ZstdCodec(level=0), Crc32cCodec()),
-        dimension_names=variable.dims,
-        attributes=variable.attributes(),
-    )
 
 
 class Metadata:
@@ -83,6 +45,20 @@ class Metadata:
         self._group = json.loads(content)
         self.arrays: dict[str, Any] = self._group["consolidated_metadata"]["metadata"]
 
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Metadata:
+        """Descriptions of the arrays of a scene, without records and frames."""
+        count = scene.grains.count
+        depth = max(1, FRAME_CHUNK // max(1, 2 * count))
+        arrays = {}
+        for variable in run_variables(scene):
+            rest = (count, 2)[: len(variable.dims) - 1]
+            chunk = (depth if rest else TIME_CHUNK, *(max(1, size) for size in rest))
+            arrays[variable.name] = _description(variable, (0, *rest), chunk)
+        inside = {"kind": "inline", "must_understand": False, "metadata": arrays}
+        group = {"node_type": "group", "attributes": {}, "consolidated_metadata": inside}
+        return cls(json.dumps(_FORMAT | group).encode())
+
     def write(self, path: Path, lengths: Mapping[str, int]) -> None:
         """Let other programs see the lengths of all arrays, by their first dimension."""
         for name, plain in self.arrays.items():
@@ -91,7 +67,31 @@ class Metadata:
         _write_json(path / TRAJECTORY / METADATA, self._group)
 
 
+def _description(
+    variable: Variable, shape: tuple[int, ...], chunk: tuple[int, ...]
+) -> dict[str, Any]:
+    """An array in Zarr's format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
+    integer = variable is STAGE
+    return _FORMAT | {
+        "node_type": "array",
+        "shape": shape,
+        "data_type": "int64" if integer else "float64",
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": chunk}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": 0 if integer else "NaN",
+        "codecs": [
+            {"name": "bytes", "configuration": {"endian": "little"}},
+            {"name": "zstd", "configuration": {"level": _LEVEL, "checksum": False}},
+            {"name": "crc32c"},
+        ],
+        "attributes": variable.attributes(),
+        "dimension_names": variable.dims,
+        "storage_transformers": [],
+    }
+
+
 def _write_json(file: Path, plain: object) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
     replace_file(file, json.dumps(plain, indent=2).encode())
 
 
@@ -128,7 +128,7 @@ class StoredArray:
         import google_crc32c
         from numcodecs.zstd import Zstd
 
-        packed = Zstd(level=0).encode(values)
+        packed = Zstd(level=_LEVEL).encode(values)
         file = self._file(index)
         file.parent.mkdir(parents=True, exist_ok=True)
         replace_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))

@@ -13,7 +13,7 @@ import io
 import json
 import stat
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -87,9 +87,10 @@ def _seal(content: bytes) -> bytes:
     return hashlib.sha256(content).hexdigest().encode()
 
 
-def file_digests(path: Path, names: Iterable[str]) -> dict[str, str]:
-    """Digests by file name, of files in a directory."""
-    return {name: _digest(name, (path / name).read_bytes()) for name in names}
+def file_digests(path: Path) -> dict[str, str]:
+    """Digests of all files of a run directory that holds no records yet, by their names."""
+    files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
+    return {name: _digest(name, file.read_bytes()) for name, file in files.items()}
 
 
 def read_files(path: Path, manifest: Manifest) -> dict[str, bytes]:

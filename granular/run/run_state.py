@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.checkpoint import Progress
 from granular.engine.failures import countless, misplaced
 from granular.engine.ledger import Ledger
 from granular.engine.loop import STIFFEST, TURNED, Watch, look
@@ -56,6 +57,42 @@ which the exact flow of drag carries at any step."""
 
 _RESOLVED = 0.5
 """Step times highest angular frequency, below which no swing blows up."""
+
+
+@dataclasses.dataclass
+class Progress:
+    """Progress of a run: what a checkpoint needs besides the arrays of the state.
+
+    Attributes
+    ----------
+    stage, ticks : int
+        Present stage (its index), and ticks made in it.
+    begun : bool
+        Whether the present stage has been set up.
+    start, last : float
+        Start of the stage, and time of the last record [tau].
+    height : float
+        Piston height at the stage's start [m].
+    pace : list or None
+        Fields of its `Pace`.
+    stiffest : float
+        Greatest product of step and highest angular frequency so far.
+    closest : float
+        Least distance of two grains so far [D].
+    results : list of dict
+        Fields of the `StageResult` of each finished stage.
+    """
+
+    stage: int = 0
+    ticks: int = 0
+    begun: bool = False
+    start: float = 0.0
+    last: float = 0.0
+    height: float = 0.0
+    pace: list[Any] | None = None
+    stiffest: float = 0.0
+    closest: float = math.inf
+    results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
 class RunState:

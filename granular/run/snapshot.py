@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from granular.engine.checkpoint import Progress, kept_arrays, put_arrays
 from granular.engine.departure import grain_constants
 from granular.engine.ledger import Ledger
+from granular.kernel_data.state import KEPT, State
+from granular.pairs.stripes import LISTED, Stripes
+from granular.pairs.verlet_list import VerletList
 from granular.protocol.stage import Timed, stage_motion
-from granular.run.run_state import PLACE, RunState
+from granular.run.run_state import PLACE, Progress, RunState
 from granular.shared.errors import StoreError
 
 
@@ -82,3 +84,45 @@ def _check_end(run: RunState) -> None:
             f"the run has gone on to {run.time * seconds:g} s, behind the end of stage "
             f"{run.stage.name!r}; give a t_end from there on"
         )
+
+
+def _kept(state: State) -> dict[str, np.ndarray]:
+    """The arrays that a state cannot be made again from, by their names in a checkpoint."""
+    names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
+    kept = {name: getattr(state, name) for name in names}
+    for place, room in enumerate(state.rooms):
+        if hasattr(room, "kept"):
+            kept[f"room_{place}"] = room.kept
+    far = state.far_forces
+    if far is not None and far.held is not None:
+        kept["far_held"] = far.held
+    if far is not None and far.met is not None:
+        kept["far_moment"] = far.moment
+    return kept
+
+
+def kept_arrays(state: State) -> dict[str, Any]:
+    """Copies of the arrays that a state cannot be made again from."""
+    kept = {name: array.copy() for name, array in _kept(state).items()}
+    return kept | kept_lists(state.stripes or state.verlet_list)
+
+
+def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
+    """Put kept arrays back."""
+    for name, array in _kept(state).items():
+        array[:] = kept[name]
+    put_lists(state.stripes or state.verlet_list, kept)
+
+
+def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
+    """What a checkpoint holds of the lists of partners: the places that they were made at."""
+    if lists is None:
+        return {}
+    return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
+
+
+def put_lists(lists: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
+    """Let the lists be made again at the places that a checkpoint holds."""
+    if lists is not None and "near_built" in kept:
+        lists.built[:], lists.memory[:] = kept["near_built"], kept["near_memory"]
+        lists.memory[LISTED] = 0.0

@@ -22,8 +22,6 @@ from granular.run.arrays import (
     GrowingArray,
     Metadata,
     StoredArray,
-    create_arrays,
-    metadata_files,
 )
 from granular.run.checkpoint import (
     Manifest,
@@ -78,9 +76,9 @@ class Store:
         try:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
             (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
-            create_arrays(part, scene)
-            store._files = file_digests(part, (SCENE, SETTINGS, *metadata_files(scene)))
-            store._metadata = Metadata((part / GROUP).read_bytes())
+            store._metadata = Metadata.of_scene(scene)
+            store._metadata.write(part, store._lengths())
+            store._files = file_digests(part)
             store.commit(checkpoint)
             take_place(part, path)
         except BaseException as error:

@@ -6,6 +6,7 @@ for each other can take hundreds of times as long as one.
 
 from __future__ import annotations
 
+import importlib
 import os
 import time
 
@@ -87,20 +88,12 @@ def _start_quickly(scene: Scene) -> bool:
         return True
     if numba.config.THREADING_LAYER == "workqueue":
         return False
-    return _has_openmp() or _has_tbb()
+    return any(map(_has_module, ("numba.np.ufunc.omppool", "numba.np.ufunc.tbbpool")))
 
 
-def _has_openmp() -> bool:
+def _has_module(name: str) -> bool:
     try:
-        from numba.np.ufunc import omppool  # type: ignore[attr-defined]  # noqa: F401  # not typed
-    except ImportError:
-        return False
-    return True
-
-
-def _has_tbb() -> bool:
-    try:
-        from numba.np.ufunc import tbbpool  # type: ignore[attr-defined]  # noqa: F401  # not typed
+        importlib.import_module(name)
     except ImportError:
         return False
     return True

@@ -151,13 +151,12 @@ class Interrupted(KeyboardInterrupt):
 
 
 NEEDED_BY = {
-    **dict.fromkeys(
-        ("diffrax", "equinox", "jax", "jaxlib", "lineax", "mpmath", "optimistix", "sympy"), "fits"
-    ),
-    **dict.fromkeys(
-        ("PIL", "llvmlite", "loky", "numba", "pandas", "tomli_w", "xarray", "zarr"), "simulation"
-    ),
-}
+    "diffrax": "fits", "equinox": "fits", "jax": "fits", "jaxlib": "fits", "lineax": "fits",
+    "mpmath": "fits", "optimistix": "fits", "sympy": "fits",
+    "PIL": "simulation", "google_crc32c": "simulation", "llvmlite": "simulation",
+    "loky": "simulation", "numba": "simulation", "numcodecs": "simulation",
+    "pandas": "simulation", "tomli_w": "simulation", "xarray": "simulation", "zarr": "simulation",
+}  # fmt: skip
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
 
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.engine.checkpoint import kept_lists, put_lists
 from granular.pairs import cut_off, direct
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.stripes import BUILDS, Stripes, stripes_room
+from granular.run.snapshot import kept_lists, put_lists
 from granular.shared.errors import SceneError
 
 cut_sum = entry(cut_off.cut_sum)
