@@ -51,7 +51,8 @@ class Stop:
 
     def _take(self, number: int, _: FrameType | None) -> None:
         self.number = number
-        if _compiles():
+        # Numba may be of no use after that, which matters where the process goes on: in a notebook.
+        if signal.getsignal(signal.SIGTERM) == self._take and _compiles():
             raise self.error()
 
 
@@ -60,8 +61,8 @@ def deferred_stop() -> Iterator[Stop]:
     """Let a stop wait to be looked at, instead of breaking off in the middle of something.
 
     It is raised at the end of the block, also in place of an error that ends it: whoever goes on
-    after that error would lose it. A compilation, which may take a minute, is broken off. Outside
-    the main thread, which alone has signals, none comes.
+    after that error would lose it. On the command line a compilation, which may take a minute, is
+    broken off. Outside the main thread, which alone has signals, none comes.
 
     Raises
     ------

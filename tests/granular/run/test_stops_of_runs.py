@@ -19,6 +19,7 @@ import granular.run.run
 import granular.run.simulation
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import Interrupted, RunError
+from granular.shared.stops import taking_sigterm
 
 ROOT = Path(__file__).parents[3]
 END = 0.02
@@ -121,7 +122,7 @@ def test_a_stop_breaks_off_a_compilation(
         return plain(*known)  # type: ignore[arg-type]
 
     monkeypatch.setattr("granular.run.run.advance", advance)
-    with pytest.raises(Interrupted) as caught:
+    with pytest.raises(Interrupted) as caught, taking_sigterm():
         simulate(scene, t_end=END, out=tmp_path / "run", progress=False)
     monkeypatch.undo()
     assert not caught.value.trajectory.complete
