@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from granular import mono_bed, simulate
-from granular.observables import source_pair_distance
+from granular.observables import depaula_pair_distance
 from granular.run.trajectory import Trajectory
 
 SPEED = 8.33e-3
@@ -50,7 +50,7 @@ def _at_full_compression(run: Trajectory) -> dict[str, float]:
     end, data = run.stage("compress").end, run.dataset
     last = int(np.flatnonzero(data["time"].values <= end + 1e-9)[-1])
     frame = int(np.abs(data["frame_time"].values - end).argmin())
-    distance = source_pair_distance(data["position"].values[frame])
+    distance = depaula_pair_distance(data["position"].values[frame])
     return {
         "force": float(data["piston_force"].values[last]),
         "half distance": float(distance / run.scene.grains.species[0].diameter),

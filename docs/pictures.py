@@ -23,7 +23,7 @@ from measured import averaging, falls, head_on_steps
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
-from granular.observables import radial_distribution_of_run, tracked_defects
+from granular.observables import per_distance, radial_distribution, track_defects
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save, still
 from granular.response import frequency_response
@@ -245,7 +245,7 @@ def draw_observables() -> None:
     """The pair distribution of a bed at full compression."""
     run = compressed_run()
     last = float(run.dataset["frame_time"].values[-1])
-    axes = plot_correlation_function(radial_distribution_of_run(run, start=last))
+    axes = plot_correlation_function(per_distance(run, radial_distribution, start=last))
     drawing: Any = axes.figure
     drawing.set_size_inches(7.0, 3.2)
     keep(drawing, "distribution")
@@ -398,7 +398,7 @@ def draw_defects() -> None:
     """Paths of defects within the last second of a compression."""
     scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
     run = simulated(scene, t_end=20.0)
-    found = tracked_defects(run, start=19.0)
+    found = track_defects(run, start=19.0)
     with figure(width=7.8, height=3.6) as (drawing, axes):
         plot_defect_paths(found, run.dataset["position"].values[-1], axes)
         keep(drawing, "defects")

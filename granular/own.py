@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from granular.effects.own import mark_origin
 from granular.methods.method import Method
 from granular.methods.named import add_methods
 from granular.methods.tables import METHODS
-from granular.observables.of_frames import Observable
+from granular.observables.frame import Frame, Value, observable_of
 from granular.shared.own_file import contents, read_own_file
 from granular.studies.own import OwnMeasure, own_measures
 
@@ -23,11 +23,11 @@ class OwnCode(NamedTuple):
     ----------
     measures : dict of str to OwnMeasure
         Functions, and observables at the end of a run.
-    observables : dict of str to Observable
+    observables : dict of str to function of Frame
     """
 
     measures: dict[str, OwnMeasure]
-    observables: dict[str, Observable]
+    observables: dict[str, Callable[[Frame], Value]]
 
 
 def import_own(paths: Iterable[str | Path]) -> OwnCode:
@@ -46,5 +46,6 @@ def import_own(paths: Iterable[str | Path]) -> OwnCode:
         methods = [one for one in values if isinstance(one, Method)]
         add_methods(one for one in methods if METHODS.get(one.name) is not one)
         found.measures.update(own_measures(file))
-        found.observables.update((one.name, one) for one in values if isinstance(one, Observable))
+        marked = ((observable_of(one), one) for one in values)
+        found.observables.update((mark.name, one) for mark, one in marked if mark is not None)
     return found

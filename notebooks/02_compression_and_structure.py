@@ -29,16 +29,15 @@ import numpy as np
 
 from granular import Trajectory, mono_bed, simulate
 from granular.observables import (
-    cell_shares,
-    hysteresis_of_run,
+    depaula_pair_distance,
+    hysteresis_cycles,
+    per_frame,
+    polygon_fractions,
     psi6,
-    psi6_series,
     radial_distribution,
-    share_series,
-    source_pair_distance,
     voronoi_cells,
 )
-from granular.observables.plots import plot_cells, plot_hysteresis, plot_shares
+from granular.observables.plots import plot_cells, plot_hysteresis, plot_series
 from validation.published import duration, published_value
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
@@ -94,7 +93,7 @@ axes.set_xlim(right=1.02e3 * run.stage("relax").height)
 plt.show()
 
 # %%
-cycle_loss = float(hysteresis_of_run(run)["energy"][0])
+cycle_loss = float(hysteresis_cycles(run)["energy"][0])
 lowest = int(run.dataset["piston_height"].values.argmin())
 force_at_full = float(run.dataset["piston_force"][lowest])
 print(f"force at full compression: {force_at_full:.2f} N")
@@ -108,7 +107,7 @@ print(f"work that the cycle kept:  {1e3 * cycle_loss:.1f} mJ")
 # not come back entirely (dashed).
 
 # %%
-half_distance = np.array([source_pair_distance(one) for one in run.dataset["position"].values])
+half_distance = np.array([depaula_pair_distance(one) for one in run.dataset["position"].values])
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
 full = full_compression(run)
 before = int(np.searchsorted(run.dataset["frame_time"], run.stage("relax").end))
@@ -133,14 +132,15 @@ for axes, frame, title in zip(pair, (before, full), ("before", "compressed"), st
 plt.show()
 
 # %% [markdown]
-# Shares of the cells, and Ψ₆ (1 in perfect hexagonal order), in the course of time. The compression
-# lies between the lines. A small bed has few cells, so that every defect makes the curves jump.
+# Fractions of the cells, and Ψ₆ (1 in perfect hexagonal order), in the course of time. The
+# compression lies between the lines. A small bed has few cells, so that every defect makes the
+# curves jump.
 
 # %%
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 5), sharex=True, layout="constrained")
-plot_shares(share_series(run), above)
-above.set_xlabel("")
-orders = psi6_series(run)
+plot_series(per_frame(run, "polygons"), above)
+above.set(xlabel="", ylim=(0, 1))
+orders = per_frame(run, "hexatic_order")
 below.plot(orders["frame_time"], orders)
 below.set(xlabel="time [s]", ylabel="Ψ₆", ylim=(0, 1))
 for axes in (above, below):
@@ -181,8 +181,8 @@ def figures(run: Trajectory) -> tuple[float, float, float]:
     data = run.dataset
     places = data["position"].values[full_compression(run)]
     force = float(data["piston_force"][data["piston_height"].values.argmin()])
-    shares = cell_shares(voronoi_cells(places))
-    return force, source_pair_distance(places) / DIAMETER, shares.hexagons
+    shares = polygon_fractions(voronoi_cells(places))
+    return force, depaula_pair_distance(places) / DIAMETER, shares.hexagons
 
 
 force_368, distance_368, hexagons_368 = np.mean([figures(one) for one in large], axis=0)

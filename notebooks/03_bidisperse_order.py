@@ -29,10 +29,10 @@ import numpy as np
 
 from granular import Trajectory, bidisperse, simulate
 from granular.observables import (
-    cell_shares,
     hexagon_regularity,
     packing_fraction,
-    piston_distance_series,
+    per_frame,
+    polygon_fractions,
     psi6,
     voronoi_cells,
 )
@@ -132,7 +132,7 @@ nearest = {}
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
 for ratio, run in runs.items():
     for k, name in enumerate(("big", "small")[: 2 if ratio else 1]):
-        series = piston_distance_series(run)[:, k] / BIG
+        series = per_frame(run, "species_piston_distance")[:, k] / BIG
         nearest[ratio, name] = float(series[-1])
         late = series["frame_time"] > run.stage("compress").start
         heights = run.dataset["frame_height"] / BIG
@@ -165,7 +165,7 @@ for ratio, run in runs.items():
     orders[ratio] = psi6(places, cells)
     regularities[ratio] = float(np.nanmean(regularity))
     deviations[ratio] = float(np.nanstd(regularity))
-    hexagons[ratio] = cell_shares(cells).hexagons
+    hexagons[ratio] = polygon_fractions(cells).hexagons
 place = aspects.index(ASPECT)
 published_regularity = {
     0.5: published_value("bidisperse_r_half.hexagon_regularity_end")[place],

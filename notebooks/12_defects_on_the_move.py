@@ -32,13 +32,13 @@ import numpy as np
 from granular import load_scene, mono_bed, simulate
 from granular.observables import (
     compressive_forces,
-    configurational_temperature_of_run,
+    configurational_temperature,
     elastic_strain,
     lindemann_parameter,
+    per_frame,
     psi6,
     slip_of_frames,
-    temperature_series,
-    tracked_defects,
+    track_defects,
     voronoi_cells,
 )
 from granular.observables.plots import plot_defect_paths
@@ -63,7 +63,7 @@ scene = mono_bed(COUNT, speed=33e-3, relaxation=1.0)
 scene = scene.replace(**{"output.frames": 0.01, "output.scalars": 0.005})
 pressed = simulate(scene.replace(protocol=scene.to_plain()["protocol"][:2]), progress=False)
 end = float(pressed.dataset["frame_time"].values[-1])
-found = tracked_defects(pressed, start=end - 1.0)
+found = track_defects(pressed, start=end - 1.0)
 figure, axes = plt.subplots(figsize=(9, 3.8), layout="constrained")
 plot_defect_paths(found, pressed.dataset["position"].values[-1], axes)
 plt.show()
@@ -105,10 +105,12 @@ def looked_at(run, start=3.0):
     area = np.mean([one.area[one.interior].mean() for one in cells])
     spacing = math.sqrt(2 / math.sqrt(3) * area)
     energy = PAIR / spacing**3
-    kinetic = temperature_series(run)["bed"].values[run.dataset["frame_time"].values >= start]
+    kinetic = per_frame(run, "temperature", start).values
+    heights, forces = data["frame_height"].values, data["force"].values
+    configurational = configurational_temperature(run.scene, frames, heights, forces)
     return {
         "kinetic": kinetic.mean() / energy,
-        "configurational": configurational_temperature_of_run(run, start) / energy,
+        "configurational": configurational / energy,
         "defects": np.mean([np.mean(one.sides[one.interior] != 6) for one in cells]),
         "order": np.mean([psi6(*one) for one in zip(frames, cells, strict=True)]),
         "lindemann": lindemann_parameter(frames, np.array([3]))[0],

@@ -43,14 +43,13 @@ mine.py:
 )  # fmt: skip
 def observe(options: Any) -> None:
     """Make a table of observables."""
-    from granular.observables.named import observable_named
-    from granular.observables.of_frames import observed_table
+    from granular.observables.over_frames import find_observable, frame_table
     from granular.own import import_own
     from granular.run.trajectory import load_trajectory
 
     own = import_own(options.own_files).observables
     run = load_trajectory(options.run)
-    table = observed_table(run, [observable_named(name, own) for name in options.names])
+    table = frame_table(run, [find_observable(name, own) for name in options.names])
     if options.out is not None:
         write_text(Path(options.out), table.to_csv(index=False))
     text = table.to_string(index=False) if options.out is None else f"written to {options.out}"
@@ -82,13 +81,13 @@ what is written to the directory:
 )  # fmt: skip
 def defects(options: Any) -> None:
     """Follow the defects."""
-    from granular.observables.defect_motion import tracked_defects
+    from granular.observables.defect_tracks import track_defects
     from granular.run.trajectory import load_trajectory
 
     run = load_trajectory(options.run)
     given = {name: getattr(options, name) for name in ("stop", "reach", "memory", "least")}
     chosen = {name: value for name, value in given.items() if value is not None}
-    motion = tracked_defects(run, options.start, **chosen)
+    motion = track_defects(run, options.start, **chosen)
     tracks, events = _tracks(motion), _events(motion)
     if options.out is not None:
         times = motion["frame_time"].values

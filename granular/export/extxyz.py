@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, opened
-from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
 from granular.shared.files import replacing
 
@@ -74,7 +73,7 @@ def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
         f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n"
         for k in grains.assignment()
     ]
-    radius, mass = grains.diameters() / 2.0, grain_masses(run)
+    radius, mass = grains.diameters() / 2.0, grains.masses()
 
     def lines(frame: BedFrame) -> str:
         table = np.zeros((len(frame.grains), 12))

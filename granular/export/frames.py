@@ -81,21 +81,16 @@ def bed_frames(
 
 
 def _block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
-    from granular.observables import interaction_forces
+    from granular.observables.forces import interaction_forces
+    from granular.observables.frame import frames
 
     has_piston = run.scene.piston is not None
     part = dataclasses.replace(run, dataset=run.dataset.isel(frame=numbers).load())
-    data = part.dataset
-    times, heights = data["frame_time"].values, data["frame_height"].values
-    fields = [data[name].values for name in ("position", "velocity", "force")]
-    fields[0] = run.scene.cell.inside(fields[0])
-    fields.append(interaction_forces(part).values)
-    for k, number in enumerate(numbers):
-        grains = np.flatnonzero(np.isfinite(fields[0][k]).all(axis=1))
-        height = float(heights[k]) if has_piston else None
-        yield BedFrame(
-            int(number), float(times[k]), height, grains, *(one[k][grains] for one in fields)
-        )
+    for number, frame in zip(numbers, frames(part), strict=True):
+        grains = np.flatnonzero(np.isfinite(frame.positions).all(axis=1))
+        fields = frame.positions, frame.velocities, frame.forces, interaction_forces(frame)
+        height = frame.piston_height if has_piston else None
+        yield BedFrame(int(number), frame.time, height, grains, *(one[grains] for one in fields))
 
 
 def in_space(plane: np.ndarray) -> np.ndarray:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, in_space, opened
-from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing
@@ -91,7 +90,7 @@ def _unchanging(run: Trajectory) -> dict[str, Any]:
         "types": [one.name for one in grains.species],
         "typeid": grains.assignment().astype(np.uint32),
         "diameter": grains.diameters(),
-        "mass": grain_masses(run),
+        "mass": grains.masses(),
         # About a closed cell as much again, so that no image of a grain is near.
         "box": 2.0 if run.scene.cell.periods is None else 1.0,
     }

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, opened
-from granular.observables import compressive_forces, source_pair_distance
+from granular.observables import compressive_forces, depaula_pair_distance
 from granular.observables.interactions import foreign_effects
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
@@ -243,7 +243,7 @@ def _distances(run: Trajectory, cadence: SourceCadence, progress: bool) -> Itera
     chosen = _nearest(run.dataset["frame_time"].values, cadence, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
     for frame in bed_frames(run, chosen, "avgDis.dat" if progress else None):
-        distance = source_pair_distance(frame.position) / diameter
+        distance = depaula_pair_distance(frame.position) / diameter
         yield _rows(np.array([[frame.time / cadence.time_unit, distance]]))
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, in_space, opened
-from granular.observables.forces import grain_masses
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing_together
@@ -76,7 +75,7 @@ def _unchanging(run: Trajectory) -> dict[str, np.ndarray]:
     grains = run.scene.grains
     return {
         "radius": grains.diameters() / 2.0,
-        "mass": grain_masses(run),
+        "mass": grains.masses(),
         "species": np.asarray(grains.assignment(), dtype=np.int64),
     }
 

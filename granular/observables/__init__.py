@@ -1,9 +1,10 @@
-"""What is measured in a bed: structure, forces, energies and the answer to a drive.
+"""Observables of a bed: structure, forces, energies and the response to a drive.
 
-Every observable has two layers. Functions of plain arrays (positions, diameters, forces) return
-arrays or named tuples; functions of a `granular.Trajectory`, whose names end in ``_series`` or
-``_of_run``, return labelled xarray objects with units. Grains whose position is NaN have left the
-cell and count nowhere. `granular.observables.plots` draws the results.
+Functions of plain arrays (positions, diameters, forces; SI) return numbers, arrays or named tuples.
+`per_frame` has the values of a function of a `Frame` at every frame of a run, labelled and with its
+unit; `per_lag` those of a function of the time between frames, `per_distance` those of a function
+of the distance of two grains. Grains whose position is NaN have left the cell and count nowhere.
+`granular.observables.plots` draws the results.
 """
 
 import lazy_loader

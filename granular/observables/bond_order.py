@@ -1,20 +1,23 @@
-"""Bond-orientational order: Psi6 of each grain and of the bed, and its susceptibility."""
+"""Bond-orientational order: Psi6 of each grain and of the bed, its susceptibility, g6(r), g6(t)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frames import checked_positions, chosen_frames, frame_array, over_frames
+from granular.observables.checks import checked_frames, checked_positions, sum_at
+from granular.observables.correlation import (
+    PairFunction,
+    binned_products,
+    checked_edges,
+    default_edges,
+    mean_over_pairs,
+)
+from granular.observables.displacement import checked_lags
+from granular.observables.frame import observable
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray
-
-    from granular.run.trajectory import Trajectory
 
 
 def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.ndarray:
@@ -56,7 +59,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     bond = arm[:, 0] + 1j * arm[:, 1]
     # exp(6 i theta) is the same from both ends of a bond.
     turn = (bond / np.abs(bond)) ** 6
-    total = _sum_at(i, turn, len(positions)) + _sum_at(j, turn, len(positions))
+    total = sum_at(i, turn, len(positions)) + sum_at(j, turn, len(positions))
     known = cells.sides > 0
     local = np.full(len(positions), complex(np.nan, np.nan))
     local[known] = total[known] / cells.sides[known]
@@ -105,18 +108,6 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     cells = voronoi_cells(positions) if cells is None else cells
     values = local_psi6(positions, cells)[cells.interior]
     return complex(values.mean()) if len(values) else complex(np.nan, np.nan)
-
-
-def psi6_series(run: Trajectory) -> xarray.DataArray:
-    """`psi6` of every frame, on ``frame``."""
-    return frame_array(run, over_frames(run, psi6), "1", "bond-orientational order Psi6")
-
-
-def _sum_at(places: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    return np.asarray(
-        np.bincount(places, values.real, minlength=count)
-        + 1j * np.bincount(places, values.imag, minlength=count)
-    )
 
 
 def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> float:
@@ -170,9 +161,7 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
     InputError
         If the shape is another one, or a number of blocks is below 1.
     """
-    array = np.asarray(frames, dtype=np.float64)
-    if array.ndim != 3 or array.shape[2] != 2:
-        raise InputError(f"positions of frames have the shape {array.shape}; (f, n, 2) is wanted")
+    array = checked_frames(frames)
     if not blocks or min(blocks) < 1:
         raise InputError(f"blocks {tuple(blocks)}; give whole numbers from 1 up")
     low, high = np.nanmin(array, axis=(0, 1)), np.nanmax(array, axis=(0, 1))
@@ -198,27 +187,80 @@ def _block_mean(sums: np.ndarray, counts: np.ndarray) -> float:
     return float(np.mean(found)) if found else np.nan
 
 
-def susceptibility_of_run(
-    run: Trajectory, start: float = 0.0, stop: float = np.inf
-) -> xarray.DataArray:
-    """`hexatic_susceptibility` over the frames with start <= time <= stop [s].
+@observable("1", "correlation of bond orientation g6(r)")
+def bond_correlation(
+    positions: np.ndarray, edges: np.ndarray | None = None, cells: VoronoiCells | None = None
+) -> PairFunction:
+    """g6(r) = Re <psi6*(0) psi6(r)>, the mean over pairs of grains at the distance r.
 
-    It means something over a time in which the bed is not driven elsewhere, such as a hold.
+    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
+    liquid (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979). A mean over pairs needs no correction
+    at the rim. Only grains with an interior Voronoi cell count.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    edges : float (k + 1,), optional
+        Of the bins [m]; as for `radial_distribution` if not given.
+    cells : VoronoiCells, optional
+        Of the same positions, where they are there already.
 
     Raises
     ------
     InputError
-        If fewer than two such frames have interior cells.
+        If the edges do not increase, or fewer than two grains have an interior cell.
     """
-    import xarray
-
-    orders, counts = [], []
-    inside = run.scene.cell.inside(run.dataset["position"].values)
-    for positions in inside[chosen_frames(run, start, stop)]:
-        cells = voronoi_cells(positions)
-        orders.append(global_psi6(positions, cells))
-        counts.append(np.count_nonzero(cells.interior))
-    return xarray.DataArray(
-        hexatic_susceptibility(np.array(orders), np.array(counts)),
-        attrs={"units": "1", "long_name": "hexatic susceptibility chi6"},
+    positions = checked_positions(positions)
+    edges = default_edges(positions) if edges is None else checked_edges(edges)
+    cells = voronoi_cells(positions) if cells is None else cells
+    inside = np.flatnonzero(cells.interior)
+    if len(inside) < 2:
+        raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")
+    points, order = positions[inside], local_psi6(positions, cells)[inside]
+    products = binned_products(points, order.real, edges) + binned_products(
+        points, order.imag, edges
     )
+    return mean_over_pairs(points, products, edges)
+
+
+@observable("1", "relaxation of bond orientation g6(t)")
+def bond_relaxation(
+    frames: np.ndarray,
+    lags: np.ndarray | None = None,
+    periods: tuple[float, float] | None = None,
+) -> np.ndarray:
+    """g6(t) = Re <psi6*(0) psi6(t)> of one grain, over grains and frames (k,).
+
+    It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
+    liquid (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000). Grains count that have an interior
+    cell in both frames.
+
+    Parameters
+    ----------
+    frames : float (f, n, 2)
+        Positions [m]; NaN for absent grains.
+    lags : int (k,), optional
+        Numbers of frames; about 30 at even ratios if not given.
+    periods : (float, float), optional
+        Sides of a periodic cell [m], in which neighbours are looked for.
+
+    Raises
+    ------
+    InputError
+        If a shape or lag does not fit, or no grain has an interior cell in two such frames.
+    """
+    frames = checked_frames(frames, least=2)
+    lags = checked_lags(lags, len(frames))
+    orders = np.full(frames.shape[:2], complex(np.nan, np.nan))
+    for k, positions in enumerate(frames if periods is None else np.mod(frames, periods)):
+        cells = voronoi_cells(positions)
+        orders[k, cells.interior] = local_psi6(positions, cells)[cells.interior]
+    found = []
+    for lag in lags:
+        products = (orders[:-lag].conj() * orders[lag:]).real
+        products = products[np.isfinite(products)]
+        if not len(products):
+            raise InputError(f"no grain has interior cells {lag} frames apart; take shorter lags")
+        found.append(products.mean())
+    return np.array(found)

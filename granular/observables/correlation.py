@@ -1,21 +1,19 @@
-"""Correlations: Pearson's, of Psi6 and hexagons over a run, and of a quantity over distance."""
+"""Functions of the distance of two grains: g(r), spatial correlations, and means over a run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.bond_order import psi6
-from granular.observables.frames import (
+from granular.observables.checks import (
     checked_positions,
-    chosen_frames,
-    frame_positions,
+    present_positions,
     spanned_box,
     values_of_grains,
 )
-from granular.observables.voronoi import cell_shares, voronoi_cells
+from granular.observables.frame import chosen_frames, observable, observable_of
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,11 +21,78 @@ if TYPE_CHECKING:
 
     from granular.run.trajectory import Trajectory
 
-
 FARTHEST = 10.0
 """Default of the greatest distance, in mean spacings: farther, large beds would be slow."""
 
 BINS = 100
+
+
+class PairFunction(NamedTuple):
+    """A function of the distance of two grains, in bins (lower edge, upper edge].
+
+    Attributes
+    ----------
+    edges : float (k + 1,)
+        [m]
+    values : float (k,)
+        NaN in bins without pairs, where it is a mean over pairs.
+    pairs : int (k,)
+        Pairs i < j in each bin.
+    weights : float (k,)
+        By which frames count in a mean over them: the pairs, or for g(r) the pairs that are
+        expected of as many grains, independent and uniform in the box.
+    """
+
+    edges: np.ndarray
+    values: np.ndarray
+    pairs: np.ndarray
+    weights: np.ndarray
+
+
+def per_distance(
+    run: Trajectory,
+    function: Callable[[np.ndarray, np.ndarray], PairFunction],
+    edges: np.ndarray | None = None,
+    start: float = 0.0,
+    stop: float = np.inf,
+) -> xarray.DataArray:
+    """Function of the distance over all pairs of the frames with start <= time <= stop.
+
+    Parameters
+    ----------
+    run : Trajectory
+    function : function of positions (n, 2) [m] and edges (k + 1,) [m]
+        `radial_distribution`, `bond_correlation` or `translational_correlation`, or one's own.
+        Each frame has its own box and its own reciprocal lattice vector.
+    edges : float (k + 1,), optional
+        Of the bins [m]; those of the frame that reach least if not given.
+    start, stop : float
+        [s]
+
+    Returns
+    -------
+    xarray.DataArray
+        On ``distance``, the middle of the bins [m].
+
+    Raises
+    ------
+    InputError
+        As the function, and where there is no such frame, or in none the grains span a box.
+    """
+    import xarray
+
+    chosen = run.dataset["position"].values[chosen_frames(run, start, stop)]
+    frames = spanning(run.scene.cell.inside(chosen))
+    if edges is None:
+        edges = min((default_edges(one) for one in frames), key=lambda some: float(some[-1]))
+    parts = [function(one, edges) for one in frames]
+    total = np.sum([np.where(p.weights > 0, p.values * p.weights, 0.0) for p in parts], axis=0)
+    values = mean_per_pair(total, np.sum([one.weights for one in parts], axis=0))
+    middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_of(function)
+    return xarray.DataArray(
+        values, dims="distance", coords={"distance": ("distance", middle, {"units": "m"})},
+        attrs={} if marked is None else marked.attributes,
+    )  # fmt: skip
 
 
 def checked_edges(edges: np.ndarray) -> np.ndarray:
@@ -89,6 +154,17 @@ def binned_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.diff(tree.count_neighbors(tree, edges)) // 2
 
 
+def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairFunction:
+    """Sums over the pairs of each bin, as means over them."""
+    pairs = binned_pairs(points, edges)
+    return PairFunction(edges, mean_per_pair(products, pairs), pairs, pairs)
+
+
+def mean_per_pair(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """NaN in bins without pairs."""
+    return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
+
+
 def binned_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Sum of v_i v_j over the pairs i < j of each bin (lower edge, upper edge], float (k,)."""
     from scipy.spatial import cKDTree
@@ -98,108 +174,78 @@ def binned_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -
     return np.asarray(0.5 * sums[1:])
 
 
-class Correlation(NamedTuple):
-    """Pearson's correlation.
+@observable("1", "radial distribution function g(r)")
+def radial_distribution(
+    positions: np.ndarray, edges: np.ndarray | None = None, box: np.ndarray | None = None
+) -> PairFunction:
+    """Radial distribution g(r): pairs counted over pairs expected without any order, bin by bin.
 
-    Attributes
-    ----------
-    coefficient : float
-        From -1 to 1; NaN where one of the quantities does not vary.
-    p_value : float
-        Probability of a coefficient this far from 0 for independent, normally distributed samples.
-    samples : int
-        How many there were.
-    """
-
-    coefficient: float
-    p_value: float
-    samples: int
-
-
-def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
-    """Pearson's correlation of two quantities, such as Psi6 and n6 of many beds [D, Fig. 4.13].
+    The expectation is exact for N grains in a rectangle a x b, so that no grain need be left out at
+    the rim and g is 1 on average for grains without order, at every distance up to the shorter
+    side: the set covariance of the rectangle, a b - (2/pi) (a + b) r + r^2/pi, weighs 2 pi r dr
+    (Ohser and Stoyan, Biom. J. 23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951), and
+    is integrated over each bin.
 
     Parameters
     ----------
-    first, second : float (n,)
-        Samples where one is NaN are ignored.
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    edges : float (k + 1,), optional
+        Of the bins [m]; 100 bins up to half the shorter side of the box of the outermost centres
+        (or 10 mean spacings, where that is less) if not given.
+    box : float (2, 2), optional
+        Lowest and highest x and y of the rectangle that the grains could be in [m]; that of the
+        outermost centres if not given.
 
     Raises
     ------
     InputError
-        If the shapes differ, or fewer than three samples are left.
+        If the edges do not increase or reach beyond the shorter side of the box, a grain lies
+        outside of the box, or there are fewer than two grains.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from granular.observables import pearson_correlation
-    >>> first = np.arange(10.0)
-    >>> round(pearson_correlation(first, 2.0 * first)[0], 3)
-    1.0
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import radial_distribution
+    >>> g = radial_distribution(places)
+    >>> bool(g.values.max() > 1.0)
+    True
     """
-    from scipy.special import stdtr
-
-    x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    if x.ndim != 1 or x.shape != y.shape:
-        raise InputError(f"the shapes {x.shape} and {y.shape} differ; give two arrays (n,)")
-    known = np.isfinite(x) & np.isfinite(y)
-    count = int(np.count_nonzero(known))
-    if count < 3:
-        raise InputError(f"{count} samples; a correlation needs at least 3")
-    x, y = x[known] - x[known].mean(), y[known] - y[known].mean()
-    size = np.linalg.norm(x) * np.linalg.norm(y)
-    if size == 0.0:
-        return Correlation(np.nan, np.nan, count)
-    r = float(np.clip(x @ y / size, -1.0, 1.0))
-    free = count - 2
-    # (1 - r)(1 + r) loses fewer bits than 1 - r^2; an exact line has an infinite t.
-    rest = (1.0 - r) * (1.0 + r)
-    t = np.inf if rest == 0.0 else abs(r) * np.sqrt(free / rest)
-    return Correlation(r, float(2.0 * stdtr(free, -t)), count)
+    points = present_positions(positions)
+    if len(points) < 2:
+        raise InputError(f"{len(points)} grains; g(r) needs at least 2")
+    edges = default_edges(points) if edges is None else checked_edges(edges)
+    low, high = spanned_box(points) if box is None else np.asarray(box, dtype=np.float64)
+    if not ((points >= low) & (points <= high)).all():
+        raise InputError("a grain lies outside of the box; give a box that holds all grains")
+    pairs = binned_pairs(points, edges)
+    expected = _expected_pairs(len(points), high - low, edges)
+    return PairFunction(edges, pairs / expected, pairs, expected)
 
 
-def order_correlation_of_run(run: Trajectory) -> Correlation:
-    """`pearson_correlation` of Psi6 and the share of hexagons over the frames of a run.
-
-    Frames that follow each other are no independent samples, so that the p-value is too small; over
-    runs of different beds, as in [D, Fig. 4.13], use `pearson_correlation`.
-
-    Raises
-    ------
-    InputError
-        If fewer than three frames have interior cells.
-    """
-    orders, shares = [], []
-    for positions in frame_positions(run):
-        cells = voronoi_cells(positions)
-        orders.append(psi6(positions, cells))
-        shares.append(cell_shares(cells).hexagons)
-    return pearson_correlation(np.array(orders), np.array(shares))
+def _expected_pairs(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Pairs i < j in each bin, of grains that are independent and uniform in a rectangle."""
+    a, b = (float(side) for side in sides)
+    if edges[-1] > min(a, b) * (1.0 + 1e-12):
+        raise InputError(
+            f"the last edge, {edges[-1]:.6g} m, is beyond the shorter side of the box, "
+            f"{min(a, b):.6g} m, up to which g(r) is exact; give smaller edges"
+        )
+    nearer = np.pi * a * b * edges**2 - 4.0 / 3.0 * (a + b) * edges**3 + 0.5 * edges**4
+    return np.asarray(0.5 * count * (count - 1) * np.diff(nearer) / (a * b) ** 2)
 
 
-class ValueCorrelation(NamedTuple):
-    """The correlation of a value of the grains in bins (lower edge, upper edge].
-
-    Attributes
-    ----------
-    edges : float (k + 1,)
-        [m]
-    correlation : float (k,)
-        1 where both have the same deviation from the mean, 0 where they know nothing of each other;
-        NaN in bins without pairs.
-    pairs : int (k,)
-        Pairs i < j.
-    """
-
-    edges: np.ndarray
-    correlation: np.ndarray
-    pairs: np.ndarray
-
-
-def value_correlation(
+@observable("1", "spatial correlation")
+def spatial_correlation(
     positions: np.ndarray, values: np.ndarray, edges: np.ndarray | None = None
-) -> ValueCorrelation:
-    """<dv(0) dv(r)> / <dv^2> with dv the deviation of a grain's value from the mean.
+) -> PairFunction:
+    """Spatial correlation <dv(0) dv(r)>/<dv^2>, dv being a grain's deviation from the mean value.
+
+    It is 1 where both grains have the same deviation, and 0 where they are independent.
 
     In mixtures take values over the mean of their species, or the order of the species is what is
     found.
@@ -230,55 +276,4 @@ def value_correlation(
     if not variance > 0.0:
         raise InputError("the values do not differ; there is nothing to correlate")
     pairs, products = binned_pairs(points, edges), binned_products(points, deviation, edges)
-    found = np.where(pairs > 0, products / np.maximum(pairs, 1) / variance, np.nan)
-    return ValueCorrelation(edges, found, pairs)
-
-
-Found = TypeVar("Found")
-
-
-def in_each_frame(
-    correlation: Callable[[np.ndarray, np.ndarray], Found],
-    run: Trajectory,
-    edges: np.ndarray | None,
-    start: float,
-    stop: float,
-) -> list[Found]:
-    """A correlation of the frames with start <= time <= stop [s], all in the same bins.
-
-    Raises
-    ------
-    InputError
-        As the correlation, and where there is no such frame.
-    """
-    chosen = run.dataset["position"].values[chosen_frames(run, start, stop)]
-    frames = spanning(run.scene.cell.inside(chosen))
-    if edges is None:
-        edges = min((default_edges(one) for one in frames), key=lambda found: float(found[-1]))
-    return [correlation(one, edges) for one in frames]
-
-
-def mean_per_pair(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """NaN in bins without pairs."""
-    return np.where(pairs > 0, total / np.maximum(pairs, 1), np.nan)
-
-
-def mean_of_frames(values: list[np.ndarray], pairs: list[np.ndarray]) -> np.ndarray:
-    """The mean over all pairs of all frames, of the means over the pairs of each."""
-    total = np.sum(
-        [np.where(count > 0, one * count, 0.0) for one, count in zip(values, pairs, strict=True)],
-        axis=0,
-    )
-    return mean_per_pair(total, np.sum(pairs, axis=0))
-
-
-def on_distance(values: np.ndarray, edges: np.ndarray, name: str) -> xarray.DataArray:
-    """Values of bins on ``distance``, the middle of the bins [m]."""
-    import xarray
-
-    return xarray.DataArray(
-        values,
-        dims="distance",
-        coords={"distance": ("distance", 0.5 * (edges[:-1] + edges[1:]), {"units": "m"})},
-        attrs={"units": "1", "long_name": name},
-    )
+    return PairFunction(edges, mean_per_pair(products, pairs) / variance, pairs, pairs)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6, local_psi6
+from granular.observables.checks import checked_positions
 from granular.observables.defects import (
     burgers_vectors,
     counter_clockwise,
@@ -15,7 +16,6 @@ from granular.observables.defects import (
     in_space,
     norm_squared,
 )
-from granular.observables.frames import checked_positions
 from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -77,7 +77,7 @@ class _Cluster(NamedTuple):
     size: int
 
 
-def found_defects(
+def detect_defects(
     positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
 ) -> Defects:
     """Defects of the hexagonal order, by clusters of neighbouring grains that have not six.

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frames import checked_positions, frame_dataset, frame_positions
+from granular.observables.checks import checked_positions
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
-
-if TYPE_CHECKING:
-    import xarray
-
-    from granular.run.trajectory import Trajectory
-
 
 SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 """Nearest neighbours in the lattice, counter-clockwise from a1."""
@@ -169,30 +163,11 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     return Dislocations(pairs, 0.5 * (five + seven), spacing[:, None] * across)
 
 
-def defect_series(run: Trajectory) -> xarray.Dataset:
-    """Numbers of defects in every frame.
-
-    Returns
-    -------
-    xarray.Dataset
-        On ``frame``: ``disclinations`` (interior cells that are no hexagons), ``dislocations``
-        (pairs, see `dislocations`) and ``unpaired`` (disclinations that belong to none).
-    """
-    rows = []
-    for positions in frame_positions(run):
-        cells = voronoi_cells(positions)
-        number = int(np.count_nonzero(disclination_charges(cells)))
-        pairs = len(_matched(cells))
-        rows.append((number, pairs, number - 2 * pairs))
-    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    return frame_dataset(
-        run,
-        {
-            "disclinations": (table[:, 0], "1", "cells that are no hexagons"),
-            "dislocations": (table[:, 1], "1", "pairs of a pentagon and a heptagon"),
-            "unpaired": (table[:, 2], "1", "disclinations in no pair"),
-        },
-    )
+def defect_numbers(cells: VoronoiCells) -> dict[str, float]:
+    """Disclinations (interior cells that are no hexagons), dislocations, and those in no pair."""
+    number = int(np.count_nonzero(disclination_charges(cells)))
+    pairs = len(_matched(cells))
+    return {"disclinations": number, "dislocations": pairs, "unpaired": number - 2 * pairs}
 
 
 def _matched(cells: VoronoiCells) -> np.ndarray:

@@ -1,14 +1,15 @@
-"""Displacements of grains: their mean square, their shape and Lindemann's parameter."""
+"""Motion of grains: functions of the lag between frames, Lindemann's parameter, D2min."""
 
 from __future__ import annotations
 
-import functools
+import inspect
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frames import chosen_frames
+from granular.observables.checks import checked_frames, checked_positions, sum_at
+from granular.observables.frame import chosen_frames, observable, observable_of
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -22,20 +23,46 @@ EVEN = 1e-6
 """How far the times between frames may differ from one another, over their mean."""
 
 
-def checked_frames(frames: np.ndarray) -> np.ndarray:
-    """Positions of frames as float64 (f, n, 2).
+def per_lag(
+    run: Trajectory, function: Callable[..., np.ndarray], start: float = 0.0, stop: float = np.inf
+) -> xarray.DataArray:
+    """Function of the lag over the frames with start <= time <= stop, on ``lag`` [s].
+
+    Parameters
+    ----------
+    run : Trajectory
+    function : function of frames (f, n, 2) [m] and lags (k,)
+        `mean_square_displacement`, `non_gaussian_parameter`, `lindemann_parameter` or
+        `bond_relaxation`, or one's own. Positions are not brought back into a periodic cell; a
+        function with the argument ``periods`` is told its sides.
+    start, stop : float
+        [s]
 
     Raises
     ------
     InputError
-        If they have another shape, or are fewer than two.
+        As the function, and if the frames are not evenly spaced in time, or fewer than two.
     """
-    array = np.asarray(frames, dtype=np.float64)
-    if array.ndim != 3 or array.shape[2] != 2:
-        raise InputError(f"positions of frames have the shape {array.shape}; (f, n, 2) is wanted")
-    if len(array) < 2:
-        raise InputError(f"{len(array)} frames; motion needs at least 2")
-    return array
+    import xarray
+
+    chosen = chosen_frames(run, start, stop)
+    frames = checked_frames(run.dataset["position"].values[chosen], least=2)
+    steps = np.diff(run.dataset["frame_time"].values[chosen])
+    if np.ptp(steps) > EVEN * len(steps) * steps.mean():
+        raise InputError(
+            f"frames lie {steps.min():.3g} to {steps.max():.3g} s apart; choose start and stop "
+            "within one stage of even frames"
+        )
+    lags, options = checked_lags(None, len(frames)), {}
+    if "periods" in inspect.signature(function).parameters:
+        options["periods"] = run.scene.cell.periods
+    marked = observable_of(function)
+    return xarray.DataArray(
+        np.asarray(function(frames, lags, **options)),
+        dims="lag",
+        coords={"lag": ("lag", lags * steps.mean(), {"units": "s"})},
+        attrs={} if marked is None else marked.attributes,
+    )
 
 
 def checked_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
@@ -56,37 +83,7 @@ def checked_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
     return array
 
 
-def over_lags_of_run(
-    run: Trajectory, measure: Callable[[np.ndarray, np.ndarray], Any], start: float, stop: float,
-    unit: str, meaning: str,
-) -> xarray.DataArray:  # fmt: skip
-    """A function of frames (f, n, 2) and lags (k,), on ``lag`` [s].
-
-    Raises
-    ------
-    InputError
-        If the frames from start to stop are not evenly spaced in time, or fewer than two.
-    """
-    import xarray
-
-    chosen = chosen_frames(run, start, stop)
-    frames = checked_frames(run.dataset["position"].values[chosen])
-    times = run.dataset["frame_time"].values[chosen]
-    steps = np.diff(times)
-    if np.ptp(steps) > EVEN * len(steps) * steps.mean():
-        raise InputError(
-            f"frames lie {steps.min():.3g} to {steps.max():.3g} s apart; choose start and stop "
-            "within one stage of even frames"
-        )
-    lags = checked_lags(None, len(frames))
-    return xarray.DataArray(
-        np.asarray(measure(frames, lags)),
-        dims="lag",
-        coords={"lag": ("lag", lags * steps.mean(), {"units": "s"})},
-        attrs={"units": unit, "long_name": meaning},
-    )
-
-
+@observable("m^2", "mean square displacement")
 def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
     """<|r(t) - r(0)|^2> over grains and frames (k,) [m^2].
 
@@ -105,6 +102,7 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
     return _powers(frames, lags)[0]
 
 
+@observable("1", "non-Gaussian parameter alpha_2")
 def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
     """alpha_2(t) = <r^4>/(2 <r^2>^2) - 1 of the ways r in the time t; 0 if they are normal.
 
@@ -117,27 +115,9 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
     return np.asarray(fourth / (2.0 * squared) - 1.0)
 
 
-def displacement_of_run(
-    run: Trajectory, start: float = 0.0, stop: float = np.inf
-) -> xarray.DataArray:
-    """`mean_square_displacement` over the frames with start <= time <= stop [s], on ``lag`` [s]."""
-    return over_lags_of_run(
-        run, mean_square_displacement, start, stop, "m^2", "mean square displacement"
-    )
-
-
-def non_gaussian_of_run(
-    run: Trajectory, start: float = 0.0, stop: float = np.inf
-) -> xarray.DataArray:
-    """`non_gaussian_parameter` over the frames with start <= time <= stop [s], on ``lag`` [s]."""
-    return over_lags_of_run(
-        run, non_gaussian_parameter, start, stop, "1", "non-Gaussian parameter alpha_2"
-    )
-
-
 def _powers(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Means of the second and fourth power of the ways."""
-    frames = checked_frames(frames)
+    frames = checked_frames(frames, least=2)
     found = []
     for lag in checked_lags(lags, len(frames)):
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
@@ -149,6 +129,7 @@ def _powers(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np
     return second, fourth
 
 
+@observable("1", "dynamic Lindemann parameter")
 def lindemann_parameter(
     frames: np.ndarray,
     lags: np.ndarray | None = None,
@@ -181,7 +162,7 @@ def lindemann_parameter(
     InputError
         If a shape or lag does not fit, or in no frame two neighbours have interior cells.
     """
-    frames = checked_frames(frames)
+    frames = checked_frames(frames, least=2)
     lags = checked_lags(lags, len(frames))
     total, number = np.zeros((2, len(lags)))
     areas = []
@@ -202,13 +183,86 @@ def lindemann_parameter(
     return np.asarray(total / number / (2.0 * 2.0 / np.sqrt(3.0) * area.mean()))
 
 
-def lindemann_of_run(run: Trajectory, start: float = 0.0, stop: float = np.inf) -> xarray.DataArray:
-    """`lindemann_parameter` over the frames with start <= time <= stop [s], on ``lag`` [s].
+class NonAffineMotion(NamedTuple):
+    """Motion of the neighbours of each grain between two frames; NaN where it is not known.
+
+    Attributes
+    ----------
+    d2min : float (n,)
+        Mean square of what is left over by the best local strain [m^2].
+    strain : float (n, 2, 2)
+        The best local deformation gradient minus 1.
+    """
+
+    d2min: np.ndarray
+    strain: np.ndarray
+
+
+def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
+    """D2min of each grain with an interior cell between two frames.
+
+    The least mean over its Voronoi neighbours j in the first frame of
+
+        |r_j'' - r_i'' - F (r_j' - r_i')|^2
+
+    over all matrices F (Falk and Langer, Phys. Rev. E 57, 7192, 1998, who take the sum over the
+    grains within a distance).
+
+    Parameters
+    ----------
+    first, second : float (n, 2)
+        Positions in both frames [m]; NaN for absent grains.
 
     Raises
     ------
     InputError
-        As `lindemann_parameter`, and if the frames are not evenly spaced in time.
+        If the shapes do not fit.
     """
-    measure = functools.partial(lindemann_parameter, periods=run.scene.cell.periods)
-    return over_lags_of_run(run, measure, start, stop, "1", "dynamic Lindemann parameter")
+    first, second = checked_positions(first), checked_positions(second)
+    if first.shape != second.shape:
+        raise InputError(f"{len(first)} and {len(second)} grains; give two frames of the same bed")
+    cells = voronoi_cells(first)
+    both = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
+    before = first[both[:, 1]] - first[both[:, 0]]
+    after = second[both[:, 1]] - second[both[:, 0]]
+    known = np.isfinite(after).all(axis=1)
+    i, before, after = both[known, 0], before[known], after[known]
+    count = len(first)
+    mixed = sum_at(i, after[:, :, None] * before[:, None, :], count)
+    square = sum_at(i, before[:, :, None] * before[:, None, :], count)
+    number = np.bincount(i, minlength=count)
+    able = cells.interior & (number > 2) & np.isfinite(second).all(axis=1)
+    gradient = np.full((count, 2, 2), np.nan)
+    gradient[able] = np.linalg.solve(square[able], mixed[able].transpose(0, 2, 1)).transpose(
+        0, 2, 1
+    )
+    rest = after - np.einsum("jab,jb->ja", gradient[i], before)
+    total = np.bincount(i, (rest**2).sum(axis=1), minlength=count)
+    d2min = np.where(able, total / np.maximum(number, 1), np.nan)
+    return NonAffineMotion(d2min, gradient - np.eye(2))
+
+
+def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
+    """D2min of each grain since ``every`` frames before, on (``frame``, ``grain``) [m^2].
+
+    Raises
+    ------
+    InputError
+        If ``every`` is below 1.
+    """
+    import xarray
+
+    if every < 1:
+        raise InputError(f"every {every}; take 1 frame or more")
+    frames = run.dataset["position"].values
+    found = np.full(frames.shape[:2], np.nan)
+    for k in range(every, len(frames)):
+        # To where the neighbours are, in a periodic cell; the ways between frames stay.
+        home = run.scene.cell.inside(frames[k - every]) - frames[k - every]
+        found[k] = non_affine_motion(frames[k - every] + home, frames[k] + home).d2min
+    return xarray.DataArray(
+        found,
+        dims=("frame", "grain"),
+        coords={"frame_time": run.dataset["frame_time"]},
+        attrs={"units": "m^2", "long_name": "non-affine motion D2min"},
+    )

@@ -1,4 +1,4 @@
-"""Forces on the piston, the walls and the grains."""
+"""Forces on the piston, the walls and the grains; stresses of grains, and how forces are spread."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frames import frame_array
+from granular.observables.checks import values_of_grains
+from granular.observables.frame import Frame, species_names
 from granular.observables.interactions import pair_interactions, wall_interactions
+from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
+from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,19 +21,6 @@ if TYPE_CHECKING:
 
 
 _WALLS = ("left", "right", "bottom", "piston")
-
-
-def force_magnitudes(forces: np.ndarray) -> np.ndarray:
-    """Magnitudes (..., n) [N] of forces (..., n, 2) [N]; NaN for absent grains.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular.observables import force_magnitudes
-    >>> print(force_magnitudes(np.array([[3.0, 4.0], [0.0, 2.0]])))
-    [5. 2.]
-    """
-    return np.asarray(np.linalg.norm(np.asarray(forces, dtype=np.float64), axis=-1))
 
 
 def piston_force(run: Trajectory) -> xarray.DataArray:
@@ -70,49 +60,21 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     )
 
 
-def grain_forces(run: Trajectory) -> xarray.DataArray:
-    """Force on each grain as the run has it (magnetic, weight, contact, and inertia where the cell
-    is shaken) [N], on (``frame``, ``grain``, ``axis``).
+def interaction_forces(frame: Frame) -> np.ndarray:
+    """Force of grains and walls on each grain (n, 2) [N].
+
+    These are the frame's forces without weight, and without inertia where the cell is shaken: the
+    resulting magnetic force of [D, 4.3.5], and contact where the scene has it.
     """
-    return run.dataset["force"]
-
-
-def interaction_forces(run: Trajectory) -> xarray.DataArray:
-    """Force of grains and walls on each grain [N], on (``frame``, ``grain``, ``axis``).
-
-    This is `grain_forces` without weight and inertia: the resulting magnetic force of
-    [D, 4.3.5], and contact where the scene has it.
-    """
-    masses = grain_masses(run)
-    body = masses[None, :, None] * _body_acceleration(run)[:, None, :]
-    data = run.dataset
-    return frame_array(
-        run,
-        data["force"].values - body,
-        "N",
-        "force of grains and walls on the grain",
-        ("frame", "grain", "axis"),
-        {name: data[name] for name in ("grain", "axis", "species", "diameter")},
-    )
-
-
-def grain_masses(run: Trajectory) -> np.ndarray:
-    """Mass of each grain (n,) [kg]."""
-    return run.scene.grains.masses()
-
-
-def _body_acceleration(run: Trajectory) -> np.ndarray:
-    """Acceleration by weight and by the shaken cell, of every frame (f, 2) [m/s^2]."""
-    times = run.dataset["frame_time"].values
-    acceleration = np.zeros((len(times), 2))
-    gravity, shaking = run.scene.effects.gravity, run.scene.effects.shaking
+    acceleration = np.zeros(2)
+    gravity, shaking = frame.scene.effects.gravity, frame.scene.effects.shaking
     if gravity is not None:
-        acceleration[:, 1] -= gravity.acceleration
+        acceleration[1] -= gravity.acceleration
     if shaking is not None:
         omega = 2.0 * np.pi * shaking.frequency
-        swing = shaking.amplitude * omega**2 * np.sin(omega * times)
-        acceleration += swing[:, None] * [np.cos(shaking.angle), np.sin(shaking.angle)]
-    return acceleration
+        swing = shaking.amplitude * omega**2 * np.sin(omega * frame.time)
+        acceleration += swing * np.array([np.cos(shaking.angle), np.sin(shaking.angle)])
+    return frame.forces - frame.masses[:, None] * acceleration
 
 
 def compressive_forces(
@@ -151,16 +113,150 @@ def compressive_forces(
     return total
 
 
-def compressive_force_series(run: Trajectory) -> xarray.DataArray:
-    """`compressive_forces` of every frame [N], on (``frame``, ``grain``)."""
-    data = run.dataset
-    frames = zip(data["position"].values, data["frame_height"].values, strict=True)
-    values = [compressive_forces(run.scene, positions, float(at)) for positions, at in frames]
-    return frame_array(
-        run,
-        np.reshape(values, data["position"].shape[:2]),
-        "N",
-        "compressive force on the grain",
-        ("frame", "grain"),
-        {name: data[name] for name in ("grain", "species", "diameter")},
-    )
+def relative_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndarray:
+    """|F_k - mean F| / mean F, with the mean over the species of grain k [D, eq. 4.35].
+
+    Parameters
+    ----------
+    magnitudes : float (n,)
+        Of the forces on the grains [N]; NaN for grains that are not to count.
+    species : int (n,)
+        Index of each grain's species.
+
+    Returns
+    -------
+    float (n,)
+        NaN for grains that do not count, and where the mean is 0.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit.
+    """
+    magnitudes = np.asarray(magnitudes, dtype=np.float64)
+    magnitudes = values_of_grains("magnitudes", magnitudes, magnitudes.size)
+    species = values_of_grains("species", species, len(magnitudes))
+    fluctuation = np.full(len(magnitudes), np.nan)
+    for one in np.unique(species):
+        chosen = (species == one) & np.isfinite(magnitudes)
+        mean = magnitudes[chosen].mean() if chosen.any() else 0.0
+        if mean > 0.0:
+            fluctuation[chosen] = np.abs(magnitudes[chosen] - mean) / mean
+    return fluctuation
+
+
+def grain_virials(
+    scene: Scene, positions: np.ndarray, piston_height: float | None = None
+) -> np.ndarray:
+    """Virial of each grain: sum of branch times force, half for a pair and whole for a wall.
+
+    The branch of a pair belongs to both grains, that of a wall to one alone. So the sum over all
+    grains is that of the bed: with every grain at rest its yy component is the piston force times
+    the piston's height, plus what weight and friction hold (the virial theorem).
+
+    Parameters
+    ----------
+    scene : Scene
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    piston_height : float, optional
+        [m]; the scene's where not given.
+
+    Returns
+    -------
+    float (n, 2, 2)
+        [J], positive where the grain is pressed; NaN for absent grains.
+
+    Raises
+    ------
+    InputError
+        As of `granular.observables.compressive_forces`.
+    """
+    virials = np.full((len(positions), 2, 2), np.nan)
+    for some in pair_interactions(scene, positions):
+        virials[some.grains] = 0.5 * np.einsum("kmi,kmj->kij", some.branches, some.forces)
+    walls = wall_interactions(scene, positions, piston_height)
+    virials[walls.grains] += np.einsum("kmi,kmj->kij", walls.branches, walls.forces)
+    return virials
+
+
+def grain_stresses(
+    scene: Scene,
+    positions: np.ndarray,
+    piston_height: float | None = None,
+    cells: VoronoiCells | None = None,
+) -> np.ndarray:
+    """`grain_virials` over the area of the Voronoi cell: the stress tensor of each grain.
+
+    Returns
+    -------
+    float (n, 2, 2)
+        [N/m], positive for compression; NaN for grains without an interior Voronoi cell.
+    """
+    cells = voronoi_cells(scene.cell.inside(positions)) if cells is None else cells
+    return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
+
+
+def grain_pressures(
+    scene: Scene,
+    positions: np.ndarray,
+    piston_height: float | None = None,
+    cells: VoronoiCells | None = None,
+) -> np.ndarray:
+    """Half the trace of `grain_stresses` (n,) [N/m]; NaN without an interior Voronoi cell."""
+    stresses = grain_stresses(scene, positions, piston_height, cells)
+    return np.asarray(0.5 * np.trace(stresses, axis1=1, axis2=2))
+
+
+def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histogram]:
+    """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
+
+    Only grains with an interior Voronoi cell count, as in de Paula's pictures of forces.
+
+    Parameters
+    ----------
+    frame : Frame
+        See `frame_at`.
+    pooled : bool
+        All species in one histogram, named ``"all"``, over the greatest force of the frame, as the
+        source draws them.
+
+    Returns
+    -------
+    dict of str to Histogram
+        By the name of the species, for the species that have such grains there; forces in N, or
+        over their greatest where they are pooled.
+
+    Raises
+    ------
+    InputError
+        If there is no such grain, or a force that cannot be taken apart (see `compressive_forces`).
+    """
+    forces = _inner_forces(frame)
+    known = np.isfinite(forces)
+    if not known.any():
+        raise InputError(
+            f"the frame at {frame.time:g} s has 0 grains with an interior Voronoi cell; give one "
+            "whose grains lie in more than two rows"
+        )
+    if pooled:
+        return {"all": knuth_histogram(forces[known] / forces[known].max())}
+    return {
+        name: knuth_histogram(forces[known & (frame.species == k)])
+        for k, name in enumerate(species_names(frame.scene))
+        if (known & (frame.species == k)).any()
+    }
+
+
+def force_modes(frame: Frame) -> DipTest:
+    """Test the compressive forces of a frame, of all species together, for more than one mode.
+
+    Grains and errors as of `force_distribution`.
+    """
+    return dip_test(_inner_forces(frame))
+
+
+def _inner_forces(frame: Frame) -> np.ndarray:
+    """Compressive forces of the grains with an interior cell (n,) [N]; NaN for the others."""
+    forces = compressive_forces(frame.scene, frame.positions, frame.piston_height)
+    return np.where(voronoi_cells(frame.positions).interior, forces, np.nan)

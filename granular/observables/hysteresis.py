@@ -86,7 +86,7 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
     Examples
     --------
     >>> import numpy as np
-    >>> from granular.observables import cycle_bounds
+    >>> from granular.observables.hysteresis import cycle_bounds
     >>> height = np.concatenate([np.linspace(2, 1, 50), np.linspace(1, 2, 50)])
     >>> len(cycle_bounds(height))
     1
@@ -100,7 +100,7 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
     ]
 
 
-def hysteresis_of_run(run: Trajectory) -> xarray.Dataset:
+def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     """`hysteresis_energy` of every cycle of compression and expansion of a run.
 
     Returns

@@ -1,4 +1,4 @@
-"""Packing fraction of the bed, and its profile over the height."""
+"""Packing fraction of the bed, its profile over the height, and distances of the grains."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frames import (
+from granular.observables.checks import (
     checked_positions,
-    frame_array,
-    piston_heights,
     present,
+    present_positions,
     values_of_grains,
 )
+from granular.observables.frame import require_piston
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
 
     from granular.run.trajectory import Trajectory
+
+BLOCK = 1024
+"""Grains whose distances to all others are held at once."""
 
 
 def packing_fraction(diameters: np.ndarray, width: float, height: float | np.ndarray) -> np.ndarray:
@@ -68,7 +71,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
     """
     import xarray
 
-    piston_heights(run)
+    require_piston(run.scene)
     data = run.dataset
     heights = data["piston_height"].values
     fraction = packing_fraction(data["diameter"].values, run.scene.cell.width, heights)
@@ -149,8 +152,8 @@ def area_fraction_profile(
     return np.asarray(covered / (width * np.diff(edges)))
 
 
-def area_profile_series(run: Trajectory, thickness: float | None = None) -> xarray.DataArray:
-    """`area_fraction_profile` of every frame by depth below the piston, on (``frame``, ``depth``).
+def depth_profile(run: Trajectory, thickness: float | None = None) -> xarray.DataArray:
+    """Local area fraction of every frame by depth below the piston, on (``frame``, ``depth``).
 
     Parameters
     ----------
@@ -169,7 +172,10 @@ def area_profile_series(run: Trajectory, thickness: float | None = None) -> xarr
     InputError
         If the scene has no piston, or the thickness is not above 0 m.
     """
-    heights = piston_heights(run)
+    import xarray
+
+    require_piston(run.scene)
+    heights = run.dataset["frame_height"].values
     step = run.scene.grains.species[0].diameter if thickness is None else thickness
     if not step > 0.0:
         raise InputError(f"thickness = {step:g} m; give a length above 0 m")
@@ -180,13 +186,11 @@ def area_profile_series(run: Trajectory, thickness: float | None = None) -> xarr
         for frame, height in zip(run.dataset["position"].values, heights, strict=True)
     ]
     middle = ("depth", 0.5 * (depths[:-1] + depths[1:]), {"units": "m", "long_name": "depth"})
-    return frame_array(
-        run,
+    return xarray.DataArray(
         np.reshape(profiles, (-1, len(depths) - 1)),
-        "1",
-        "local area fraction",
-        ("frame", "depth"),
-        {"depth": middle},
+        dims=("frame", "depth"),
+        coords={"frame_time": run.dataset["frame_time"], "depth": middle},
+        attrs={"units": "1", "long_name": "local area fraction"},
     )
 
 
@@ -210,3 +214,106 @@ def _area_between(centres: np.ndarray, radii: np.ndarray, lines: np.ndarray) -> 
     parts = np.arcsin(u) + u * np.sqrt(1.0 - u**2) + 0.5 * np.pi
     # Differences disc by disc: a strip that no disc reaches has exactly no area.
     return np.asarray(np.diff(parts, axis=0) @ radii**2)
+
+
+def mean_pair_distance(positions: np.ndarray) -> float:
+    """The mean distance of two grains, over all n (n - 1)/2 pairs, as [D, eq. 2.1] reads.
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+
+    Returns
+    -------
+    float
+        [m]; NaN for fewer than two grains.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import mean_pair_distance
+    >>> round(mean_pair_distance(places), 4)  # [m]
+    0.0441
+    """
+    points = present_positions(positions)
+    count = len(points)
+    if count < 2:
+        return np.nan
+    return _sum_of_distances(points) / (count * (count - 1) / 2)
+
+
+def depaula_pair_distance(positions: np.ndarray) -> float:
+    """Half of `mean_pair_distance`: the convention of de Paula's tables and figures.
+
+    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
+    N (N - 1), while its eq. 2.1 sums over all i and j.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import depaula_pair_distance
+    >>> round(depaula_pair_distance(places), 4)  # [m]
+    0.0221
+    """
+    return 0.5 * mean_pair_distance(positions)
+
+
+def _sum_of_distances(points: np.ndarray) -> float:
+    from scipy.spatial.distance import cdist, pdist
+
+    total = 0.0
+    for start in range(0, len(points), BLOCK):
+        block = points[start : start + BLOCK]
+        total += float(pdist(block).sum())
+        for later in range(start + BLOCK, len(points), BLOCK):
+            total += float(cdist(block, points[later : later + BLOCK]).sum())
+    return total
+
+
+def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
+    """Least distance of a grain's centre from the piston, the delta of [D, eq. 4.29].
+
+    Parameters
+    ----------
+    positions : float (n, 2)
+        [m]; NaN for absent grains.
+    piston_height : float
+        [m]
+
+    Returns
+    -------
+    float
+        [m]; NaN without grains.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.arange(10.0) * 9e-3  # a triangular lattice, 9 mm from grain to grain
+    >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
+    >>> x[1::2] += 4.5e-3
+    >>> places = np.column_stack([x.ravel(), y.ravel()])
+    >>> from granular.observables import least_piston_distance
+    >>> round(least_piston_distance(places, piston_height=0.08), 4)  # [m]
+    0.0099
+    """
+    points = present_positions(positions)
+    return float(piston_height - points[:, 1].max()) if len(points) else np.nan

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.forces import piston_force
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    from granular.run.trajectory import Trajectory
 
 
 class PlasticEvents(NamedTuple):
@@ -59,7 +55,7 @@ def plastic_events(time: np.ndarray, values: np.ndarray, least: float) -> Plasti
     time : float (n,)
         [s]
     values : float (n,)
-        Such as the piston's force under compression.
+        Such as the piston's force under compression, ``run.dataset["piston_force"]``.
     least : float
         Smallest drop that counts, above the noise, in the unit of the values.
 
@@ -111,23 +107,3 @@ def drop_statistics(sizes: np.ndarray, least: float) -> DropStatistics:
     return DropStatistics(
         exponent, (exponent - 1.0) / float(np.sqrt(count)), count, float(drops.mean())
     )
-
-
-def plastic_events_of_run(run: Trajectory, least: float, stage: str | None = None) -> PlasticEvents:
-    """Drops of the piston's force by ``least`` [N] or more, in a stage or the whole run.
-
-    Raises
-    ------
-    InputError
-        If the scene has no piston, or there is no such stage.
-    """
-    force = piston_force(run)
-    times, values = force["time"].values, force.values
-    if stage is not None:
-        bounds = [(one.start, one.end) for one in run.stages if one.name == stage]
-        if not bounds:
-            names = ", ".join(one.name for one in run.stages) or "none"
-            raise InputError(f"no stage {stage!r}; there are {names}")
-        inside = (times >= bounds[0][0]) & (times <= bounds[0][1])
-        times, values = times[inside], values[inside]
-    return plastic_events(times, values, least)

@@ -11,8 +11,8 @@ import numpy as np
 
 from granular.observables.biexponential import BiexponentialFit
 from granular.observables.defects import Dislocations
-from granular.observables.force_distribution import Histogram
 from granular.observables.forces import piston_force
+from granular.observables.statistics import Histogram
 from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
 from granular.shared.plotting import COLOURS, GREY, SIDES, STYLES, axes_or_new, plain_label
 
@@ -36,7 +36,6 @@ __all__ = [
     "plot_order_correlation",
     "plot_response",
     "plot_series",
-    "plot_shares",
 ]
 
 _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
@@ -149,7 +148,7 @@ def plot_dislocations(found: Dislocations, positions: np.ndarray, ax: Axes | Non
 def plot_defect_paths(
     tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Paths of `tracked_defects` over the Voronoi cells of a frame, with their Burgers vectors."""
+    """Paths of `track_defects` over the Voronoi cells of a frame, with their Burgers vectors."""
     from matplotlib.lines import Line2D
     from matplotlib.patheffects import withStroke
 
@@ -189,19 +188,8 @@ def plot_defect_paths(
     return _as_map(ax)
 
 
-def plot_shares(shares: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Shares of pentagons, hexagons, heptagons and others over time [D, Fig. 4.9]."""
-    ax = axes_or_new(ax)
-    time = shares["frame_time"]
-    for k, name in enumerate(("pentagons", "hexagons", "heptagons", "others")):
-        ax.plot(time, shares[name], STYLES[k], label=name)
-    ax.set(xlabel="time [s]", ylabel="share of the cells", ylim=(0.0, 1.0))
-    ax.legend()
-    return ax
-
-
 def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Any observable on ``frame`` or ``time``; one line for each value of a second dimension."""
+    """Observable on ``frame`` or ``time``; one line for each value of a second dimension."""
     ax = axes_or_new(ax)
     along = "time" if "time" in series.dims else "frame"
     time = series["time" if along == "time" else "frame_time"]
@@ -287,16 +275,18 @@ def plot_forces(
     return _as_map(ax)
 
 
-def plot_order_correlation(orders: np.ndarray, shares: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Psi6 over the share of hexagons, with the line of best fit [D, Fig. 4.13]."""
+def plot_order_correlation(
+    orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None
+) -> Axes:
+    """Psi6 over the fraction of hexagons, with the line of best fit [D, Fig. 4.13]."""
     ax = axes_or_new(ax, 4.2, 3.4)
-    orders, shares = np.asarray(orders), np.asarray(shares)
-    known = np.isfinite(orders) & np.isfinite(shares)
-    ax.plot(shares[known], orders[known], "o", markersize=3.5)
-    if np.ptp(shares[known]) > 0.0:
-        ends = np.array([shares[known].min(), shares[known].max()])
-        ax.plot(ends, np.polyval(np.polyfit(shares[known], orders[known], 1), ends), "--")
-    ax.set(xlabel="share of hexagons n6", ylabel="Psi6")
+    orders, fractions = np.asarray(orders), np.asarray(fractions)
+    known = np.isfinite(orders) & np.isfinite(fractions)
+    ax.plot(fractions[known], orders[known], "o", markersize=3.5)
+    if np.ptp(fractions[known]) > 0.0:
+        ends = np.array([fractions[known].min(), fractions[known].max()])
+        ax.plot(ends, np.polyval(np.polyfit(fractions[known], orders[known], 1), ends), "--")
+    ax.set(xlabel="fraction of hexagons n6", ylabel="Psi6")
     return ax
 
 
@@ -342,6 +332,5 @@ def _as_map(ax: Axes) -> Axes:
 
 
 def _label(array: xarray.DataArray) -> str:
-    unit = array.attrs["units"]
-    name = str(array.attrs["long_name"])
+    unit, name = array.attrs.get("units", "1"), str(array.attrs.get("long_name", ""))
     return name if unit == "1" else f"{name} [{unit}]"

@@ -23,8 +23,13 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.observables.defect_clusters import CORE, Defects
-from granular.observables.defect_motion import defects_of_frames
-from granular.observables.defect_tracks import DefectEvent, DefectTrack, found_events, linked_tracks
+from granular.observables.defect_tracks import (
+    DefectEvent,
+    DefectTrack,
+    defects_of_frames,
+    find_events,
+    link_tracks,
+)
 from granular.observables.defects import in_space
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 
@@ -80,10 +85,10 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
         If the shape is another one, or a frame has no interior cells.
     """
     found = defects_of_frames(frames)
-    tracks = linked_tracks(found)
+    tracks = link_tracks(found)
     boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
     spacing = float(np.mean([one.spacing for one in found]))
-    events = found_events(tracks, boxes, spacing)
+    events = find_events(tracks, boxes, spacing)
     cells = [voronoi_cells(one) for one in frames]
     area = np.array([one.area[inner(one)].sum() for one in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))

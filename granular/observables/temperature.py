@@ -6,22 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.forces import grain_masses
-from granular.observables.frames import (
-    chosen_frames,
-    frame_array,
-    present,
-    species_names,
-    values_of_grains,
-)
+from granular.observables.checks import checked_frames, present, values_of_grains
 from granular.observables.interactions import moments_of, pair_interactions, wall_interactions
 from granular.observables.moduli import dipole_strength
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    import xarray
-
-    from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
 
 
@@ -73,42 +63,6 @@ def fluctuation_energies(velocities: np.ndarray, masses: np.ndarray) -> np.ndarr
     return np.asarray(0.5 * masses * ((velocities - drift) ** 2).sum(axis=1))
 
 
-def temperature_series(run: Trajectory) -> xarray.Dataset:
-    """Kinetic temperature of every frame, of the bed and of each species.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``bed`` [J] on ``frame`` and ``by_species`` [J] on (``frame``, ``species_name``); all
-        velocities are relative to the centre of mass of the bed.
-    """
-    import xarray
-
-    masses, names = grain_masses(run), species_names(run)
-    owner = run.dataset["species"].values
-    velocities = run.dataset["velocity"].values
-    energies = np.array([fluctuation_energies(v, masses) for v in velocities])
-    energies = energies.reshape(-1, len(masses))
-    by_species = np.stack([_mean(energies[:, owner == k]) for k in range(len(names))], axis=1)
-    return xarray.Dataset(
-        {
-            "bed": frame_array(run, _mean(energies), "J", "kinetic temperature"),
-            "by_species": frame_array(
-                run, by_species, "J", "kinetic temperature of the species",
-                ("frame", "species_name"), {"species_name": names},
-            ),
-        }
-    )  # fmt: skip
-
-
-def _mean(values: np.ndarray) -> np.ndarray:
-    """Mean of the finite values of each row; NaN where there are none."""
-    known = np.isfinite(values)
-    number = known.sum(axis=1)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
-
-
 KNOWN = ("bath", "dipole", "drag", "eddy", "walls")
 STRAIGHT = ("friction", "gravity", "shaking")
 """Effects that add nothing to the Laplacian of the potential."""
@@ -116,7 +70,10 @@ _STEP = 1e-5
 
 
 def configurational_temperature(
-    scene: Scene, frames: np.ndarray, piston_height: float | None = None
+    scene: Scene,
+    frames: np.ndarray,
+    piston_height: float | np.ndarray | None = None,
+    forces: np.ndarray | None = None,
 ) -> float:
     """<|grad U|^2>/<laplacian U> over frames, k_B times a temperature [J].
 
@@ -129,44 +86,44 @@ def configurational_temperature(
     scene : Scene
     frames : float (f, n, 2)
         Positions [m].
-    piston_height : float, optional
+    piston_height : float or float (f,), optional
         [m]; the scene's where not given.
+    forces : float (f, n, 2), optional
+        Of a run at these frames [N]: weight counts then, and so does the inertia of a shaken cell.
+        Those of dipoles and walls if not given.
 
     Raises
     ------
     InputError
-        If a shape does not fit, another effect has a potential, or there are no dipoles.
+        If a shape does not fit, there are no dipoles, or there is an effect other than `KNOWN`, and
+        with ``forces`` other than `KNOWN` and `STRAIGHT`.
+
+    Examples
+    --------
+    Of a run, from 0.5 s on:
+
+    >>> late = run.dataset.isel(frame=run.dataset.frame_time.values >= 0.5)
+    >>> configurational_temperature(
+    ...     run.scene, late.position.values, late.frame_height.values, late.force.values
+    ... )
     """
-    array = np.asarray(frames, dtype=np.float64)
-    if array.ndim != 3 or array.shape[2] != 2:
-        raise InputError(f"positions of frames have the shape {array.shape}; (f, n, 2) is wanted")
+    array = checked_frames(frames, least=1)
+    if piston_height is None:
+        heights: list[float | None] = [None] * len(array)
+    else:
+        heights = np.broadcast_to(piston_height, len(array)).tolist()
+    each = list(zip(array, heights, strict=True))
+    if forces is not None:
+        bend = sum(laplacian_of(scene, *one) for one in each)
+        return float(np.nansum(np.square(forces))) / bend
     _check(scene, KNOWN)
     square = bend = 0.0
-    for positions in array:
-        forces, laplacian = _of_pairs(scene, positions)
-        walls, more = _of_walls(scene, positions, piston_height)
-        square += float(np.nansum((forces + walls) ** 2))
+    for positions, height in each:
+        pairs, laplacian = _of_pairs(scene, positions)
+        walls, more = _of_walls(scene, positions, height)
+        square += float(np.nansum((pairs + walls) ** 2))
         bend += laplacian + more
     return square / bend
-
-
-def configurational_temperature_of_run(
-    run: Trajectory, start: float = 0.0, stop: float = np.inf
-) -> float:
-    """`configurational_temperature` over the frames with start <= time <= stop [J].
-
-    By the forces of the run: weight counts, and so does the inertia of a shaken cell.
-
-    Raises
-    ------
-    InputError
-        If there are no such frames, no dipoles, or an effect other than `KNOWN` and `STRAIGHT`.
-    """
-    chosen = chosen_frames(run, start, stop)
-    data = run.dataset
-    frames = zip(data["position"].values[chosen], data["frame_height"].values[chosen], strict=True)
-    bend = sum(laplacian_of(run.scene, places, float(height)) for places, height in frames)
-    return float(np.nansum(data["force"].values[chosen] ** 2)) / bend
 
 
 def laplacian_of(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from granular.observables.checks import present_positions
 from granular.observables.correlation import (
-    binned_pairs,
+    PairFunction,
     binned_products,
     checked_edges,
     default_edges,
-    in_each_frame,
-    mean_of_frames,
-    mean_per_pair,
-    on_distance,
+    mean_over_pairs,
 )
-from granular.observables.frames import present_positions
+from granular.observables.frame import observable
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray
-
-    from granular.run.trajectory import Trajectory
-
 
 RING = 0.15
 """How far from the length in the hexagonal lattice of the mean cell area a peak is looked for."""
@@ -106,24 +97,6 @@ def _peak_on_a_mesh(points: np.ndarray, length: float) -> np.ndarray:
     return np.array([qx[row, 0], qy[0, column]])
 
 
-class TranslationalCorrelation(NamedTuple):
-    """g_T(r) in bins (lower edge, upper edge].
-
-    Attributes
-    ----------
-    edges : float (k + 1,)
-        [m]
-    g : float (k,)
-        NaN in bins without pairs.
-    pairs : int (k,)
-        Pairs i < j.
-    """
-
-    edges: np.ndarray
-    g: np.ndarray
-    pairs: np.ndarray
-
-
 def translational_order(positions: np.ndarray, vector: np.ndarray | None = None) -> float:
     """|mean of exp(i G r)| over the grains: 1 for a crystal at rest, about n^(-1/2) for a liquid.
 
@@ -144,9 +117,10 @@ def translational_order(positions: np.ndarray, vector: np.ndarray | None = None)
     return float(abs(np.exp(1j * (points @ wave)).mean()))
 
 
+@observable("1", "correlation of translational order g_T(r)")
 def translational_correlation(
     positions: np.ndarray, edges: np.ndarray | None = None, vector: np.ndarray | None = None
-) -> TranslationalCorrelation:
+) -> PairFunction:
     """g_T(r) = Re <exp(i G (r_i - r_j))>, the mean over pairs of grains at the distance r.
 
     It tends to a constant or falls algebraically in a crystal in two dimensions, and falls
@@ -175,30 +149,4 @@ def translational_correlation(
     products = binned_products(points, np.cos(phase), edges) + binned_products(
         points, np.sin(phase), edges
     )
-    pairs = binned_pairs(points, edges)
-    return TranslationalCorrelation(edges, mean_per_pair(products, pairs), pairs)
-
-
-def translational_correlation_of_run(
-    run: Trajectory,
-    edges: np.ndarray | None = None,
-    start: float = 0.0,
-    stop: float = np.inf,
-) -> xarray.DataArray:
-    """g_T(r) over all pairs of the frames with start <= time <= stop [s].
-
-    Each frame has the reciprocal lattice vector of its own order.
-
-    Returns
-    -------
-    xarray.DataArray
-        On ``distance``, the middle of the bins [m].
-
-    Raises
-    ------
-    InputError
-        As `translational_correlation`, and where there is no such frame.
-    """
-    found = in_each_frame(translational_correlation, run, edges, start, stop)
-    values = mean_of_frames([one.g for one in found], [one.pairs for one in found])
-    return on_distance(values, found[0].edges, "correlation of translational order g_T(r)")
+    return mean_over_pairs(points, products, edges)

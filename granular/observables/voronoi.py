@@ -1,4 +1,4 @@
-"""Voronoi cells of the grains, and the shares of pentagons, hexagons and heptagons.
+"""Voronoi cells of the grains, and the fractions of pentagons, hexagons and heptagons.
 
 Only cells wholly inside the box spanned by the outermost grain centres are counted, as in
 [D, 4.2.4, Algorithm 4.3]; such cells are called interior.
@@ -6,17 +6,11 @@ Only cells wholly inside the box spanned by the outermost grain centres are coun
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frames import checked_positions, frame_dataset, frame_positions
-
-if TYPE_CHECKING:
-    import xarray
-
-    from granular.run.trajectory import Trajectory
-
+from granular.observables.checks import checked_positions
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
@@ -55,8 +49,8 @@ class VoronoiCells(NamedTuple):
     corners: np.ndarray
 
 
-class CellShares(NamedTuple):
-    """Shares of the interior cells by their number of sides; they add up to 1.
+class PolygonFractions(NamedTuple):
+    """Fractions of the interior cells by their number of sides; they add up to 1.
 
     Attributes
     ----------
@@ -71,6 +65,11 @@ class CellShares(NamedTuple):
     heptagons: float
     others: float
     cells: int
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The four fractions."""
+        return dict(zip(self._fields[:4], self[:4], strict=True))
 
 
 def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
@@ -138,8 +137,8 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     )
 
 
-def cell_shares(cells: VoronoiCells) -> CellShares:
-    """Shares of pentagons, hexagons, heptagons and all others among the interior cells.
+def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
+    """Fractions of pentagons, hexagons, heptagons and all others among the interior cells.
 
     Examples
     --------
@@ -148,17 +147,17 @@ def cell_shares(cells: VoronoiCells) -> CellShares:
     >>> x, y = np.meshgrid(grid, grid * 3**0.5 / 2)
     >>> x[1::2] += 4.5e-3
     >>> places = np.column_stack([x.ravel(), y.ravel()])
-    >>> from granular.observables import cell_shares, voronoi_cells
-    >>> float(cell_shares(voronoi_cells(places)).hexagons)
+    >>> from granular.observables import polygon_fractions, voronoi_cells
+    >>> float(polygon_fractions(voronoi_cells(places)).hexagons)
     1.0
     """
     sides = cells.sides[cells.interior]
     if not len(sides):
-        return CellShares(np.nan, np.nan, np.nan, np.nan, 0)
+        return PolygonFractions(np.nan, np.nan, np.nan, np.nan, 0)
     five, six, seven = (int(np.count_nonzero(sides == k)) for k in (5, 6, 7))
     total = len(sides)
     rest = total - five - six - seven
-    return CellShares(five / total, six / total, seven / total, rest / total, total)
+    return PolygonFractions(five / total, six / total, seven / total, rest / total, total)
 
 
 def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
@@ -188,23 +187,6 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
         arms = corners - corners.mean(axis=0)
         polygons[grain] = corners[np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))]
     return polygons
-
-
-def share_series(run: Trajectory) -> xarray.Dataset:
-    """Shares of pentagons, hexagons, heptagons and others of every frame [D, Fig. 4.9, 4.11].
-
-    Returns
-    -------
-    xarray.Dataset
-        ``pentagons``, ``hexagons``, ``heptagons``, ``others`` and ``cells`` on ``frame``.
-    """
-    shares = [cell_shares(voronoi_cells(positions)) for positions in frame_positions(run)]
-    columns = {
-        name: ([getattr(one, name) for one in shares], "1", f"share of {name} in Voronoi cells")
-        for name in ("pentagons", "hexagons", "heptagons", "others")
-    }
-    columns["cells"] = ([one.cells for one in shares], "1", "number of interior Voronoi cells")
-    return frame_dataset(run, columns)
 
 
 def _triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -304,26 +286,3 @@ def hexagon_regularity(cells: VoronoiCells) -> np.ndarray:
     regularity = np.full(len(cells.sides), np.nan)
     regularity[hexagon] = 4.0 / np.sqrt(3.0) * cells.area[hexagon] / cells.side_squares[hexagon]
     return regularity
-
-
-def regularity_series(run: Trajectory) -> xarray.Dataset:
-    """Mean and standard deviation of the hexagon regularity of every frame [D, Fig. 4.10].
-
-    Returns
-    -------
-    xarray.Dataset
-        ``mean`` and ``deviation`` on ``frame``; NaN without interior hexagons.
-    """
-    means, deviations = [], []
-    for positions in frame_positions(run):
-        values = hexagon_regularity(voronoi_cells(positions))
-        values = values[np.isfinite(values)]
-        means.append(values.mean() if len(values) else np.nan)
-        deviations.append(values.std() if len(values) else np.nan)
-    return frame_dataset(
-        run,
-        {
-            "mean": (means, "1", "mean regularity of the hexagons"),
-            "deviation": (deviations, "1", "standard deviation of the regularity"),
-        },
-    )

@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame
-from granular.observables.fluctuation import relative_fluctuation
-from granular.observables.forces import compressive_forces, force_magnitudes
-from granular.observables.grain_stress import grain_pressures
+from granular.observables.forces import (
+    compressive_forces,
+    grain_pressures,
+    relative_fluctuation,
+)
 from granular.observables.voronoi import VoronoiCells, hexagon_regularity
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
@@ -84,7 +86,7 @@ def _sides(view: View) -> np.ndarray:
 
 
 def _fluctuation(view: View) -> np.ndarray:
-    sizes = force_magnitudes(view.frame.interaction)
+    sizes = np.linalg.norm(view.frame.interaction, axis=1)
     return relative_fluctuation(np.where(_cells(view).interior, sizes, np.nan), view.species)
 
 
@@ -112,7 +114,7 @@ COLOURINGS: Mapping[str, Colouring] = {
     ),
     "force": Colouring(
         "force of grains and walls [N]",
-        lambda view: force_magnitudes(view.frame.interaction),
+        lambda view: np.linalg.norm(view.frame.interaction, axis=1),
         "inferno",
     ),
     "compression": Colouring("compressive force [N]", _compression, "inferno", lower=None),

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from types import FunctionType
 from typing import Any
 
-from granular.observables.of_frames import Observable
+from granular.observables.frame import observable_of
+from granular.observables.over_frames import per_frame
 from granular.run.trajectory import Trajectory
 from granular.shared.own_file import OwnFile, contents
 from granular.studies.cases import measure_name
@@ -33,8 +34,8 @@ class OwnMeasure:
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """What the function finds."""
         found = contents(self.file)[self.name]
-        if isinstance(found, Observable):
-            return {found.name: found(run).values[-1].tolist()}
+        if (marked := observable_of(found)) is not None:
+            return {marked.name: per_frame(run, found).values[-1].tolist()}
         figures: Mapping[str, Any] = found(run)
         return figures
 
@@ -48,12 +49,8 @@ def own_measures(file: OwnFile) -> dict[str, OwnMeasure]:
 
 
 def _functions(file: OwnFile) -> dict[str, FunctionType]:
-    every = {
-        name: found.function if isinstance(found, Observable) else found
-        for name, found in contents(file).items()
-    }
     return {
         name: found
-        for name, found in every.items()
+        for name, found in contents(file).items()
         if isinstance(found, FunctionType) and found.__module__ == file.module
     }

@@ -18,7 +18,7 @@ from granular.observables.bond_order import psi6
 from granular.observables.displacement import lindemann_parameter
 from granular.observables.interactions import wall_interactions
 from granular.observables.moduli import dipole_strength
-from granular.observables.temperature import configurational_temperature_of_run, kinetic_temperature
+from granular.observables.temperature import configurational_temperature, kinetic_temperature
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.run.trajectory import Trajectory
 from granular.schema.scales import Scales
@@ -60,7 +60,7 @@ def measured(run: Trajectory) -> dict[str, float]:
     times = data["frame_time"].values
     chosen = (times >= window[0]) & (times <= window[1])
     places, velocities = (data[name].values[chosen] for name in ("position", "velocity"))
-    heights = data["frame_height"].values[chosen]
+    heights, forces = (data[name].values[chosen] for name in ("frame_height", "force"))
     cells = [voronoi_cells(one) for one in places]
     areas = [one.area[one.interior] for one in cells]
     area = float(np.mean(np.concatenate(areas)))
@@ -73,7 +73,7 @@ def measured(run: Trajectory) -> dict[str, float]:
         "local kinetic": np.mean(
             [local_kinetic_temperature(*one, masses) for one in zip(velocities, cells, strict=True)]
         ) / energy,
-        "configurational": configurational_temperature_of_run(run, *window) / energy,
+        "configurational": configurational_temperature(run.scene, places, heights, forces) / energy,
         "piston": _piston_temperature(run, window, places, heights) / energy,
         **_shaking(run, spacing, energy),
         "free volume": area / (math.sqrt(0.75) * diameter**2) - 1.0,

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.observables.forces import grain_masses
 from granular.observables.temperature import configurational_temperature
 from research.melting.displacements import (
     LONGEST_WAVE,
@@ -59,7 +58,7 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
     data = run.dataset
     chosen = data["frame_time"].values >= settling
     frames, speeds = data["position"].values[chosen], data["velocity"].values[chosen]
-    masses = grain_masses(run)
+    masses = run.scene.grains.masses()
     periods = layer.scene.cell.periods
     assert periods is not None
     kinetic = float((masses[None, :, None] * speeds**2).mean()) / layer.temperature

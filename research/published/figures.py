@@ -9,15 +9,15 @@ import numpy as np
 
 from granular.observables import (
     area_fraction_profile,
-    cell_shares,
+    axial_order,
     compressive_forces,
     dip_test,
-    direction_order,
     hexagon_regularity,
+    polygon_fractions,
     psi6,
     radial_distribution,
     relative_fluctuation,
-    value_correlation,
+    spatial_correlation,
     voronoi_cells,
 )
 from granular.scene.scene import Scene
@@ -120,7 +120,7 @@ def _courses(record: Mapping[str, Any]) -> Figures:
 def _order(positions: np.ndarray, when: str) -> Figures:
     """Shares of polygons, Psi6, and regularity of the hexagons with its deviation."""
     cells = voronoi_cells(positions)
-    shares = cell_shares(cells)
+    shares = polygon_fractions(cells)
     regularity = hexagon_regularity(cells)
     known = regularity[np.isfinite(regularity)]
     return {
@@ -159,7 +159,7 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
     pressed = compressive_forces(scene, positions, record["full_height"])
     test = dip_test(pressed[inside])
     median = float(np.median(pressed[inside]))
-    directions = direction_order(whole[inside])
+    directions = axial_order(whole[inside])
     relative = pressed.copy()
     made: Figures = {
         "dip": test.dip,
@@ -187,14 +187,14 @@ def _alike(positions: np.ndarray, values: np.ndarray) -> float:
     """Correlation of a value of neighbours: of grains up to 1.3 mean spacings apart."""
     points = positions[np.isfinite(values)]
     spacing = float(np.sqrt(np.ptp(points, axis=0).prod() / len(points)))
-    found = value_correlation(positions, values, np.array([0.0, 1.3 * spacing]))
-    return float(found.correlation[0])
+    found = spatial_correlation(positions, values, np.array([0.0, 1.3 * spacing]))
+    return float(found.values[0])
 
 
 def _shells(positions: np.ndarray) -> Figures:
     """How many shells g(r) shows: maxima above 1.1 between values below 0.95."""
     found = radial_distribution(positions)
-    smooth = np.convolve(found.g, np.full(3, 1.0 / 3.0), mode="same")
+    smooth = np.convolve(found.values, np.full(3, 1.0 / 3.0), mode="same")
     shells, low = 0, True
     for value in smooth:
         shells += low and value > 1.1

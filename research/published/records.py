@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.observables import least_piston_distance, pair_distance_series
+from granular.observables import least_piston_distance, per_frame
 from granular.run.trajectory import StageResult, Trajectory
 from granular.studies.cases import known_as
 
@@ -58,7 +58,7 @@ def bed_record(run: Trajectory) -> Mapping[str, Any]:
             if name in run.dataset
         },
         "times": ((times[first:] - relax.end) / period).tolist(),
-        "half_distances": (0.5 * pair_distance_series(run).values[first:]).tolist(),
+        "half_distances": (0.5 * per_frame(run, "mean_distance").values[first:]).tolist(),
         "piston_distances": [
             least_piston_distance(positions[k], float(heights[k])) for k in range(first, len(times))
         ],

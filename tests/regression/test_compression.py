@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, Trajectory, mono_bed, simulate
-from granular.observables import source_pair_distance
+from granular.observables import depaula_pair_distance
 
 SEEDS = (1, 2, 3)
 
@@ -34,7 +34,7 @@ def forces(runs: list[Trajectory]) -> np.ndarray:
 def half_distances(runs: list[Trajectory]) -> np.ndarray:
     """Half of the mean pair distance at the end, in D."""
     return np.array(
-        [source_pair_distance(run.dataset["position"].values[-1]) / 0.006 for run in runs]
+        [depaula_pair_distance(run.dataset["position"].values[-1]) / 0.006 for run in runs]
     )
 
 

@@ -15,7 +15,6 @@ import pytest
 from granular import Scene, evaluate, load_trajectory, simulate
 from granular.effects.bath import normal_pair, philox
 from granular.observables import configurational_temperature
-from granular.observables.forces import grain_masses
 from granular.run.directory import is_run
 from granular.shared.errors import InputError, SceneError
 
@@ -78,7 +77,7 @@ def test_temperatures_and_displacements_of_a_crystal(small_bed: Scene) -> None:
     )  # fmt: skip
     run = simulate(scene, t_end=300.0, progress=False)
     kept = run.dataset.isel(frame=slice(50, None))
-    masses = grain_masses(run)
+    masses = run.scene.grains.masses()
     kinetic = (masses[None, :, None] * kept["velocity"].values ** 2).mean()
     assert kinetic == pytest.approx(cold, rel=5e-3)
     places = kept["position"].values

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular.export import source_cadence, to_source_files
-from granular.observables import compressive_force_series
+from granular.observables import per_frame
 from granular.run.trajectory import Trajectory
 
 D, T = 0.005, 2.0
@@ -60,7 +60,7 @@ def test_particle_files(
 def test_compression_is_the_sum_of_magnitudes(
     run: Trajectory, files: dict[str, np.ndarray]
 ) -> None:
-    sizes = compressive_force_series(run).values
+    sizes = per_frame(run, "compressive_force").values
     there = np.isfinite(run.dataset["position"].values).all(axis=2)
     np.testing.assert_allclose(files["comPart"] * FORCE, sizes[there], rtol=1e-12)
     resulting = np.linalg.norm(blocks(run.dataset["force"].values), axis=1)

@@ -9,19 +9,17 @@ import pytest
 
 from granular import Scene, evaluate, load_scene
 from granular.observables import (
-    compressive_force_series,
     compressive_forces,
-    force_distribution_of_run,
-    force_modes_of_run,
+    force_distribution,
+    force_modes,
+    frame_at,
     grain_pressures,
     grain_stresses,
     grain_virials,
-    observable_named,
-    pair_interactions,
+    per_frame,
     voronoi_cells,
-    wall_interactions,
-    with_observables,
 )
+from granular.observables.interactions import pair_interactions, wall_interactions
 from granular.shared.errors import InputError
 from tests.granular.observables.conftest import MakeRun, hexagonal
 
@@ -152,28 +150,26 @@ def test_unknown_laws_and_shapes_are_input_errors() -> None:
 
 
 def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
-    """Series, named observable and distributions are of the same forces."""
+    """Observable of frames and distributions are of the same forces."""
     changes = {"grains.species": TWO, "cell.width": "0.08 m", "piston.height": "0.06 m"}
     frames = np.stack([places(random), places(random)])
     run = make_run(frames, changes, heights=np.full(2, HEIGHT))
-    forces = compressive_force_series(run).values
+    forces = per_frame(run, "compressive_force").values
     np.testing.assert_allclose(forces[1], compressive_forces(run.scene, frames[1], HEIGHT))
-    named = with_observables(run, observable_named("compressive_force"))
-    np.testing.assert_array_equal(named["compressive_force"].values, forces)
-    pressure = observable_named("grain_pressure")(run).values
+    pressure = per_frame(run, "grain_pressure").values
     inside = voronoi_cells(frames[1]).interior
     np.testing.assert_array_equal(np.isfinite(pressure[1]), inside)
 
     owner = run.dataset["species"].values
-    for k, one in enumerate(force_distribution_of_run(run).values()):
+    for k, one in enumerate(force_distribution(frame_at(run)).values()):
         assert one.counts.sum() == (inside & (owner == k)).sum()
         assert one.edges[-1] == pytest.approx(forces[1, inside & (owner == k)].max())
-    (pooled,) = force_distribution_of_run(run, pooled=True).values()
+    (pooled,) = force_distribution(frame_at(run), pooled=True).values()
     assert pooled.counts.sum() == inside.sum()
     assert pooled.edges[-1] == 1.0
-    assert 0.0 < force_modes_of_run(run).p <= 1.0
+    assert 0.0 < force_modes(frame_at(run)).p <= 1.0
     with pytest.raises(InputError, match="frame = 2"):
-        force_distribution_of_run(run, frame=2)
+        frame_at(run, 2)
 
 
 @pytest.mark.parametrize("pooled", [False, True])
@@ -183,4 +179,4 @@ def test_a_frame_without_a_grain_inside_is_refused(make_run: MakeRun, pooled: bo
     changes = {"grains.count": 6, "cell.width": "0.08 m", "piston.height": "0.06 m"}
     run = make_run(row[None], changes, heights=np.array([HEIGHT]))
     with pytest.raises(InputError, match="0 grains with an interior Voronoi cell"):
-        force_distribution_of_run(run, pooled=pooled)
+        force_distribution(frame_at(run), pooled=pooled)

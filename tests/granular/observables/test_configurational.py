@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from granular import load_scene
-from granular.observables import (
-    configurational_temperature,
-    configurational_temperature_of_run,
-    pair_interactions,
-    wall_interactions,
-)
+from granular.observables import configurational_temperature
+from granular.observables.interactions import pair_interactions, wall_interactions
 from granular.observables.temperature import laplacian_of
 from granular.shared.errors import InputError
 
@@ -30,11 +26,12 @@ def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
         for some in (*pair_interactions(scene, places), wall_interactions(scene, places, 0.36)):
             total[some.grains] += some.forces.sum(axis=1)
     run = make_run(frames, changes, forces=forces)
-    assert configurational_temperature_of_run(run) == pytest.approx(
+    heights, forces = (run.dataset[name].values for name in ("frame_height", "force"))
+    assert configurational_temperature(scene, frames, heights, forces) == pytest.approx(
         configurational_temperature(scene, frames, 0.36), rel=1e-12
     )
-    with pytest.raises(InputError, match="no frame"):
-        configurational_temperature_of_run(run, 9.0)
+    with pytest.raises(InputError, match="0 frames"):
+        configurational_temperature(scene, frames[:0], 0.36, forces[:0])
 
 
 def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:

@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 
 from granular.__main__ import main
 from granular.commands.console import launch
-from granular.observables import defects_of_frames, found_defects, linked_tracks, tracked_defects
+from granular.observables import detect_defects, track_defects
+from granular.observables.defect_tracks import defects_of_frames, link_tracks
 from granular.observables.plots import plot_defect_paths
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -216,7 +217,7 @@ def run_of(film: Callable[..., np.ndarray], make_run: MakeRun) -> Trajectory:
 
 def check(name: str, make_run: MakeRun) -> None:
     made, film = FILMS[name]
-    found = tracked_defects(run_of(film, make_run))
+    found = track_defects(run_of(film, make_run))
     assert found.sizes["track"] == len(made), found["kind"].values
     assert sorted(found["event_kind"].values) == sorted(EVENTS.get(name, []))
     paths = found["position"].values / SPACING
@@ -262,7 +263,7 @@ def test_other_made_film(name: str, make_run: MakeRun) -> None:
 def test_burgers_vectors_are_those_of_pentagon_and_heptagon() -> None:
     for sixth in range(6):
         points = LATTICE + displacement(LATTICE, MIDDLE, direction(sixth))
-        found = found_defects(points)
+        found = detect_defects(points)
         assert found.kinds == ("dislocation",)
         np.testing.assert_allclose(found.burgers[0], found.spacing * direction(sixth), atol=1e-2)
         assert found.charge[0] == 0
@@ -271,15 +272,15 @@ def test_burgers_vectors_are_those_of_pentagon_and_heptagon() -> None:
 def test_exact_hole_and_crystal_without_defects() -> None:
     """Six grains on one circle: whatever triangles they have, a site is missing."""
     site = (ROWS // 2) * COLUMNS + 20
-    found = found_defects(np.delete(LATTICE, site, 0))
+    found = detect_defects(np.delete(LATTICE, site, 0))
     assert found.kinds == ("vacancy",)
     np.testing.assert_allclose(found.positions[0], LATTICE[site], atol=0.1)
-    assert not found_defects(LATTICE).kinds
+    assert not detect_defects(LATTICE).kinds
 
 
 def test_total_burgers_vector_is_kept(make_run: MakeRun) -> None:
     _, film = FILMS["pair annihilated"]
-    found = tracked_defects(run_of(film, make_run))
+    found = track_defects(run_of(film, make_run))
     np.testing.assert_allclose(found["total_burgers"], 0.0, atol=1e-12)
     assert found.attrs["conserved"] == 1.0
     assert found["count"].sel(defect="dislocation").values[[0, -1]].tolist() == [2, 0]
@@ -288,7 +289,7 @@ def test_total_burgers_vector_is_kept(make_run: MakeRun) -> None:
 def test_paths_are_drawn(make_run: MakeRun) -> None:
     _, film = FILMS["pair annihilated"]
     run = run_of(film, make_run)
-    found = tracked_defects(run)
+    found = track_defects(run)
     axes = plot_defect_paths(found, run.dataset["position"].values[-1])
     (path,) = [one for one in axes.get_lines() if one.get_label() == "dislocation"]
     seen = np.isfinite(found["position"].values[:, 0, 0])
@@ -309,7 +310,7 @@ def test_the_command_writes_tables_and_a_picture(
     assert {row["ended"] for row in rows} == {"annihilation"}
     with (tmp_path / "out" / "paths.csv").open(newline="") as file:
         paths = list(csv.DictReader(file))
-    assert len(paths) == int(np.isfinite(tracked_defects(run)["position"][..., 0]).sum())
+    assert len(paths) == int(np.isfinite(track_defects(run)["position"][..., 0]).sum())
     assert (tmp_path / "out" / "paths.png").stat().st_size > 1000
     capsys.readouterr()
     assert launch(main, ["defects", "runs/bed", "--json", "--quiet"]) == 0
@@ -326,11 +327,11 @@ def test_direction_of_the_lattice_is_followed_beyond_60_degrees() -> None:
 def test_what_cannot_be(make_run: MakeRun) -> None:
     run = make_run(SPACING * LATTICE[None])
     with pytest.raises(InputError, match="least 0"):
-        tracked_defects(run, least=0)
+        track_defects(run, least=0)
     with pytest.raises(InputError, match="reach -1"):
-        linked_tracks([], -1.0)
+        link_tracks([], -1.0)
     with pytest.raises(InputError, match="larger bed"):
-        found_defects(hexagonal(2, 2))
-    found = tracked_defects(run)
+        detect_defects(hexagonal(2, 2))
+    found = track_defects(run)
     assert found.sizes["track"] == 0
     assert math.isnan(found.attrs["conserved"])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from granular.observables import (
-    defect_series,
+    block_susceptibilities,
     disclination_charges,
     dislocations,
     global_psi6,
     hexatic_susceptibility,
-    susceptibility_of_run,
+    per_frame,
     voronoi_cells,
 )
 
@@ -65,10 +65,9 @@ def test_crystal_has_no_defects(make_run: MakeRun) -> None:
     cells = voronoi_cells(points)
     assert not disclination_charges(cells).any()
     assert dislocations(points, cells).burgers.shape == (0, 2)
-    counts = defect_series(make_run(0.006 * points[None]))
-    assert {name: int(counts[name][0]) for name in counts} == {
-        "disclinations": 0, "dislocations": 0, "unpaired": 0,
-    }  # fmt: skip
+    counts = per_frame(make_run(0.006 * points[None]), "defects")
+    assert counts["label"].values.tolist() == ["disclinations", "dislocations", "unpaired"]
+    assert counts.values.tolist() == [[0, 0, 0]]
 
 
 @pytest.mark.parametrize(("sectors", "charge"), [(5, 1), (7, -1)])
@@ -116,16 +115,16 @@ def test_pairs_are_disjoint_neighbours_and_as_many_as_can_be(
 
 def test_counts_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
     frames = random.random((2, 100, 2)) * 0.06
-    counts = defect_series(make_run(frames))
+    counts = per_frame(make_run(frames), "defects")
     for k, frame in enumerate(frames):
         cells = voronoi_cells(frame)
         irregular = np.count_nonzero(cells.sides[cells.interior] != 6)
         pairs = len(dislocations(frame, cells).pairs)
-        assert int(counts["disclinations"][k]) == irregular
-        assert int(counts["unpaired"][k]) == irregular - 2 * pairs
+        assert int(counts.sel(label="disclinations")[k]) == irregular
+        assert int(counts.sel(label="unpaired")[k]) == irregular - 2 * pairs
 
 
-def test_susceptibility(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_susceptibility(random: np.random.Generator) -> None:
     """N var |Psi|: 0 for a frozen order, N/4 for one that is there half of the time."""
     assert hexatic_susceptibility(np.exp(1j * np.arange(6.0)), 50) == pytest.approx(0.0, abs=1e-12)
     assert hexatic_susceptibility(np.array([0.0, 1.0, 1j, 0.0]), 80) == pytest.approx(20.0)
@@ -133,7 +132,7 @@ def test_susceptibility(make_run: MakeRun, random: np.random.Generator) -> None:
     cells = [voronoi_cells(one) for one in frames]
     sizes = [abs(global_psi6(*both)) for both in zip(frames, cells, strict=True)]
     wanted = np.mean([one.interior.sum() for one in cells]) * np.var(sizes)
-    assert float(susceptibility_of_run(make_run(frames))) == pytest.approx(wanted, rel=1e-10)
+    assert block_susceptibilities(frames, (1,))[0] == pytest.approx(wanted, rel=1e-10)
 
 
 def test_susceptibility_of_no_order_is_that_of_a_random_walk(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular.observables import dip_test, direction_order, value_correlation
+from granular.observables import axial_order, dip_test, spatial_correlation
 from granular.shared.errors import InputError
 from tests.granular.observables.conftest import hexagonal
 
@@ -36,37 +36,37 @@ def test_too_few_values_are_an_input_error() -> None:
 
 def test_directions(random: np.random.Generator) -> None:
     """Vectors along a line have axial order alone; those of a fan a polar one as well."""
-    none = direction_order(random.normal(size=(400, 2)))
+    none = axial_order(random.normal(size=(400, 2)))
     assert min(none.polar_p, none.axial_p) > 0.01
     line = np.outer(random.choice([-1.0, 1.0], 400), [1.0, 2.0])
-    found = direction_order(line)
+    found = axial_order(line)
     assert found.axial == pytest.approx(1.0)
     assert found.polar < 0.2
     assert found.axial_p < 1e-12
-    assert direction_order(np.abs(line)).polar == pytest.approx(1.0)
-    assert direction_order(np.array([[1.0, 0.0], [np.nan, 1.0], [0.0, 0.0]])).vectors == 1
+    assert axial_order(np.abs(line)).polar == pytest.approx(1.0)
+    assert axial_order(np.array([[1.0, 0.0], [np.nan, 1.0], [0.0, 0.0]])).vectors == 1
     with pytest.raises(InputError, match="0 vectors"):
-        direction_order(np.zeros((3, 2)))
+        axial_order(np.zeros((3, 2)))
 
 
 def test_rayleigh_p_is_a_probability(random: np.random.Generator) -> None:
-    p = np.array([direction_order(random.normal(size=(30, 2))).axial_p for _ in range(2000)])
+    p = np.array([axial_order(random.normal(size=(30, 2))).axial_p for _ in range(2000)])
     for level in (0.05, 0.3):
         assert (p < level).mean() == pytest.approx(level, abs=3.5 * np.sqrt(level / 2000))
 
 
-def test_value_correlation(random: np.random.Generator) -> None:
+def test_spatial_correlation(random: np.random.Generator) -> None:
     """Stripes of two rows: alike within, opposite between; independent values have none."""
     positions = hexagonal(24, 24)
     edges = np.array([0.9, 1.1])
     rows = np.repeat(np.arange(24) % 2, 24)
-    striped = value_correlation(positions, rows, edges)
+    striped = spatial_correlation(positions, rows, edges)
     near = np.linalg.norm(positions[:, None] - positions[None], axis=2)
     i, j = np.nonzero(np.triu((near > 0.9) & (near <= 1.1)))
     wanted = np.mean((rows[i] - 0.5) * (rows[j] - 0.5)) / 0.25
-    assert striped.correlation[0] == pytest.approx(wanted)
+    assert striped.values[0] == pytest.approx(wanted)
     assert striped.pairs[0] == len(i)
-    noise = value_correlation(positions, random.normal(size=576), edges).correlation[0]
+    noise = spatial_correlation(positions, random.normal(size=576), edges).values[0]
     assert abs(noise) < 4.0 / np.sqrt(striped.pairs[0])
     with pytest.raises(InputError, match="do not differ"):
-        value_correlation(positions, np.ones(576), edges)
+        spatial_correlation(positions, np.ones(576), edges)

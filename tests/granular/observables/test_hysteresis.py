@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from granular import Scene, Trajectory, simulate
-from granular.observables import (
-    cycle_bounds,
-    hysteresis_energy,
-    hysteresis_of_run,
-    packing_series,
-    piston_force,
-    wall_forces,
-)
+from granular.observables import hysteresis_cycles, hysteresis_energy, packing_series, wall_forces
+from granular.observables.forces import piston_force
+from granular.observables.hysteresis import cycle_bounds
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun
@@ -75,7 +70,7 @@ def cycle(small_bed: Scene) -> Trajectory:
 
 def test_energy_of_a_run_is_the_work_from_outside(cycle: Trajectory) -> None:
     """The ledger integrates the same work step by step; the records are a millisecond apart."""
-    found = hysteresis_of_run(cycle)
+    found = hysteresis_cycles(cycle)
     assert found.sizes["cycle"] == 2
     time, work = cycle.dataset["time"].values, cycle.dataset["work"].values
     for k in range(2):
@@ -111,6 +106,6 @@ def test_a_scene_without_walls_is_an_input_error(make_run: MakeRun) -> None:
     with pytest.raises(InputError, match="no walls"):
         wall_forces(run)
     with pytest.raises(InputError, match="piston force"):
-        hysteresis_of_run(run)
+        hysteresis_cycles(run)
     with pytest.raises(InputError, match="at least 3 samples"):
         hysteresis_energy(np.ones(2), np.ones(2))

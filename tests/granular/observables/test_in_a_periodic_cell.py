@@ -11,16 +11,16 @@ import pytest
 
 from granular import Scene, evaluate, scene_text
 from granular.observables import (
-    bond_relaxation_of_run,
-    force_distribution_of_run,
+    bond_relaxation,
+    force_distribution,
+    frame_at,
     grain_pressures,
-    grain_stress_series,
-    lindemann_of_run,
+    lindemann_parameter,
     non_affine_series,
-    tracked_defects,
-    with_observables,
+    per_frame,
+    per_lag,
+    track_defects,
 )
-from granular.observables.named import packing
 from granular.render.moments import bed_at
 from granular.run.trajectory import Trajectory
 
@@ -55,18 +55,29 @@ def walk() -> np.ndarray:
 
 
 def defect_places(run: Trajectory) -> np.ndarray:
-    return np.asarray(tracked_defects(run, least=1)["position"].values)
+    return np.asarray(track_defects(run, least=1)["position"].values)
 
 
 def forces(run: Trajectory) -> np.ndarray:
-    return np.concatenate([one.counts for one in force_distribution_of_run(run).values()])
+    return np.concatenate([one.counts for one in force_distribution(frame_at(run)).values()])
+
+
+def lindemann(run: Trajectory) -> np.ndarray:
+    return per_lag(run, lindemann_parameter).values
+
+
+def relaxation(run: Trajectory) -> np.ndarray:
+    return per_lag(run, bond_relaxation).values
+
+
+def stress(run: Trajectory) -> np.ndarray:
+    return per_frame(run, "grain_stress").values
 
 
 @pytest.mark.parametrize(
     "measure",
-    [lindemann_of_run, bond_relaxation_of_run, non_affine_series, grain_stress_series,
-     defect_places, forces],
-)  # fmt: skip
+    [lindemann, relaxation, non_affine_series, stress, defect_places, forces],
+)
 def test_it_does_not_matter_at_which_image_a_grain_is(
     make_run: MakeRun, measure: Callable[[Trajectory], Any]
 ) -> None:
@@ -103,7 +114,7 @@ def test_a_movie_takes_grains_across_a_side_by_the_short_way(make_run: MakeRun) 
 
 def test_packing_is_that_of_the_cell(make_run: MakeRun) -> None:
     run = in_the_cell(make_run, walk())
-    found = with_observables(run, packing)["packing"].values
+    found = per_frame(run, "packing").values
     covered = (COLUMNS * ROWS - 1) * np.pi / 4.0 * 0.006**2
     np.testing.assert_allclose(found, covered / (WIDTH * HEIGHT))
 

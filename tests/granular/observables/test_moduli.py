@@ -11,15 +11,13 @@ from scipy.optimize import fsolve
 
 from granular import Scene, evaluate
 from granular.observables import (
-    Moduli,
     bed_moduli,
     crystal_moduli,
     dipole_strength,
-    hexagonal_sum,
     interaction_parameter,
-    lattice_spacing,
     theory_modulus,
 )
+from granular.observables.moduli import Moduli, hexagonal_sum, lattice_spacing
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 

@@ -16,15 +16,14 @@ from granular.commands.console import launch
 from granular.observables import (
     OBSERVABLES,
     Frame,
-    Observable,
+    kinetic_temperature,
+    mean_pair_distance,
     observable,
-    observable_named,
-    pair_distance_series,
-    psi6_series,
-    temperature_series,
-    with_observables,
+    per_frame,
+    psi6,
 )
-from granular.observables.of_frames import observed_table
+from granular.observables.frame import observable_of
+from granular.observables.over_frames import find_observable, frame_table
 from granular.shared.errors import InputError, SceneError
 
 OWN = """
@@ -55,7 +54,9 @@ def grain_momentum(frame: Frame) -> np.ndarray:
 
 
 def test_they_stand_in_the_dataset_with_unit_and_time(run: Trajectory) -> None:
-    data = with_observables(run, greatest_force, grain_momentum)
+    data = run.dataset.assign(
+        greatest_force=per_frame(run, greatest_force), momentum=per_frame(run, grain_momentum)
+    )
     force = np.linalg.norm(run.dataset["force"].values, axis=2)
     assert (data["greatest_force"].values == force.max(axis=1)).all()
     assert data["greatest_force"].attrs == {"units": "N", "long_name": "greatest force on a grain"}
@@ -65,19 +66,21 @@ def test_they_stand_in_the_dataset_with_unit_and_time(run: Trajectory) -> None:
     assert kinetic[-1] == pytest.approx(float(data["kinetic_energy"][-1]), rel=1e-12)
 
 
-def test_those_of_the_package_are_its_series(run: Trajectory) -> None:
-    series = {
-        "mean_distance": pair_distance_series(run),
-        "hexatic_order": psi6_series(run),
-        "temperature": temperature_series(run)["bed"],
+def test_those_of_the_package_are_its_functions(run: Trajectory) -> None:
+    data, masses = run.dataset, run.scene.grains.masses()
+    expected = {
+        "mean_distance": [mean_pair_distance(one) for one in data["position"].values],
+        "hexatic_order": [psi6(one) for one in data["position"].values],
+        "temperature": [kinetic_temperature(one, masses) for one in data["velocity"].values],
     }
-    for name, expected in series.items():
-        np.testing.assert_allclose(OBSERVABLES[name](run), expected, rtol=1e-13)
+    for name, values in expected.items():
+        np.testing.assert_allclose(per_frame(run, name), values, rtol=1e-13)
+        np.testing.assert_array_equal(per_frame(run, OBSERVABLES[name]), per_frame(run, name))
 
 
 def test_a_run_without_piston_has_no_piston_height() -> None:
     lone = simulate(load_scene("single-particle"), t_end=0.002, progress=False)
-    found = observable("m", name="height")(lambda frame: frame.piston_height)(lone)
+    found = per_frame(lone, lambda frame: frame.piston_height)
     assert np.isnan(found).all()
 
 
@@ -92,7 +95,7 @@ def test_a_run_without_piston_has_no_piston_height() -> None:
 )
 def test_what_is_no_value_is_refused(run: Trajectory, function: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        with_observables(run, Observable(function, "mine", "1"))
+        per_frame(run, observable("1", name="mine")(function))
 
 
 def test_names_and_units_are_checked(run: Trajectory) -> None:
@@ -100,14 +103,10 @@ def test_names_and_units_are_checked(run: Trajectory) -> None:
         observable("fortnight")
     with pytest.raises(InputError, match="'two words'; give a name"):
         observable("N", name="two words")(lambda frame: 0.0)
-    with pytest.raises(InputError, match="a variable 'force' already"):
-        with_observables(run, observable("N", name="force")(lambda frame: 0.0))
-    with pytest.raises(InputError, match="is no observable; decorate it"):
-        with_observables(run, len)  # type: ignore[arg-type]  # no observable: refused
     with pytest.raises(InputError, match=r"did you mean 'hexatic_order'.*--import FILE"):
-        observable_named("hexatic_ordre")
+        per_frame(run, "hexatic_ordre")
     with pytest.raises(InputError, match="a value a grain"):
-        observed_table(run, [grain_momentum])
+        frame_table(run, [grain_momentum])
 
 
 def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
@@ -119,7 +118,7 @@ def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
     with table.open(newline="") as file:
         rows = list(csv.reader(file))
     assert rows[0] == ["time [s]", "mean_distance [m]", "greatest_force [N]"]
-    assert [float(row[2]) for row in rows[1:]] == greatest_force(run).values.tolist()
+    assert [float(row[2]) for row in rows[1:]] == per_frame(run, greatest_force).values.tolist()
 
 
 def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
@@ -127,14 +126,16 @@ def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) 
 
     (tmp_path / "mine.py").write_text(OWN)
     measure = import_own([tmp_path / "mine.py"]).measures["greatest_force"]
-    assert measure(run) == {"greatest_force": greatest_force(run).values[-1]}
+    assert measure(run) == {"greatest_force": per_frame(run, greatest_force).values[-1]}
 
 
 def test_an_installed_distribution_offers_observables(installed: Callable[..., None]) -> None:
     offered = {"lab": "greatest_force", "no": "no", "gone": "gone"}
     installed("observables", OWN + "no = 3\n", offered)
-    assert observable_named("lab").unit == "N"
+    found = observable_of(find_observable("lab"))
+    assert found is not None
+    assert found.unit == "N"
     with pytest.raises(InputError, match="'no' is no granular Observable"):
-        observable_named("no")
+        find_observable("no")
     with pytest.raises(InputError, match="'gone' cannot be loaded"):
-        observable_named("gone")
+        find_observable("gone")

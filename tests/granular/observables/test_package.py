@@ -64,25 +64,26 @@ def test_pictures_show_what_was_measured(make_run: MakeRun, random: np.random.Ge
     columns = {"time": time, "piston_height": height, "piston_force": 1.0 / height}
     run = make_run(frames, forces=forces, columns=columns)
 
-    shares = observables.share_series(run)
-    lines = plots.plot_shares(shares).get_lines()
-    np.testing.assert_array_equal(lines[1].get_ydata(), shares["hexagons"])
-    series = observables.psi6_series(run)
+    fractions = observables.per_frame(run, "polygons")
+    hexagons = fractions.sel(label="hexagons")
+    lines = plots.plot_series(fractions).get_lines()
+    np.testing.assert_array_equal(lines[1].get_ydata(), hexagons)
+    series = observables.per_frame(run, "hexatic_order")
     np.testing.assert_array_equal(plots.plot_series(series).get_lines()[0].get_ydata(), series)
-    distances = observables.piston_distance_series(run)
+    distances = observables.per_frame(run, "species_piston_distance")
     assert "[m]" in plots.plot_series(distances).get_ylabel()
     assert len(plots.plot_hysteresis(run).get_lines()) == 2
-    profile = observables.area_profile_series(run)
+    profile = observables.depth_profile(run)
     assert len(plots.plot_area_profile(profile).get_lines()) == 3
-    function = observables.radial_distribution_of_run(run)
+    function = observables.per_distance(run, observables.radial_distribution)
     drawn = plots.plot_correlation_function(function).get_lines()[0]
     np.testing.assert_allclose(drawn.get_xdata(), 1e3 * function["distance"])
-    histograms = observables.force_distribution_of_run(run)
+    histograms = observables.force_distribution(observables.frame_at(run))
     assert len(plots.plot_force_distribution(histograms).patches) == 1
     cells = observables.voronoi_cells(frames[0])
     found = observables.dislocations(frames[0], cells)
     assert plots.plot_dislocations(found, frames[0]).get_xlabel() == "x [mm]"
-    axes = plots.plot_order_correlation(series.values, shares["hexagons"].values)
+    axes = plots.plot_order_correlation(series.values, hexagons.values)
     assert len(axes.get_lines()) == 2
     x = np.linspace(0.0, 1.0, 9)
     fit = observables.biexponential_fit(x, np.exp(x) + 0.1 * np.exp(3.0 * x))

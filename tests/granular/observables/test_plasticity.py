@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular.observables import drop_statistics, plastic_events, plastic_events_of_run
+from granular.observables import drop_statistics, plastic_events
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun, hexagonal
@@ -35,10 +35,9 @@ def test_of_a_run_and_wrong_input(make_run: MakeRun) -> None:
         "piston_force": np.array([1.0, 2.0, 1.5, 3.0]),
     }  # fmt: skip
     run = make_run(0.006 * np.array([hexagonal(5, 5)] * 2), columns=columns)
-    found = plastic_events_of_run(run, 0.1)
+    force = run.dataset["piston_force"]
+    found = plastic_events(force["time"].values, force.values, 0.1)
     assert found.size.tolist() == [0.5]
-    with pytest.raises(InputError, match="no stage 'no'"):
-        plastic_events_of_run(run, 0.1, "no")
     with pytest.raises(InputError, match="least 0 is not above 0"):
         plastic_events(np.arange(2.0), np.arange(2.0), 0.0)
     with pytest.raises(InputError, match="not finite"):

@@ -10,10 +10,9 @@ from scipy.integrate import quad
 
 from granular.observables import (
     bond_correlation,
-    bond_correlation_of_run,
     local_psi6,
+    per_distance,
     radial_distribution,
-    radial_distribution_of_run,
     voronoi_cells,
 )
 from granular.shared.errors import InputError
@@ -57,7 +56,7 @@ def test_brute_force_agrees(lattice: bool, random: np.random.Generator) -> None:
     # The rounding of sqrt decides about pairs at an edge: none may be there.
     assert np.abs(distances(points)[:, None] - edges).min() > 1e-9
     found = radial_distribution(points, edges)
-    np.testing.assert_allclose(found.g, brute_force(points, edges), rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(found.values, brute_force(points, edges), rtol=1e-12, atol=1e-13)
 
 
 def test_first_shells_of_the_lattice() -> None:
@@ -67,14 +66,16 @@ def test_first_shells_of_the_lattice() -> None:
     bonds = (m - 1) * n + (n - 1) * (2 * m - 1)
     second = (n - 2) * m + 2 * (n - 1) * (m - 2) + (n - 1)
     assert found.pairs.tolist() == [0, bonds, 0, second]
-    assert found.g[0] == 0.0
+    assert found.values[0] == 0.0
 
 
 def test_no_order_gives_one_at_every_distance(random: np.random.Generator) -> None:
     """Over many arrangements the mean is 1 within its error up to the shorter side."""
     box = np.array([[0.0, 0.0], [2.0, 1.0]])
     edges = np.linspace(0.0, 1.0, 11)
-    found = [radial_distribution(random.random((60, 2)) * box[1], edges, box).g for _ in range(400)]
+    found = [
+        radial_distribution(random.random((60, 2)) * box[1], edges, box).values for _ in range(400)
+    ]
     error = np.std(found, axis=0) / np.sqrt(len(found))
     assert error.max() < 0.02
     assert (np.abs(np.mean(found, axis=0) - 1.0) < 4.0 * error).all()
@@ -97,7 +98,7 @@ def test_absent_grains_and_defaults(random: np.random.Generator) -> None:
     points = random.random((80, 2)) * [2.0, 1.0]
     gaps = np.insert(points, [0, 7], np.nan, axis=0)
     found, wanted = radial_distribution(gaps), radial_distribution(points)
-    np.testing.assert_array_equal(found.g, wanted.g)
+    np.testing.assert_array_equal(found.values, wanted.values)
     assert found.edges[-1] == pytest.approx(0.5 * np.ptp(points[:, 1]))
 
 
@@ -118,8 +119,8 @@ def test_unfit_arguments_are_input_errors(random: np.random.Generator) -> None:
 def test_bond_correlation_of_a_crystal_is_one() -> None:
     found = bond_correlation(hexagonal(15, 14), np.linspace(0.0, 5.0, 26))
     assert (found.pairs > 0).sum() > 10
-    np.testing.assert_allclose(found.g6[found.pairs > 0], 1.0, rtol=0.0, atol=1e-11)
-    assert np.isnan(found.g6[found.pairs == 0]).all()
+    np.testing.assert_allclose(found.values[found.pairs > 0], 1.0, rtol=0.0, atol=1e-11)
+    assert np.isnan(found.values[found.pairs == 0]).all()
 
 
 def test_bond_correlation_is_that_of_brute_force(random: np.random.Generator) -> None:
@@ -131,7 +132,7 @@ def test_bond_correlation_is_that_of_brute_force(random: np.random.Generator) ->
     i, j = np.triu_indices(len(order), 1)
     products = (order[i].conj() * order[j]).real
     wanted = [products[(gaps > lo) & (gaps <= hi)].mean() for lo, hi in itertools.pairwise(edges)]
-    np.testing.assert_allclose(found.g6, wanted, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(found.values, wanted, rtol=0.0, atol=1e-12)
 
 
 def test_two_crystals_turned_by_half_a_period_are_anticorrelated() -> None:
@@ -139,23 +140,23 @@ def test_two_crystals_turned_by_half_a_period_are_anticorrelated() -> None:
     left = hexagonal(12, 14)
     right = hexagonal(14, 12)[:, ::-1] + [14.0, 0.0]
     found = bond_correlation(np.concatenate([left, right]), np.array([0.5, 1.2, 13.0, 14.0]))
-    assert found.g6[0] > 0.8
-    assert found.g6[2] < -0.7
+    assert found.values[0] > 0.8
+    assert found.values[2] < -0.7
 
 
 def test_over_the_frames_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
     frames = random.random((4, 40, 2)) * 0.06
     run = make_run(frames)
     edges = np.linspace(0.0, 0.02, 9)
-    found = radial_distribution_of_run(run, edges, start=1.0, stop=2.0)
+    found = per_distance(run, radial_distribution, edges, start=1.0, stop=2.0)
     parts = [radial_distribution(one, edges) for one in frames[1:3]]
-    wanted = sum(one.pairs for one in parts) / sum(one.expected for one in parts)
+    wanted = sum(one.pairs for one in parts) / sum(one.weights for one in parts)
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
     np.testing.assert_allclose(found["distance"], 0.5 * (edges[1:] + edges[:-1]))
-    bonds = bond_correlation_of_run(run, edges)
+    bonds = per_distance(run, bond_correlation, edges)
     each = [bond_correlation(one, edges) for one in frames]
-    total = sum(np.nan_to_num(one.g6) * one.pairs for one in each)
+    total = sum(np.nan_to_num(one.values) * one.pairs for one in each)
     np.testing.assert_allclose(bonds, total / sum(one.pairs for one in each), rtol=1e-10)
-    assert radial_distribution_of_run(run).sizes["distance"] == 100
+    assert per_distance(run, radial_distribution).sizes["distance"] == 100
     with pytest.raises(InputError, match="no frame lies"):
-        radial_distribution_of_run(run, start=9.0)
+        per_distance(run, radial_distribution, start=9.0)

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import Scene, simulate
-from granular.observables import frequency_response, response_of_run
+from granular.observables import harmonic_response, stage_response
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun
@@ -23,7 +23,7 @@ def test_known_harmonics_are_found_exactly() -> None:
         -3.0 + 0.2 * time + 0.8 * np.cos(turn - 0.6) + 0.12 * np.cos(2.0 * turn + 2.0)
         + 0.04 * np.cos(3.0 * turn - 3.0)
     )  # fmt: skip
-    found = frequency_response(time, drive, answer, 2.5, discard=1.0)
+    found = harmonic_response(time, drive, answer, 2.5, discard=1.0)
     assert found.harmonics.tolist() == [1, 2, 3]
     np.testing.assert_allclose(found.ratio, [0.2, 0.03, 0.01], rtol=1e-10)
     np.testing.assert_allclose(found.phase, [-0.6, 2.0, -3.0], rtol=1e-10)
@@ -41,7 +41,7 @@ def test_linear_oscillator_after_its_transient() -> None:
         lambda t, s: [s[1], (force * np.sin(omega * t) - damping * s[1] - stiffness * s[0]) / mass],
         (0.0, 50.0), [0.3, 0.0], t_eval=time, rtol=1e-10, atol=1e-12, method="DOP853",
     )  # fmt: skip
-    found = frequency_response(time, force * np.sin(omega * time), motion.y[0], frequency)
+    found = harmonic_response(time, force * np.sin(omega * time), motion.y[0], frequency)
     wanted = 1.0 / (stiffness - mass * omega**2 + 1j * damping * omega)
     assert found.ratio[0] == pytest.approx(abs(wanted), rel=1e-5)
     assert found.phase[0] == pytest.approx(np.angle(wanted), abs=1e-5)
@@ -52,8 +52,8 @@ def test_transient_that_is_left_in_shows_in_the_error() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     drive = np.sin(2.0 * np.pi * 2.0 * time)
     answer = drive * (1.0 + np.exp(-time))
-    early = frequency_response(time, drive, answer, 2.0, discard=0.0)
-    late = frequency_response(time, drive, answer, 2.0, discard=8.0)
+    early = harmonic_response(time, drive, answer, 2.0, discard=0.0)
+    late = harmonic_response(time, drive, answer, 2.0, discard=8.0)
     assert early.ratio_error[0] > 30.0 * late.ratio_error[0]
     assert late.ratio[0] == pytest.approx(1.0, abs=1e-3)
 
@@ -67,7 +67,7 @@ def test_errors_are_as_large_as_the_scatter() -> None:
     for seed in range(300):
         noise = np.random.default_rng(seed).normal(0.0, 0.5, len(time))
         answer = 2.0 * np.sin(turn - 0.5) + 0.4 * np.sin(2.0 * turn) + noise
-        found.append(frequency_response(time, drive, answer, 3.0, 2, discard=0.0))
+        found.append(harmonic_response(time, drive, answer, 3.0, 2, discard=0.0))
     for value, error in (("ratio", "ratio_error"), ("phase", "phase_error")):
         scatter = np.std([getattr(one, value) for one in found], axis=0)
         stated = np.sqrt(np.mean([getattr(one, error) ** 2 for one in found], axis=0))
@@ -81,13 +81,13 @@ def test_unfit_records_are_input_errors() -> None:
     time = np.arange(0.0, 2.0, 0.01)
     wave = np.sin(2.0 * np.pi * time)
     with pytest.raises(InputError, match="2 whole periods"):
-        frequency_response(time, wave, wave, 1.0, discard=0.0)
+        harmonic_response(time, wave, wave, 1.0, discard=0.0)
     with pytest.raises(InputError, match="samples a period"):
-        frequency_response(time, wave, wave, 20.0)
+        harmonic_response(time, wave, wave, 20.0)
     with pytest.raises(InputError, match="no amplitude"):
-        frequency_response(time, np.zeros(200), wave, 5.0, discard=0.0)
+        harmonic_response(time, np.zeros(200), wave, 5.0, discard=0.0)
     with pytest.raises(InputError, match="shapes"):
-        frequency_response(time, wave[1:], wave, 5.0)
+        harmonic_response(time, wave[1:], wave, 5.0)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def swinging(small_bed: Scene) -> Scene:
 def test_bed_under_a_swinging_piston_is_a_damped_spring(swinging: Scene) -> None:
     """The force rises as the piston comes down, and the drag makes it lead: work goes in."""
     run = simulate(swinging, progress=False)
-    found = response_of_run(run)
+    found = stage_response(run)
     assert found.attrs["stage"] == "swing"
     assert found.attrs["periods"] == 6
     assert found.attrs["drive_amplitude"] == pytest.approx(0.6e-3, rel=1e-6)
@@ -121,12 +121,12 @@ def test_bed_under_a_swinging_piston_is_a_damped_spring(swinging: Scene) -> None
     last = np.interp([2.5, 3.5], time, work)
     assert -lag == pytest.approx((last[1] - last[0]) / 4.0, rel=2e-2)
     with pytest.raises(InputError, match="unknown driven stage 'settle'"):
-        response_of_run(run, "settle")
+        stage_response(run, "settle")
 
 
 def test_a_run_without_drive_is_an_input_error(make_run: MakeRun) -> None:
     with pytest.raises(InputError, match="no stage with a sinusoidal drive"):
-        response_of_run(make_run(np.zeros((1, 3, 2))))
+        stage_response(make_run(np.zeros((1, 3, 2))))
 
 
 @pytest.mark.long
@@ -145,7 +145,7 @@ def test_pushed_damper_answers_like_its_small_swing(damper: Scene) -> None:
         ),
         progress=False,
     )  # fmt: skip
-    found = response_of_run(run)
+    found = stage_response(run)
     own, omega = 2.0 * np.pi / 0.288, 6.0 * np.pi
     wanted = 1.0 / (7.5 * (own**2 - omega**2 + 2j * 0.037 * own * omega))
     # The period is known to 1 %, and with it own^2 - omega^2 to about 8 %.

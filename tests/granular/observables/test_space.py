@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 
 from granular.observables import (
     area_fraction_profile,
-    area_profile_series,
+    depaula_pair_distance,
+    depth_profile,
     least_piston_distance,
     mean_pair_distance,
     packing_fraction,
     packing_series,
-    pair_distance_series,
-    piston_distance_series,
-    source_pair_distance,
+    per_frame,
 )
 from granular.shared.errors import InputError
 
@@ -55,7 +54,7 @@ def test_pair_distance_is_the_mean_over_pairs(count: int, random: np.random.Gene
     gaps = np.sqrt(((points[:, None] - points[None]) ** 2).sum(axis=2))
     wanted = gaps.sum() / (count * (count - 1))
     assert mean_pair_distance(points) == pytest.approx(wanted, rel=1e-12)
-    assert source_pair_distance(points) == pytest.approx(wanted / 2.0, rel=1e-12)
+    assert depaula_pair_distance(points) == pytest.approx(wanted / 2.0, rel=1e-12)
 
 
 def test_source_convention_reproduces_the_published_order_of_size(
@@ -63,14 +62,14 @@ def test_source_convention_reproduces_the_published_order_of_size(
 ) -> None:
     """368 grains spread over 60 D x 18 D: the published 10.9 D is half the mean distance."""
     points = random.random((368, 2)) * [60.0, 18.0]
-    assert source_pair_distance(points) == pytest.approx(10.9, rel=0.07)
+    assert depaula_pair_distance(points) == pytest.approx(10.9, rel=0.07)
 
 
 def test_absent_grains_have_no_distance(make_run: MakeRun) -> None:
     frame = np.array([[0.0, 0.0], [np.nan, np.nan], [0.03, 0.04]])
     assert mean_pair_distance(frame) == pytest.approx(0.05)
     assert np.isnan(mean_pair_distance(frame[:2]))
-    series = pair_distance_series(make_run(frame[None]))
+    series = per_frame(make_run(frame[None]), "mean_distance")
     assert series.attrs["units"] == "m"
     assert float(series[0]) == pytest.approx(0.05)
 
@@ -79,10 +78,10 @@ def test_least_piston_distance_by_species(make_run: MakeRun) -> None:
     frames = np.array([[[0.1, 0.10], [0.2, 0.15], [0.1, 0.20], [np.nan, np.nan]]])
     run = make_run(frames, {"grains.species": TWO_SPECIES}, heights=np.array([0.21]))
     owner = run.dataset["species"].values
-    found = piston_distance_series(run)
+    found = per_frame(run, "species_piston_distance")
     for k, name in enumerate(("big", "small")):
         highest = np.nanmax(frames[0, owner == k, 1])
-        assert float(found.sel(species_name=name)[0]) == pytest.approx(0.21 - highest)
+        assert float(found.sel(label=name)[0]) == pytest.approx(0.21 - highest)
     assert float(found.min()) == pytest.approx(0.01)
     assert np.isnan(least_piston_distance(np.full((2, 2), np.nan), 1.0))
 
@@ -127,7 +126,7 @@ def test_profile_by_depth(make_run: MakeRun) -> None:
     """Strips hang from the piston; the last one ends at the bottom, below it stands NaN."""
     frames = np.array([[[0.1, 0.05], [0.2, 0.020]], [[0.1, 0.017], [0.2, 0.010]]])
     run = make_run(frames, heights=np.array([0.06, 0.026]))
-    profile = area_profile_series(run, thickness=0.012)
+    profile = depth_profile(run, thickness=0.012)
     assert profile["depth"].values == pytest.approx([0.006, 0.018, 0.030, 0.042, 0.054])
     disc = np.pi * 0.003**2 / (0.36 * 0.012)
     # Heights 0.048 to 0.06 hold all of the first disc but a part of it below 0.048.
@@ -148,6 +147,6 @@ def test_unfit_arguments_are_input_errors(make_run: MakeRun) -> None:
     with pytest.raises(InputError, match="above 0 m"):
         packing_fraction(np.ones(2), 1.0, 0.0)
     with pytest.raises(InputError, match="thickness"):
-        area_profile_series(make_run(points[None]), thickness=-1.0)
+        depth_profile(make_run(points[None]), thickness=-1.0)
     with pytest.raises(InputError, match=r"\(4,\)"):
         mean_pair_distance(np.zeros(4))

@@ -10,20 +10,14 @@ from scipy.stats import pearsonr
 
 from granular.observables import (
     biexponential_fit,
-    fluctuation_series,
-    force_magnitudes,
-    interaction_forces,
     kinetic_temperature,
-    knuth_bins,
     knuth_histogram,
-    order_correlation_of_run,
     pearson_correlation,
-    psi6_series,
+    per_frame,
     relative_fluctuation,
-    share_series,
-    temperature_series,
     voronoi_cells,
 )
+from granular.observables.statistics import knuth_bins
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun
@@ -92,13 +86,13 @@ def test_forces_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None
     masses = 7368.0 * np.pi * 0.003 * run.dataset["diameter"].values ** 2 / 4.0
     weight = np.stack([np.zeros(40), -9.8 * masses], axis=1)
     run = make_run(run.dataset["position"].values, changes, forces=magnetic + weight)
-    np.testing.assert_allclose(interaction_forces(run), magnetic, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(per_frame(run, "interaction_force"), magnetic, rtol=0.0, atol=1e-12)
 
     owner = run.dataset["species"].values
-    fluctuation = fluctuation_series(run).values
+    fluctuation = per_frame(run, "force_fluctuation").values
     inside = voronoi_cells(run.dataset["position"].values[0]).interior
     np.testing.assert_array_equal(np.isfinite(fluctuation[0]), inside)
-    sizes = np.where(inside, force_magnitudes(magnetic[0]), np.nan)
+    sizes = np.where(inside, np.linalg.norm(magnetic[0], axis=1), np.nan)
     np.testing.assert_allclose(fluctuation[0], relative_fluctuation(sizes, owner), rtol=1e-10)
 
 
@@ -112,7 +106,7 @@ def test_shaken_cells_inertia_is_taken_off(make_run: MakeRun) -> None:
     direction = np.array([np.cos(0.4), np.sin(0.4)])
     forces = np.ones((2, 9, 1)) * apparent[:, None, None] * direction
     run = make_run(np.zeros((2, 9, 2)), changes, forces=forces)
-    np.testing.assert_allclose(interaction_forces(run), 0.0, atol=1e-15)
+    np.testing.assert_allclose(per_frame(run, "interaction_force"), 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize(("count", "strength"), [(3, 0.5), (12, 2.0), (200, 0.1), (200, 5.0)])
@@ -141,8 +135,9 @@ def test_order_and_hexagons_correlate(make_run: MakeRun, random: np.random.Gener
     lattice = np.stack([i + 0.5 * (j % 2), 0.5 * np.sqrt(3.0) * j], axis=1)
     frames = [lattice + s * random.normal(size=lattice.shape) for s in np.linspace(0.0, 0.4, 15)]
     run = make_run(0.006 * np.stack(frames))
-    found = order_correlation_of_run(run)
-    wanted = pearsonr(psi6_series(run), share_series(run)["hexagons"])
+    orders = per_frame(run, "hexatic_order").values
+    hexagons = per_frame(run, "polygons").sel(label="hexagons").values
+    found, wanted = pearson_correlation(orders, hexagons), pearsonr(orders, hexagons)
     assert found.coefficient == pytest.approx(wanted.statistic, rel=1e-10)
     assert found.coefficient > 0.5
     assert found.samples == 15
@@ -158,13 +153,14 @@ def test_temperature_of_equilibrium_is_that_of_all_species(
     wanted = 3e-7
     velocities = random.normal(size=(1, 1000, 2)) * np.sqrt(wanted / masses)[:, None] + [0.5, -2.0]
     velocities[0, 7] = np.nan
-    found = temperature_series(make_run(np.zeros((1, 1000, 2)), changes, velocities=velocities))
+    run = make_run(np.zeros((1, 1000, 2)), changes, velocities=velocities)
+    bed = per_frame(run, "temperature")
     # Of 2 x 500 components each, the relative standard error is sqrt(2/1000) = 4.5 %; a mass that
     # is left out changes the ratio of the species by 4.
-    assert float(found["bed"][0]) == pytest.approx(wanted, rel=0.1)
-    np.testing.assert_allclose(found["by_species"][0], wanted, rtol=0.15)
-    assert found["bed"].attrs["units"] == "J"
-    assert kinetic_temperature(velocities[0], masses) == pytest.approx(float(found["bed"][0]))
+    assert float(bed[0]) == pytest.approx(wanted, rel=0.1)
+    np.testing.assert_allclose(per_frame(run, "species_temperature")[0], wanted, rtol=0.15)
+    assert bed.attrs["units"] == "J"
+    assert kinetic_temperature(velocities[0], masses) == pytest.approx(float(bed[0]))
 
 
 def test_temperature_of_two_grains() -> None:

@@ -9,14 +9,12 @@ from hypothesis import strategies as st
 
 from granular.observables import (
     cell_polygons,
-    cell_shares,
     global_psi6,
     hexagon_regularity,
     local_psi6,
+    per_frame,
+    polygon_fractions,
     psi6,
-    psi6_series,
-    regularity_series,
-    share_series,
     voronoi_cells,
 )
 from granular.shared.errors import InputError
@@ -29,7 +27,7 @@ from .conftest import MakeRun, brute_cells, hexagonal, polygon_area, rotated, si
 def test_perfect_hexagons(angle: float, spacing: float) -> None:
     points = rotated(hexagonal(14, 12, spacing), angle) + 0.4
     cells = voronoi_cells(points)
-    shares = cell_shares(cells)
+    shares = polygon_fractions(cells)
     assert shares[:4] == (0.0, 1.0, 0.0, 0.0)
     assert shares.cells > 80
     inside = cells.interior
@@ -63,8 +61,8 @@ def test_random_arrangement_is_that_of_brute_force(seed: int) -> None:
 
     sides = np.array([len(one.neighbours) for one in wanted if one.interior])
     shares = [np.mean(sides == k) for k in (5, 6, 7)]
-    np.testing.assert_allclose(cell_shares(cells)[:3], shares, rtol=1e-12)
-    assert sum(cell_shares(cells)[:4]) == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(polygon_fractions(cells)[:3], shares, rtol=1e-12)
+    assert sum(polygon_fractions(cells)[:4]) == pytest.approx(1.0, abs=1e-12)
 
     hexagons = [one.corners for one in wanted if one.interior and len(one.neighbours) == 6]
     regular = [
@@ -136,7 +134,7 @@ def test_square_lattice_has_four_sides() -> None:
     points = rotated(np.stack([x.ravel(), y.ravel()], axis=1) * 0.1, 0.7)
     cells = voronoi_cells(points)
     assert (cells.sides[cells.interior] == 4).all()
-    assert cell_shares(cells).others == 1.0
+    assert polygon_fractions(cells).others == 1.0
     assert psi6(points) == pytest.approx(1.0 * abs(np.exp(6j * np.pi * np.arange(4) / 2).mean()))
 
 
@@ -145,8 +143,8 @@ def test_too_few_grains_or_a_row_have_no_cells(count: int) -> None:
     points = np.stack([np.arange(float(count)), np.zeros(count)], axis=1)
     cells = voronoi_cells(points)
     assert not cells.interior.any()
-    assert cell_shares(cells).cells == 0
-    assert np.isnan(cell_shares(cells).hexagons)
+    assert polygon_fractions(cells).cells == 0
+    assert np.isnan(polygon_fractions(cells).hexagons)
     assert np.isnan(psi6(points))
 
 
@@ -167,23 +165,24 @@ def test_order_does_not_depend_on_place_size_or_quarter_turns(
     points = np.random.default_rng(seed).random((60, 2))
     moved = scale * (rotated(points, angle) + 0.3)
     assert psi6(moved) == pytest.approx(psi6(points), abs=1e-9)
-    assert cell_shares(voronoi_cells(moved)) == cell_shares(voronoi_cells(points))
+    assert polygon_fractions(voronoi_cells(moved)) == polygon_fractions(voronoi_cells(points))
 
 
 def test_series(make_run: MakeRun, random: np.random.Generator) -> None:
     frames = np.stack([0.006 * hexagonal(8, 8), 0.05 * random.random((64, 2))])
     frames[1, 3] = np.nan
     run = make_run(frames)
-    shares = share_series(run)
-    assert shares["hexagons"].dims == ("frame",)
-    assert shares["hexagons"].attrs["units"] == "1"
-    np.testing.assert_array_equal(shares["frame_time"], [0.0, 1.0])
+    fractions, cells = per_frame(run, "polygons"), per_frame(run, "interior_cells")
+    assert fractions.dims == ("frame", "label")
+    assert fractions.attrs["units"] == "1"
+    np.testing.assert_array_equal(fractions["frame_time"], [0.0, 1.0])
     for k, frame in enumerate(frames):
-        found = shares.isel(frame=k)
-        wanted = cell_shares(voronoi_cells(frame))
-        assert tuple(float(found[name]) for name in wanted._fields) == wanted
-    np.testing.assert_array_equal(psi6_series(run), [psi6(one) for one in frames])
-    regular = regularity_series(run)
+        wanted = polygon_fractions(voronoi_cells(frame))
+        found = [float(fractions.sel(label=name)[k]) for name in wanted._fields[:4]]
+        assert (*found, float(cells[k])) == wanted
+    np.testing.assert_array_equal(per_frame(run, "hexatic_order"), [psi6(one) for one in frames])
+    regularity = per_frame(run, "regularity")
+    regular = {name: regularity.sel(label=name) for name in ("mean", "deviation")}
     assert float(regular["mean"][0]) == pytest.approx(1.0, abs=1e-12)
     assert float(regular["deviation"][0]) == pytest.approx(0.0, abs=1e-12)
     values = hexagon_regularity(voronoi_cells(frames[1]))
@@ -198,4 +197,5 @@ def test_a_hundred_thousand_grains(random: np.random.Generator) -> None:
     """
     cells = voronoi_cells(random.random((100_000, 2)))
     assert cells.sides[cells.interior].mean() == pytest.approx(6.0, abs=0.01)
-    np.testing.assert_allclose(cell_shares(cells)[:3], [0.25946, 0.29473, 0.19877], atol=0.006)
+    fractions = polygon_fractions(cells)[:3]
+    np.testing.assert_allclose(fractions, [0.25946, 0.29473, 0.19877], atol=0.006)

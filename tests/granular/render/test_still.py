@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from granular.observables import (
-    compressive_force_series,
     grain_pressures,
     hexagon_regularity,
+    per_frame,
     voronoi_cells,
 )
 from granular.render import COLOURINGS, save, still
@@ -153,7 +153,10 @@ def test_colour_bars(lattice: Trajectory, colour: str) -> None:
         values = grain_pressures(lattice.scene, place, float(height))
         values, drawn = values[np.isfinite(values)], cells(figure).get_facecolor()
     elif colour == "compression":
-        values, drawn = compressive_force_series(lattice).values[0], grains(figure).get_facecolor()
+        values, drawn = (
+            per_frame(lattice, "compressive_force").values[0],
+            grains(figure).get_facecolor(),
+        )
     elif colour == "speed":
         values = 1e3 * np.linalg.norm(data["velocity"].values[0], axis=1)
         drawn = grains(figure).get_facecolor()

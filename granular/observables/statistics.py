@@ -1,19 +1,124 @@
-"""Distribution of the forces on the grains: Knuth's bins, and Hartigan's test for one mode."""
+"""Statistics of samples: Pearson's correlation, order of directions, modes, and histograms."""
 
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.forces import compressive_forces
-from granular.observables.frames import species_names
-from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
-if TYPE_CHECKING:
-    from granular.run.trajectory import Trajectory
+
+class Correlation(NamedTuple):
+    """Pearson's correlation.
+
+    Attributes
+    ----------
+    coefficient : float
+        From -1 to 1; NaN where one of the quantities does not vary.
+    p_value : float
+        Probability of a coefficient this far from 0 for independent, normally distributed samples.
+    samples : int
+        How many there were.
+    """
+
+    coefficient: float
+    p_value: float
+    samples: int
+
+
+def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
+    """Pearson's correlation of two quantities, such as Psi6 and n6 of many beds [D, Fig. 4.13].
+
+    Parameters
+    ----------
+    first, second : float (n,)
+        Samples where one is NaN are ignored.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, or fewer than three samples are left.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import pearson_correlation
+    >>> first = np.arange(10.0)
+    >>> round(pearson_correlation(first, 2.0 * first)[0], 3)
+    1.0
+    """
+    from scipy.stats import pearsonr
+
+    x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise InputError(f"the shapes {x.shape} and {y.shape} differ; give two arrays (n,)")
+    known = np.isfinite(x) & np.isfinite(y)
+    count = int(np.count_nonzero(known))
+    if count < 3:
+        raise InputError(f"{count} samples; a correlation needs at least 3")
+    x, y = x[known], y[known]
+    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        return Correlation(np.nan, np.nan, count)
+    found = pearsonr(x, y)
+    return Correlation(float(found.statistic), float(found.pvalue), count)
+
+
+class AxialOrder(NamedTuple):
+    """Order of the directions of vectors: 0 for none, 1 where all point alike.
+
+    Attributes
+    ----------
+    polar, axial : float
+        |mean of exp(i theta)|, and |mean of exp(2 i theta)|, which takes a vector and its opposite
+        for the same: chains of forces would make it large.
+    polar_p, axial_p : float
+        Probability of an order this great in vectors without any, by Rayleigh's test.
+    vectors : int
+    """
+
+    polar: float
+    axial: float
+    polar_p: float
+    axial_p: float
+    vectors: int
+
+
+def axial_order(vectors: np.ndarray) -> AxialOrder:
+    """Polar and axial order parameter of vectors (n, 2), of whatever length.
+
+    Vectors that are NaN or 0 are left out. The probability is exp(-n R^2) with the first correction
+    for few vectors (Mardia and Jupp, Directional Statistics, 2000, sect. 6.3.1).
+
+    Raises
+    ------
+    InputError
+        If no vector is left, or the shape is another one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import axial_order
+    >>> found = axial_order(np.array([[1.0, 0.0]] * 20))
+    >>> found
+    AxialOrder(polar=1.0, axial=1.0, polar_p=0.0, axial_p=0.0, vectors=20)
+    """
+    array = np.asarray(vectors, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise InputError(f"vectors have the shape {array.shape}; (n, 2) is wanted")
+    array = array[np.isfinite(array).all(axis=1) & (array != 0.0).any(axis=1)]
+    if not len(array):
+        raise InputError("0 vectors; at least 1 that is not 0 has a direction")
+    angle = np.arctan2(array[:, 1], array[:, 0])
+    polar, axial = (float(abs(np.exp(1j * k * angle).mean())) for k in (1, 2))
+    count = len(array)
+    return AxialOrder(polar, axial, _rayleigh(polar, count), _rayleigh(axial, count), count)
+
+
+def _rayleigh(order: float, count: int) -> float:
+    z = count * order**2
+    return float(np.clip(np.exp(-z) * (1.0 + (2.0 * z - z * z) / (4.0 * count)), 0.0, 1.0))
 
 
 LEAST_VALUES = 4
@@ -171,7 +276,7 @@ def knuth_bins(values: np.ndarray) -> int:
     Examples
     --------
     >>> import numpy as np
-    >>> from granular.observables import knuth_bins
+    >>> from granular.observables.statistics import knuth_bins
     >>> knuth_bins(np.random.default_rng(1).normal(size=1000))
     16
     """
@@ -216,71 +321,6 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     values = _known(values)
     counts, edges = np.histogram(values, knuth_bins(values))
     return Histogram(edges, counts, counts / (counts.sum() * np.diff(edges)))
-
-
-def force_distribution_of_run(
-    run: Trajectory, frame: int = -1, *, pooled: bool = False
-) -> dict[str, Histogram]:
-    """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
-
-    Only grains with an interior Voronoi cell count, as in de Paula's pictures of forces.
-
-    Parameters
-    ----------
-    run : Trajectory
-    frame : int
-        Index of the frame; the last if not given.
-    pooled : bool
-        All species in one histogram, named ``"all"``, over the greatest force of the frame, as the
-        source draws them.
-
-    Returns
-    -------
-    dict of str to Histogram
-        By the name of the species, for the species that have such grains there; forces in N, or
-        over their greatest where they are pooled.
-
-    Raises
-    ------
-    InputError
-        If there is no such frame, no such grain, or a force that cannot be taken apart (see
-        `compressive_forces`).
-    """
-    forces = _inner_forces(run, frame)
-    if not np.isfinite(forces).any():
-        raise InputError(
-            f"frame {frame} has 0 grains with an interior Voronoi cell; give one whose grains lie "
-            "in more than two rows"
-        )
-    if pooled:
-        known = _known(forces)
-        return {"all": knuth_histogram(known / known[-1])}
-    owner = run.dataset["species"].values
-    found = {}
-    for k, name in enumerate(species_names(run)):
-        chosen = (owner == k) & np.isfinite(forces)
-        if chosen.any():
-            found[name] = knuth_histogram(forces[chosen])
-    return found
-
-
-def force_modes_of_run(run: Trajectory, frame: int = -1) -> DipTest:
-    """Whether the compressive forces of a frame, of all species together, have more than one mode.
-
-    Grains and errors as of `force_distribution_of_run`.
-    """
-    return dip_test(_inner_forces(run, frame))
-
-
-def _inner_forces(run: Trajectory, frame: int) -> np.ndarray:
-    """Compressive forces of the grains with an interior cell (n,) [N]; NaN for the others."""
-    total = run.dataset.sizes["frame"]
-    if not -total <= frame < total:
-        raise InputError(f"frame = {frame}; the run has the frames 0 to {total - 1}")
-    positions = run.dataset["position"].values[frame]
-    height = float(run.dataset["frame_height"].values[frame])
-    forces = compressive_forces(run.scene, positions, height)
-    return np.where(voronoi_cells(run.scene.cell.inside(positions)).interior, forces, np.nan)
 
 
 def _known(values: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The answer of a driven piston: amplitude ratio and phase, with higher harmonics."""
+"""The response of a driven piston: amplitude ratio and phase, with higher harmonics."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ LEAST_PERIODS = 3
 """Whole periods that are needed after the transient."""
 
 
-class FrequencyResponse(NamedTuple):
-    """The steady answer to a sinusoidal drive, for the harmonics k = 1 ... K.
+class HarmonicResponse(NamedTuple):
+    """The steady response to a sinusoidal drive, for the harmonics k = 1 ... K.
 
-    With the drive's fundamental U cos(p(t)) the answer is
+    With the drive's fundamental U cos(p(t)) the response is
 
         mean + sum_k ratio_k U cos(k p(t) + phase_k).
 
@@ -32,9 +32,9 @@ class FrequencyResponse(NamedTuple):
         Of the drive [Hz].
     harmonics : int (K,)
     ratio : float (K,)
-        Amplitude of the answer's harmonic over U.
+        Amplitude of the response's harmonic over U.
     phase : float (K,)
-        From -pi to pi; negative where the answer lags [rad].
+        From -pi to pi; negative where the response lags [rad].
     ratio_error, phase_error : float (K,)
         Standard errors, from the scatter of the single periods.
     drive_amplitude : float
@@ -53,15 +53,15 @@ class FrequencyResponse(NamedTuple):
     periods: int
 
 
-def frequency_response(
+def harmonic_response(
     time: np.ndarray,
     drive: np.ndarray,
-    answer: np.ndarray,
+    response: np.ndarray,
     frequency: float,
     harmonics: int = 3,
     discard: float | None = None,
-) -> FrequencyResponse:
-    """Amplitude ratio and phase of an answer to a sinusoidal drive.
+) -> HarmonicResponse:
+    """Amplitude ratio and phase of an response to a sinusoidal drive.
 
     Mean, slow drift (linear in time) and harmonics are fitted together by least squares over the
     last whole periods after the transient. The standard errors are those of the mean over single
@@ -71,7 +71,7 @@ def frequency_response(
     ----------
     time : float (n,)
         [s], not decreasing.
-    drive, answer : float (n,)
+    drive, response : float (n,)
     frequency : float
         Of the drive [Hz].
     harmonics : int
@@ -88,18 +88,18 @@ def frequency_response(
     Examples
     --------
     >>> import numpy as np
-    >>> from granular.observables import frequency_response
+    >>> from granular.observables import harmonic_response
     >>> time = np.linspace(0.0, 10.0, 5000)
     >>> drive = np.sin(2 * np.pi * 3.0 * time)
-    >>> found = frequency_response(time, drive, 0.5 * np.roll(drive, 10), 3.0)
+    >>> found = harmonic_response(time, drive, 0.5 * np.roll(drive, 10), 3.0)
     >>> round(float(np.ravel(found.ratio)[0]), 2)
     0.5
     """
-    time, drive, answer = (np.asarray(one, dtype=np.float64) for one in (time, drive, answer))
-    if time.ndim != 1 or not time.shape == drive.shape == answer.shape or not len(time):
+    time, drive, response = (np.asarray(one, dtype=np.float64) for one in (time, drive, response))
+    if time.ndim != 1 or not time.shape == drive.shape == response.shape or not len(time):
         raise InputError(
-            f"time, drive and answer have the shapes {time.shape}, {drive.shape}, {answer.shape}; "
-            "all must be (n,)"
+            f"time, drive and response have the shapes {time.shape}, {drive.shape}, "
+            f"{response.shape}; all must be (n,)"
         )
     if harmonics < 1 or not frequency > 0.0:
         raise InputError(
@@ -108,21 +108,26 @@ def frequency_response(
         )
     periods = _whole_periods(time, frequency, discard)
     chosen = time > time[-1] - (periods - 1e-9) / frequency
-    time, drive, answer = time[chosen], drive[chosen], answer[chosen]
+    time, drive, response = time[chosen], drive[chosen], response[chosen]
     _check_samples(len(time), periods, harmonics)
     # Time from the middle of the window leaves the drift independent of the rest.
     middle = time[-1] - 0.5 * periods / frequency
     since = time - middle
-    into, out = (_fit(since, values, frequency, harmonics) for values in (drive, answer))
+    into, out = (_fit(since, values, frequency, harmonics) for values in (drive, response))
     transfer = _transfer(into.amplitudes, out.amplitudes)
     spread = _period_transfers(
-        since, drive - into.drift * since, answer - out.drift * since, frequency, harmonics, periods
+        since,
+        drive - into.drift * since,
+        response - out.drift * since,
+        frequency,
+        harmonics,
+        periods,
     )
     along, across = _errors(transfer, spread)
     ratio = np.abs(transfer)
     with np.errstate(divide="ignore", invalid="ignore"):
         phase_error = np.where(ratio > 0.0, across / ratio, np.inf)
-    return FrequencyResponse(
+    return HarmonicResponse(
         frequency=float(frequency),
         harmonics=np.arange(1, harmonics + 1),
         ratio=ratio,
@@ -134,17 +139,17 @@ def frequency_response(
     )
 
 
-def response_of_run(
+def stage_response(
     run: Trajectory,
     stage: str | None = None,
     harmonics: int = 3,
     discard: float | None = None,
 ) -> xarray.Dataset:
-    """`frequency_response` of a stage that pushes the piston, or moves it, to and fro.
+    """`harmonic_response` of a stage that pushes the piston, or moves it, to and fro.
 
-    Of a ``push`` the drive is the force from outside and the answer the piston's height (ratio in
-    m/N); of an ``oscillate`` the drive is the height and the answer the force of the grains on the
-    piston (ratio in N/m).
+    Of a ``push`` the drive is the force from outside and the response the piston's height (ratio
+    in m/N); of an ``oscillate`` the drive is the height and the response the force of the grains on
+    the piston (ratio in N/m).
 
     Parameters
     ----------
@@ -170,11 +175,11 @@ def response_of_run(
     import xarray
 
     driven = _driven_stage(run, stage)
-    time, drive, answer, unit = _signals(run, driven)
-    found = frequency_response(time, drive, answer, driven.frequency, harmonics, discard)
+    time, drive, response, unit = _signals(run, driven)
+    found = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
     columns = {
-        "ratio": (found.ratio, unit, "amplitude of the answer over that of the drive"),
-        "phase": (found.phase, "rad", "phase of the answer to the drive"),
+        "ratio": (found.ratio, unit, "amplitude of the response over that of the drive"),
+        "phase": (found.phase, "rad", "phase of the response to the drive"),
         "ratio_error": (found.ratio_error, unit, "standard error of the ratio"),
         "phase_error": (found.phase_error, "rad", "standard error of the phase"),
     }
@@ -235,7 +240,7 @@ def _fit(
 
 
 def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """The answer's harmonics (K,) in the phase of the drive, over its amplitude."""
+    """The response's harmonics (K,) in the phase of the drive, over its amplitude."""
     size = abs(into[0])
     if size == 0.0:
         raise InputError("the drive has no amplitude at its frequency; give the drive's frequency")
@@ -246,7 +251,7 @@ def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
 def _period_transfers(
     time: np.ndarray,
     drive: np.ndarray,
-    answer: np.ndarray,
+    response: np.ndarray,
     frequency: float,
     harmonics: int,
     periods: int,
@@ -262,7 +267,7 @@ def _period_transfers(
         here = which == one
         parts = (
             _fit(time[here], values[here], frequency, harmonics, drifting=False).amplitudes
-            for values in (drive, answer)
+            for values in (drive, response)
         )
         rows.append(_transfer(*parts))
     return np.array(rows)
@@ -301,7 +306,7 @@ def _driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
 def _signals(
     run: Trajectory, driven: Oscillate | Push
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Time [s], drive and answer of the records of the stage, and the unit of their ratio."""
+    """Time [s], drive and response of the records of the stage, and the unit of their ratio."""
     from granular.protocol import Push
 
     record = run.piston(driven.name)

@@ -1,0 +1,181 @@
+"""Observables: functions of a frame with a unit, and their values at every frame of a run.
+
+>>> @observable("N", "greatest force on a grain")
+... def greatest_force(frame):
+...     return np.nanmax(np.linalg.norm(frame.forces, axis=1))
+>>> per_frame(run, greatest_force).plot()
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from granular.schema.units import unit_size
+from granular.shared.errors import InputError
+from granular.shared.messages import quoted
+
+if TYPE_CHECKING:
+    from granular.run.trajectory import Trajectory
+    from granular.scene.scene import Scene
+
+
+class Frame(NamedTuple):
+    """A moment of a run, in SI; values of grains that have left the cell are NaN.
+
+    Attributes
+    ----------
+    scene : Scene
+    time : float
+        [s]
+    positions, velocities, forces : float (n, 2)
+        [m], within the cell where it is periodic; [m/s], [N]
+    piston_height : float
+        [m]; NaN without a piston.
+    species : int (n,)
+    diameters, masses : float (n,)
+        [m], [kg]
+    """
+
+    scene: Scene
+    time: float
+    positions: np.ndarray
+    velocities: np.ndarray
+    forces: np.ndarray
+    piston_height: float
+    species: np.ndarray
+    diameters: np.ndarray
+    masses: np.ndarray
+
+
+Value = float | np.ndarray | Mapping[Any, "float | np.ndarray"]
+"""A number, one for each grain (n,), a vector (n, 2) or a tensor (n, 2, 2) for each grain, or such
+values by their labels."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def observable(
+    unit: str, meaning: str = "", name: str | None = None
+) -> Callable[[Function], Function]:
+    """Give a function its unit, and make it an observable.
+
+    Parameters
+    ----------
+    unit : str
+        Of the value that the function returns, such as ``"N"`` or ``"mm/s"``; ``"1"`` for none.
+    meaning : str
+        In words, for the axis of a plot.
+    name : str, optional
+        By which tables and commands know it; the function's if not given.
+
+    Raises
+    ------
+    InputError
+        If the unit cannot be read, or the name is no word.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular.observables import observable
+    >>> @observable("N", "greatest force on a grain")
+    ... def greatest_force(frame):
+    ...     return np.nanmax(np.linalg.norm(frame.forces, axis=1))
+    >>> greatest_force.observable.unit
+    'N'
+    """
+    if unit != "1":
+        unit_size(unit)
+
+    def mark(function: Function) -> Function:
+        called = function.__name__ if name is None else name
+        if not called.isidentifier():
+            raise InputError(f"observable {quoted(called)}; give a name such as 'greatest_force'")
+        function.observable = Observable(called, unit, meaning)  # type: ignore[attr-defined]
+        return function
+
+    return mark
+
+
+class Observable(NamedTuple):
+    """Name, unit and meaning of a function's value."""
+
+    name: str
+    unit: str
+    meaning: str
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Attributes of its labelled array."""
+        return {"units": self.unit, "long_name": self.meaning}
+
+
+def observable_of(function: Any) -> Observable | None:
+    """Name, unit and meaning that `observable` gave a function; None if it gave none."""
+    found = getattr(function, "observable", None)
+    return found if isinstance(found, Observable) else None
+
+
+def chosen_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
+    """Indices of the frames with start <= time <= stop [s].
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    times = run.dataset["frame_time"].values
+    chosen = np.flatnonzero((times >= start) & (times <= stop))
+    if not len(chosen):
+        known = f"{times[0]:g} to {times[-1]:g} s" if len(times) else "none"
+        raise InputError(f"no frame lies from {start:g} to {stop:g} s; there are frames of {known}")
+    return chosen
+
+
+def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -> Iterator[Frame]:
+    """Frames of a run, by their indices; all of them if none are given."""
+    data = run.dataset
+    heights = None if run.scene.piston is None else data["frame_height"].values
+    times, velocities, forces = (data[k].values for k in ("frame_time", "velocity", "force"))
+    positions = run.scene.cell.inside(data["position"].values)
+    of_grains = data["species"].values, data["diameter"].values, run.scene.grains.masses()
+    for k in range(len(times)) if indices is None else indices:
+        height = float("nan") if heights is None else float(heights[k])
+        yield Frame(
+            run.scene, float(times[k]), positions[k], velocities[k], forces[k], height, *of_grains
+        )
+
+
+def frame_at(run: Trajectory, index: int = -1) -> Frame:
+    """Frame of a run by its index, the last one if not given; negative ones count from the end.
+
+    Raises
+    ------
+    InputError
+        If there is no such frame.
+    """
+    total = run.dataset.sizes["frame"]
+    if not -total <= index < total:
+        raise InputError(f"frame = {index}; the run has the frames 0 to {total - 1}")
+    return next(frames(run, [index]))
+
+
+def require_piston(scene: Scene) -> None:
+    """Refuse a scene without a piston.
+
+    Raises
+    ------
+    InputError
+    """
+    if scene.piston is None:
+        raise InputError(f"scene {scene.name!r} has no piston; take a scene with [piston] for this")
+
+
+def species_names(scene: Scene) -> list[str]:
+    """Names of the species, with their index where two have the same."""
+    names = [one.name for one in scene.grains.species]
+    return [
+        name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)
+    ]
