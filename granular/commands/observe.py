@@ -32,6 +32,10 @@ observables:
   packing           packing fraction below the piston, or of a periodic cell
   hexatic_order     mean of |psi_6| over the grains
   temperature       kinetic temperature of the bed
+  polygons, regularity, defects, interior_cells
+                    by the Voronoi cells: a column for each kind
+  species_piston_distance, species_temperature
+                    a column for each species
 
 mine.py:
   import numpy as np
