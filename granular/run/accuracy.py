@@ -32,7 +32,7 @@ _ASKED = re.compile(r"\s*(?P<value>[0-9.eE+-]+)\s*(?P<percent>%?)\s+(?P<quantity
 
 
 class Chosen(NamedTuple):
-    """What a scene is to be run with.
+    """Settings that a scene is to be run with.
 
     Attributes
     ----------
@@ -95,15 +95,15 @@ def accurate(scene: Scene, text: str) -> Chosen:
             f"can be promised below {FLOORS * floor:.2g}; ask for that, or average "
             f"{math.ceil((2.0 * floor / tolerance) ** 2):d} starts (arrangement.seed)"
         )
-    found = min(_ways(scene, prices, quantity, tolerance), default=None)
-    if found is None:
+    cheapest = min(_candidates(scene, prices, quantity, tolerance), default=None)
+    if cheapest is None:
         least = min(one.bounds[quantity] for one in prices.rungs)
         raise InputError(
             f"accuracy = {quoted(text)}: the least error that the table of prices holds is "
             f"{MARGIN * least:.2g}, with its margin; ask for that, or measure: python -m "
             "validation cheapest"
         )
-    _, dt, method, bound = found
+    _, dt, method, bound = cheapest
     summed, how = _summed(scene, quantity, tolerance, text)
     scatter = f", starts scatter by {floor:.1g}" if floor else ""
     words = (
@@ -113,7 +113,7 @@ def accurate(scene: Scene, text: str) -> Chosen:
     return Chosen(summed, dt, method, words)
 
 
-def _ways(
+def _candidates(
     scene: Scene, prices: Prices, quantity: str, tolerance: float
 ) -> Iterator[tuple[float, str, str, float]]:
     """Price, step, method and bound of each method that reaches the tolerance."""
@@ -157,7 +157,7 @@ def _fraction(rungs: list[Rung], quantity: str, tolerance: float) -> float | Non
 
 
 def _step(scene: Scene, fraction: float) -> str:
-    """That step as a multiple of the scene's automatic one, rounded down to hundredths."""
+    """Step as a multiple of the scene's automatic one, rounded down to hundredths."""
     step: Step = checked_step("auto", scene)
     factor = min(fraction / step.fraction, step.longest)
     if factor < 1.0:

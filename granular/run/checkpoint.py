@@ -79,8 +79,10 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             kept = {name: archive[name] for name in archive.files}
         return kept, Manifest(**json.loads(kept.pop(MANIFEST).item()))
-    except (ValueError, KeyError, TypeError) as error:  # sealed, but by no run of this version
+    except ValueError as error:
         raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
+    except (KeyError, TypeError):
+        raise StoreError(f"{file} was written by another version; run the scene anew") from None
 
 
 def _seal(content: bytes) -> bytes:

@@ -104,7 +104,7 @@ def take_place(part: Path, path: Path) -> None:
 
 
 def _real(path: Path) -> Path:
-    """Where a run directory really is to be: links are followed."""
+    """Path of a run directory behind all links."""
     place = Path(os.path.realpath(path))
     if not place.name:
         raise StoreError(f"{path} is no place for a run; give a directory that is yours")
@@ -132,7 +132,7 @@ def replace_file(file: Path, content: bytes) -> None:
 
 
 def is_run(path: Path) -> bool:
-    """Whether a directory holds a run, whole or damaged."""
+    """True where a directory holds a run, whole or damaged."""
     try:
         return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
     except OSError:

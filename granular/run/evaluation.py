@@ -122,9 +122,9 @@ def _misplaced() -> InputError:
 def _normal_load(state: State, system: System) -> np.ndarray:
     grains = system.constants.grains
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
-        found = effect.grain_values(law, state)
-        if "normal_load" in found:
-            return found["normal_load"][:grains]
+        values = effect.grain_values(law, state)
+        if "normal_load" in values:
+            return values["normal_load"][:grains]
     return np.zeros(grains)
 
 

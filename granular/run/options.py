@@ -54,7 +54,7 @@ def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
 
 
 def _glides(scene: Scene) -> bool:
-    """Whether dry friction between grains and plates allows longer steps."""
+    """True where dry friction between grains and plates allows longer steps."""
     friction, contact = scene.effects.friction, scene.effects.contact
     return friction is not None and friction.scheme == "velocity" and contact is None
 
@@ -84,7 +84,7 @@ def _positional(value: float) -> str:
 
 
 def is_allowed(scene: Scene, dt: float | str, method: str | Method) -> bool:
-    """Whether a scene can be run with a time step and a method."""
+    """True where a scene can be run with a time step and a method."""
     try:
         step = checked_step(dt, scene)
         check_method(method_of(method), step, scene)
@@ -169,22 +169,22 @@ def check_step(step: Step, scene: Scene, t_end: float | None = None) -> None:
         )
     if t_end is not None and dt > t_end:
         raise InputError(f"dt = {dt:g} s is longer than the run, t_end = {t_end:g} s; shorten dt")
-    for stage, span in _spans(scene, t_end):
-        if 0.0 < span < dt * (1.0 - 1e-9):
+    for stage, duration in _durations(scene, t_end):
+        if 0.0 < duration < dt * (1.0 - 1e-9):
             raise InputError(
-                f"dt = {dt:g} s is longer than stage {stage.name!r}, {span:g} s; shorten dt"
+                f"dt = {dt:g} s is longer than stage {stage.name!r}, {duration:g} s; shorten dt"
             )
 
 
-def _spans(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
+def _durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
     """The stages whose duration is known before the run [s]; one that ends the run has its end."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.jump(height)
-        span = stage.span(height)
+        duration = stage.span(height)
         last = stage is scene.protocol[-1] and isinstance(stage, Timed)
-        if span is not None and math.isfinite(span) and not (last and t_end is not None):
-            yield stage, span
+        if duration is not None and math.isfinite(duration) and not (last and t_end is not None):
+            yield stage, duration
         final = stage.final_height()
         if final is not None and not stage.limits_force:
             height = final
@@ -206,8 +206,8 @@ def check_end(scene: Scene, t_end: float | None) -> None:
     if not scene.protocol:
         raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
     height = 1.0 if scene.piston is None else scene.piston.height
-    for place, stage in enumerate(scene.protocol):
-        if stage.span(height) is None and (t_end is None or place < len(scene.protocol) - 1):
+    for index, stage in enumerate(scene.protocol):
+        if stage.span(height) is None and (t_end is None or index < len(scene.protocol) - 1):
             raise InputError(
                 f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end "
                 "where it is the last"

@@ -82,7 +82,7 @@ class Prices(NamedTuple):
 
 
 def kind_of(scene: Scene) -> str:
-    """What damps a scene: friction by either scheme, drag, or nothing."""
+    """Damping of a scene: friction by either scheme, drag, or nothing."""
     friction = scene.effects.friction
     if friction is not None:
         return "friction" if friction.scheme == "velocity" else "regularised friction"
@@ -144,21 +144,21 @@ def price_text(run: Trajectory) -> str:
             f"{error / 2.0**order:.1g}"
         )
     bound, scatter = rung.bounds[quantity], prices.floor(quantity, run.scene.grains.count)
-    told = f"; starts scatter it by {scatter:.1g}" if scatter else ""
+    scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
     if quantity not in rung.clear:
         return (
-            f"price: {seconds:.3g} s; {quantity} to {bound:.1g} or better by the step{told}; "
+            f"price: {seconds:.3g} s; {quantity} to {bound:.1g} or better by the step{scattered}; "
             f"{finer}, and no better where the starts decide"
         )
     error = bound * (seen / rung.frequency) ** order
     return (
-        f"price: {seconds:.3g} s; {quantity} to {error:.1g} by the step{told}; {finer}, "
+        f"price: {seconds:.3g} s; {quantity} to {error:.1g} by the step{scattered}; {finer}, "
         f"{error / 2.0**order:.1g}"
     )
 
 
 def _main(run: Trajectory) -> str | None:
-    """What a run is first looked at for."""
+    """Quantity that a run is first looked at for."""
     if run.scene.piston is None:
         return None
     rested = any(one.reason == "rest" for one in run.stages)

@@ -1,4 +1,4 @@
-"""How far a run is: a progress bar on standard error, and before it a word where it takes long."""
+"""Progress of a run: a bar on standard error, and before it a word where it takes long."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class ProgressBar:
         reached = (run.time - progress.start) * run.system.scales.time
         if self._settling is not None:
             self._settling.look(run)
-            reached, words = self._settling.share, f"{reached:.2f} s, {self._settling}{words}"
+            reached, words = self._settling.fraction, f"{reached:.2f} s, {self._settling}{words}"
         self._bar.set_postfix_str(words.removeprefix(", "), refresh=False)
         if self._bar.total is not None:
             reached = min(reached, self._bar.total)
@@ -99,7 +99,7 @@ class ProgressBar:
 
 
 class Settling:
-    """What still moves, over the last window of rest, beside what counts as rest.
+    """Motion over the last window of rest, compared with what counts as rest.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Settling:
         Range of the piston's heights [D], or the greatest speed [D/tau] where that is more.
     limit : float
         Of the amplitude, at rest.
-    share : float
+    fraction : float
         How much of the way to the limit is done, in orders of magnitude: 0 to 1.
     """
 
@@ -115,7 +115,7 @@ class Settling:
         stage = run.stage
         assert isinstance(stage, Timed)
         self.limit = run.rest_limit
-        self.amplitude, self.share = math.inf, 0.0
+        self.amplitude, self.fraction = math.inf, 0.0
         self._window = stage.window / run.system.scales.time
         self._seen: deque[tuple[float, float, float]] = deque()
         self._greatest = 0.0
@@ -132,10 +132,10 @@ class Settling:
         self.amplitude = max(swing, *(speed for _, _, speed in self._seen), 0.0)
         self._greatest = max(self._greatest, self.amplitude)
         if self.amplitude <= self.limit:
-            self.share = 1.0
+            self.fraction = 1.0
         elif self._greatest > self.limit:
-            way = math.log(self._greatest / self.limit)
-            self.share = math.log(self._greatest / self.amplitude) / way
+            decades = math.log(self._greatest / self.limit)
+            self.fraction = math.log(self._greatest / self.amplitude) / decades
 
     def __str__(self) -> str:
         return f"moves {self.amplitude:.1e} D, at rest below {self.limit:.0e} D"
@@ -168,7 +168,7 @@ def steps_ahead(run: Run) -> float:
 
 
 def outlook(steps: float, rate: float) -> str | None:
-    """How long so many steps take at a rate [1/s], in words; None where it is not long."""
+    """Duration of so many steps at a rate [1/s], in words; None where it is not long."""
     seconds = steps / rate
     if seconds < LONG:
         return None

@@ -228,10 +228,10 @@ class PistonRecord:
         from granular.readers.frames import sheet_of
         from granular.readers.meaning import meaning_of
 
-        found = meaning_of(sheet_of(table), Reading(units=units or {}, **said))
-        if found.notes:
-            warnings.warn("; ".join(found.notes), RecordWarning, stacklevel=2)
-        return cls.of_meaning(found)
+        meaning = meaning_of(sheet_of(table), Reading(units=units or {}, **said))
+        if meaning.notes:
+            warnings.warn("; ".join(meaning.notes), RecordWarning, stacklevel=2)
+        return cls.of_meaning(meaning)
 
     @classmethod
     def _read(
@@ -243,17 +243,19 @@ class PistonRecord:
     ) -> PistonRecord:
         from granular.readers.opening import read_meaning
 
-        found = read_meaning(path, Reading(units=units or {}, **said), reader)
+        meaning = read_meaning(path, Reading(units=units or {}, **said), reader)
         try:
-            record = cls.of_meaning(found)
+            record = cls.of_meaning(meaning)
         except RecordError as error:
             raise RecordError(f"{visible(path)}: {error}") from None
-        if found.notes:
-            warnings.warn(f"{visible(path)}: {'; '.join(found.notes)}", RecordWarning, stacklevel=3)
+        if meaning.notes:
+            warnings.warn(
+                f"{visible(path)}: {'; '.join(meaning.notes)}", RecordWarning, stacklevel=3
+            )
         return record
 
     @classmethod
-    def of_meaning(cls, found: Meaning) -> PistonRecord:
+    def of_meaning(cls, meaning: Meaning) -> PistonRecord:
         """The record that columns were taken for; see `granular.readers.meaning`.
 
         Raises
@@ -261,14 +263,14 @@ class PistonRecord:
         RecordError
             If they make none.
         """
-        values = dict(found.columns)
+        values = dict(meaning.columns)
         return cls(
             time=values.pop("time"),
             height=values.pop("height"),
             velocity=values.pop("velocity", None),
             force=values.pop("force", None),
             extra=values,
-            angle=found.angle,
+            angle=meaning.angle,
         )
 
     def to_csv(self, path: str | Path) -> None:

@@ -1,4 +1,4 @@
-"""What a run has recorded and not yet written: records, frames, and where each stage lies."""
+"""Records and frames that a run has made and not yet written, with the stage of each record."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Recorder:
         return field
 
     def counts(self) -> tuple[int, int]:
-        """How many records and frames are held."""
+        """Numbers of records and frames that are held."""
         return sum(map(len, self.rows)), len(self.frames)
 
     def clear(self) -> None:

@@ -47,7 +47,7 @@ class Run(RunState):
     threads = Threads(1)
 
     def figures(self) -> dict[str, Any]:
-        """What a user should know of how the run went."""
+        """Figures that tell how the run went, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
             "steps": self.steps,
@@ -294,8 +294,8 @@ class Run(RunState):
                     "an energy is not finite any more",
                     step=self.steps, time=moment, remedy=self.unfinite,
                 ).blaming(self.blame)  # fmt: skip
-            found = unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self.shorter)
-            raise found.blaming(self.blame)
+            error = unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self.shorter)
+            raise error.blaming(self.blame)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at

@@ -161,7 +161,7 @@ class RunState:
 
     @property
     def at_end(self) -> bool:
-        """Whether nothing but the unfinished tick before ``t_end`` is left."""
+        """True where nothing but the unfinished tick before ``t_end`` is left."""
         progress = self.progress
         if self.finished:
             return True
@@ -211,14 +211,14 @@ class RunState:
 
     @property
     def shorter(self) -> str:
-        """What to do about steps that are too long."""
+        """Remedy for steps that are too long."""
         if self.step.automatic:
             return f"shorten dt (for instance {multiple(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     @property
     def unfinite(self) -> str:
-        """What to do about what is no number any more.
+        """Remedy for what is no number any more.
 
         A user's formula or function may be none at some place or time; no step mends that, and one
         that resolves all swings has not led the grains astray.
@@ -235,7 +235,7 @@ class RunState:
 
     @property
     def blame(self) -> str:
-        """That a step given in seconds is too long for the stiffest mode; nothing if it is not."""
+        """Words for a step in seconds that is too long for the stiffest mode, else none."""
         if self.step.seconds is None or self.progress.pace is None:  # no step was made yet
             return ""
         swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.pace.h / math.tau
@@ -258,11 +258,11 @@ class RunState:
 
     def misplaced(self, remedy: str) -> RunError:
         moment = self.steps, self.time * self.system.scales.time
-        found = misplaced(self.state, self.constants, self.system.scales, *moment, remedy)
-        if isinstance(found, NotFiniteError) and remedy == self.shorter:
-            found = NotFiniteError(found.cause, step=found.step, time=found.time,
-                                   grain=found.grain, remedy=self.unfinite)  # fmt: skip
-        return found.blaming(self.blame)
+        error = misplaced(self.state, self.constants, self.system.scales, *moment, remedy)
+        if isinstance(error, NotFiniteError) and remedy == self.shorter:
+            error = NotFiniteError(error.cause, step=error.step, time=error.time,
+                                   grain=error.grain, remedy=self.unfinite)  # fmt: skip
+        return error.blaming(self.blame)
 
     # The step schedule ---------------------------------------------------------------------------
 
@@ -325,7 +325,7 @@ class RunState:
 
     @property
     def rest_limit(self) -> float:
-        """What moves less is at rest [D], [D/tau]; negative where the stage does not end so."""
+        """Limit of motion at rest [D], [D/tau]; negative where the stage does not end so."""
         stage = self.stage
         if not isinstance(stage, Timed) or stage.until != "rest":
             return -1.0
@@ -334,7 +334,7 @@ class RunState:
         return stage.tolerance / self.system.scales.length
 
     def stop_criteria(self) -> Watch:
-        """What the compiled loop looks out for in the present stage."""
+        """Stop criteria of the present stage, for the compiled loop."""
         stage, rest, window = self.stage, self.rest_limit, 0
         if isinstance(stage, Timed) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.pace.length

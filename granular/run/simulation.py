@@ -110,12 +110,12 @@ def simulate(
     >>> run.dataset["piston_height"].attrs["units"], len(run.dataset["frame_time"])
     ('m', 2)
     """
-    told: dict[str, Any] = {}
+    promised: dict[str, Any] = {}
     if accuracy is not None:
         if dt != "auto" or method != "stormer-verlet":
             raise InputError("accuracy chooses dt and method; give either it or them")
         scene, dt, method, words = accurate(scene, accuracy)
-        told = {"accuracy": words}
+        promised = {"accuracy": words}
     plan = method_of(method)
     step = checked_step(dt, scene)
     check_method(plan, step, scene)
@@ -125,7 +125,7 @@ def simulate(
     count = threads_of(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
     set_threads(count)
-    settings = _settings(scene, dt, plan, system) | told
+    settings = _settings(scene, dt, plan, system) | promised
     if resume and out is None:
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)

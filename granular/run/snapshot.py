@@ -64,7 +64,7 @@ def restore(run: RunState, kept: dict[str, np.ndarray]) -> None:
 
 
 def _check_end(run: RunState) -> None:
-    """Whether the run can still end where it is to end."""
+    """Refuse an end that the run cannot reach any more."""
     seconds = run.system.scales.time
     ahead = run.t_end * (1.0 + 1e-9) if math.isfinite(run.t_end) else math.inf
     if run.time > ahead:
@@ -90,9 +90,9 @@ def _kept(state: State) -> dict[str, np.ndarray]:
     """The arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
     kept = {name: getattr(state, name) for name in names}
-    for place, room in enumerate(state.rooms):
+    for index, room in enumerate(state.rooms):
         if hasattr(room, "kept"):
-            kept[f"room_{place}"] = room.kept
+            kept[f"room_{index}"] = room.kept
     far = state.far_forces
     if far is not None and far.held is not None:
         kept["far_held"] = far.held
@@ -115,7 +115,7 @@ def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
 
 
 def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
-    """What a checkpoint holds of the lists of partners: the places that they were made at."""
+    """Arrays of the lists of partners in a checkpoint: the positions that they were made at."""
     if lists is None:
         return {}
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}

@@ -1,4 +1,4 @@
-"""How many threads a run takes, by how long its steps take.
+"""Number of threads of a run, by how long its steps take.
 
 The bits are the same for any number. Where other programs want the processors, threads that wait
 for each other can take hundreds of times as long as one.
@@ -79,7 +79,7 @@ def threads_of(scene: Scene, asked: int | None) -> int:
 
 
 def _start_quickly(scene: Scene) -> bool:
-    """Whether threads start within a small share of a step.
+    """True where threads start within a small fraction of a step.
 
     Numba's own take some 50 microseconds for it, several times a step of near pairs and mesh; those
     of OpenMP and of TBB one or two.

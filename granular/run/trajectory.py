@@ -66,7 +66,7 @@ class Trajectory:
         Scalars on ``time``, grain fields on (``frame``, ``grain``, ``axis``), all in SI with
         ``attrs["units"]``; scene, settings and versions in the attributes. Times grow: where the
         piston is set higher at once, the record behind it stands at the next number after the one
-        before. ``stage`` is the place of each record's stage in the protocol.
+        before. ``stage`` is the index of each record's stage in the protocol.
     stages : tuple of StageResult
     complete : bool
         Whether the protocol (or ``t_end``) was reached.
@@ -178,28 +178,28 @@ class Trajectory:
             for name in ("height", "velocity", "force")
             if f"piston_{name}" in data
         }
-        places = np.asarray(data["stage"].values[chosen][last])
+        indices = np.asarray(data["stage"].values[chosen][last])
         if name is not None:  # the first of its records ends the stage before
-            places = np.full_like(places, self._place(name))
-        drive = self._drive(time[last], places)
+            indices = np.full_like(indices, self._index(name))
+        drive = self._drive(time[last], indices)
         return PistonRecord(time=time[last], **columns, extra=drive)
 
-    def _drive(self, time: np.ndarray, places: np.ndarray) -> dict[str, np.ndarray]:
-        """What drives the run at some times [s], in stages by their places in the protocol."""
+    def _drive(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
+        """Drive of the run at some times [s], in stages by their indices in the protocol."""
         shaking, protocol = self.scene.effects.shaking, self.scene.protocol
         columns = {} if shaking is None else base_motion(shaking, time)
-        if any(isinstance(protocol[place], Push) for place in np.unique(places).astype(int)):
+        if any(isinstance(protocol[index], Push) for index in np.unique(indices).astype(int)):
             starts = [one.start for one in self.stages]
-            columns["outer_force"] = outer_force(protocol, starts, places, time)
+            columns["outer_force"] = outer_force(protocol, starts, indices, time)
         return columns
 
-    def _place(self, name: str) -> int:
+    def _index(self, name: str) -> int:
         return [one.name for one in self.scene.protocol].index(name)
 
     def _records_of(self, name: str) -> slice:
         """The records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
-        inside = np.flatnonzero(self.dataset["stage"].values == self._place(name))
+        inside = np.flatnonzero(self.dataset["stage"].values == self._index(name))
         times = merge_ties(self.dataset["time"].values)
         first = int(inside[0]) if len(inside) else len(times)
         if first > 0 and times[first - 1] == stage.start:
@@ -208,7 +208,7 @@ class Trajectory:
 
     @property
     def scalars(self) -> xarray.Dataset:
-        """What is recorded on ``time`` alone, for ``to_dataframe()`` and the like."""
+        """Variables on ``time`` alone, for ``to_dataframe()`` and the like."""
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
@@ -341,9 +341,9 @@ def outer_force(
         Since the start of the run [s].
     """
     force = np.zeros(len(time))
-    for place, (one, start) in enumerate(zip(protocol, starts, strict=False)):
+    for index, (one, start) in enumerate(zip(protocol, starts, strict=False)):
         if isinstance(one, Push):
-            inside = stage == place
+            inside = stage == index
             phase = 2.0 * math.pi * one.frequency * (time[inside] - start)
             force[inside] = one.mean + one.amplitude * np.sin(phase)
     return force

@@ -90,15 +90,15 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += _summed((energy_column(place), one.energy_record) for place, one in laws[::-1])
+    chosen += _summed((energy_column(index), one.energy_record) for index, one in laws[::-1])
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += _summed((loss_column(place), one.loss_record) for place, one in laws)
+    chosen += _summed((loss_column(index), one.loss_record) for index, one in laws)
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
     own = [record for one in effects.laws for record in one.records]
-    chosen += [_variable(record, own_column(place)) for place, record in enumerate(own)]
+    chosen += [_variable(record, own_column(index)) for index, record in enumerate(own)]
     chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
     chosen += [one for one in _STATE if one.column != "closest" or effects.dipole]
     return tuple(chosen)
@@ -110,7 +110,7 @@ def _summed(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
     for column, record in records:
         if record is not None:
             columns.setdefault(record, []).append(column)
-    return [_variable(record, " + ".join(found)) for record, found in columns.items()]
+    return [_variable(record, " + ".join(names)) for record, names in columns.items()]
 
 
 def _variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) -> Variable:

@@ -50,15 +50,15 @@ def _records(data: xarray.Dataset) -> dict[str, Any]:
     """Time, and height and velocity of the piston; without one the grains' kinetic energy."""
     every = max(1, -(-data.sizes["time"] // MOST_RECORDS))
     part = data.isel(time=slice(None, None, every))
-    found: dict[str, Any] = {"time": part["time"].values.tolist()}
+    record: dict[str, Any] = {"time": part["time"].values.tolist()}
     if "piston_height" not in part:
-        return found | {"curve": part["kinetic_energy"].values.tolist(), "phase": None}
+        return record | {"curve": part["kinetic_energy"].values.tolist(), "phase": None}
     height = part["piston_height"].values
     if "piston_velocity" in part:
         velocity = part["piston_velocity"].values
     else:
         velocity = np.gradient(height, part["time"].values) if len(height) > 1 else 0.0 * height
-    return found | {"curve": height.tolist(), "phase": velocity.tolist()}
+    return record | {"curve": height.tolist(), "phase": velocity.tolist()}
 
 
 def _top(scene: Scene, data: xarray.Dataset) -> float:

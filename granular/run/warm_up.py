@@ -32,13 +32,13 @@ def warm_up(scenes: Sequence[str | Scene] = ()) -> dict[str, float]:
     InputError
         If a scene cannot be read or run.
     """
-    found = {}
+    seconds = {}
     for scene in scenes or scene_names():
         chosen = load_scene(scene) if isinstance(scene, str) else scene
         begun = time.perf_counter()
         _compile(chosen)
-        found[chosen.name] = time.perf_counter() - begun
-    return found
+        seconds[chosen.name] = time.perf_counter() - begun
+    return seconds
 
 
 def _compile(scene: Scene) -> None:

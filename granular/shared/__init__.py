@@ -1,1 +1,1 @@
-"""What all three packages share: errors, the command lines' parser, pages, pictures, tables."""
+"""Shared by all three packages: errors and their words, files, pages, pictures, tables, stops."""

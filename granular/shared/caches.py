@@ -68,14 +68,14 @@ def own_folder(folder: Path | None, variable: str) -> Path | None:
 
 
 def _is_own(status: os.stat_result) -> bool:
-    """Whether something belongs to the user, and only the user may write to it."""
+    """True where something belongs to the user, and only the user may write to it."""
     if not hasattr(os, "geteuid"):
         return True  # elsewhere other rules hold, and a user's folders are private
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def read_sealed(path: Path, label: str) -> bytes | None:
-    """What `write_sealed` wrote under the same label.
+    """Content that `write_sealed` wrote under the same label.
 
     None where there is no such file, where it is not the user's own, and where it was damaged.
     """

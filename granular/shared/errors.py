@@ -39,7 +39,7 @@ class SceneError(InputError):
 
 
 class RecordWarning(UserWarning):
-    """What was guessed of a record, or done to its samples."""
+    """Guess about a record, or change of its samples."""
 
 
 class RecordError(InputError):

@@ -71,7 +71,7 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
 def replacing_together(
     directory: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Callable[[str], Path]]:
-    """What gives the place to write each file of a directory to, by its name, when it is asked for.
+    """Function that gives the path to write each file of a directory to, by its name.
 
     The directory is made if there is none. The files take their real names together, when all went
     well; names that cannot be written or may not be are refused before anything is, as `replacing`
@@ -120,7 +120,7 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
 
 @contextlib.contextmanager
 def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Iterator[None]:
-    """Where a file of at most so many bytes is read; what fails is said in one line.
+    """Context in which a file of at most so many bytes is read; what fails is said in one line.
 
     A pipe, which may never begin or never end, and a device are no files.
 

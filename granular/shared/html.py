@@ -79,7 +79,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def _least_width(drawing: Figure) -> float:
-    """Of a figure whose smallest letters can be read [pixels]."""
+    """Least width of a figure whose smallest letters can be read [pixels]."""
     from matplotlib.text import Text
 
     texts = [one for one in drawing.findobj(Text) if isinstance(one, Text) and one.get_text()]

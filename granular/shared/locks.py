@@ -17,7 +17,7 @@ WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 @contextlib.contextmanager
 def locked(path: Path, wait: bool) -> Iterator[bool]:
-    """Whether nobody else holds this file; it is held until the end, or that of this process.
+    """Hold a file until the end, or that of this process; False where somebody else holds it.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _taken(path: Path, wait: bool) -> int | None:
 
 
 def _still_there(held: int, path: Path) -> bool:
-    """Whether the file has not been taken away, by who held it before, and made anew."""
+    """False where the file was taken away, by who held it before, and made anew."""
     try:
         return os.path.samestat(os.fstat(held), path.stat())
     except FileNotFoundError:

@@ -60,7 +60,7 @@ def read_own_file(path: str | Path) -> OwnFile:
 
 @functools.lru_cache
 def contents(file: OwnFile) -> dict[str, Any]:
-    """What the file defines, by its names; it is run once in a process."""
+    """Definitions in the file, by their names; it is run once in a process."""
     module = ModuleType(file.module)
     module.__file__ = file.path
     sys.modules[module.__name__] = module  # data classes in the file look it up there

@@ -28,7 +28,7 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
 
 @contextmanager
 def stages(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """What to call with the words for each stage of some work, for a line that shows them."""
+    """Function to call with the words for each stage of some work, which a line then shows."""
     with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
         yield lambda words: bar.set_description_str(f"{name}: {words}")
 

@@ -41,7 +41,7 @@ class ResultCache:
         return self.directory / f"{key}.json"
 
     def read(self, key: str) -> Any:
-        """What is kept under a key; None where nothing is.
+        """Plain data under a key; None where there are none.
 
         What is there but is no JSON, as a disk that failed may leave it, counts as nothing, so
         that it is made anew.

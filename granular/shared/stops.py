@@ -88,7 +88,7 @@ def deferred_stop() -> Iterator[Stop]:
 
 
 def _compiles() -> bool:
-    """Whether this thread compiles: it then holds the lock of Numba's compiler."""
+    """True where this thread compiles: it then holds the lock of Numba's compiler."""
     module = sys.modules.get("numba.core.compiler_lock")
     return module is not None and module.global_compiler_lock.is_locked()
 

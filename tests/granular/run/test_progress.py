@@ -70,7 +70,7 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
     settling = Settling(run)
     while not run.at_end:
         settling.look(run)
-        shares.append(settling.share)
+        shares.append(settling.fraction)
         amplitudes.append(settling.amplitude)
         run.advance()
     assert settling.limit == 1e-4
