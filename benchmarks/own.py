@@ -14,8 +14,7 @@ from benchmarks.timing import least_seconds
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.effects.registry import register
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import State
+from granular.kernel_data.state import Bed
 from granular.own import import_own
 from granular.schema.sections import quantity
 from validation.engine_steps import EngineSteps
@@ -79,24 +78,22 @@ class BuiltInSpringLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: BuiltInSpringLaw, room: None, place: int, state: State, constants: Constants,
-        time: float,
-    ) -> int:  # fmt: skip
+    def add_forces(law: BuiltInSpringLaw, room: None, place: int, bed: Bed, time: float) -> int:
         """Add the forces."""
-        for i in range(constants.grains):
+        state = bed.state
+        for i in range(bed.constants.grains):
             state.fy[i] -= law.k * (state.y[i] - law.height)
         return 0
 
     @staticmethod
     @compiled
     def measure(
-        law: BuiltInSpringLaw, room: None, place: int, state: State, constants: Constants,
-        time: float, stiffness: Array, energies: Array,
+        law: BuiltInSpringLaw, room: None, place: int, bed: Bed, time: float, stiffness: Array,
+        energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy, and what the spring adds to the stiffness."""
-        total = 0.0
-        for i in range(constants.grains):
+        state, total = bed.state, 0.0
+        for i in range(bed.constants.grains):
             total += 0.5 * law.k * (state.y[i] - law.height) ** 2
             stiffness[i] += law.k
         energies[place] = total

@@ -26,8 +26,8 @@ import numpy as np
 
 from granular.compiled import compiled, entry
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.kernel_data.constants import Constants, value_of
-from granular.kernel_data.state import LOSSES, STEPS, State
+from granular.kernel_data.constants import value_of
+from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.vector import lane_sum
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
@@ -109,10 +109,9 @@ class BathLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def glide(
-        law: BathLaw, room: None, place: int, span: float, state: State, constants: Constants
-    ) -> int:
+    def glide(law: BathLaw, room: None, place: int, span: float, bed: Bed) -> int:
         """Half a drift, the Ornstein-Uhlenbeck process over the span, half a drift."""
+        state, constants = bed.state, bed.constants
         left = math.exp(-law.rate * span)
         spread = -math.expm1(-2.0 * law.rate * span) * law.temperature
         half, step = 0.5 * span, np.uint64(state.clock[STEPS])

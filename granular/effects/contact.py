@@ -20,7 +20,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.kernel_data.constants import Constants, value_of
-from granular.kernel_data.state import LOSSES, State
+from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_room, find_close_pairs
 from granular.pairs.dipole import pair_energy
 from granular.schema.sections import quantity
@@ -91,11 +91,9 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def add_forces(
-        law: ContactLaw, room: ClosePairs, place: int, state: State, constants: Constants,
-        time: float,
-    ) -> int:  # fmt: skip
+    def add_forces(law: ContactLaw, room: ClosePairs, place: int, bed: Bed, time: float) -> int:
         """Add the forces of the grains in contact; 1 where there was no room for them."""
+        state, constants = bed.state, bed.constants
         find_close_pairs(room, state.x, state.y, constants.grains, law.widest, law.radius)
         for p in range(room.filled[0]):
             i, j = room.first[p], room.second[p]
@@ -114,10 +112,11 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: ContactLaw, room: ClosePairs, place: int, state: State, constants: Constants,
+        law: ContactLaw, room: ClosePairs, place: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the contacts."""
+        state, constants = bed.state, bed.constants
         total = 0.0
         masses = constants.masses
         for p in range(room.filled[0]):
@@ -136,10 +135,10 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def flow(
-        law: ContactLaw, room: ClosePairs, place: int, span: float, state: State,
-        constants: Constants, opening: bool,
-    ) -> int:  # fmt: skip
+        law: ContactLaw, room: ClosePairs, place: int, span: float, bed: Bed, opening: bool
+    ) -> int:
         """Take the dashpots' share of the normal velocities of grains in contact."""
+        state, constants = bed.state, bed.constants
         masses = constants.masses
         for turn in range(room.filled[0]):
             p = turn if opening else room.filled[0] - 1 - turn

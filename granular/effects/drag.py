@@ -23,8 +23,8 @@ import numpy as np
 from granular.compiled import Array, compiled, entry
 from granular.effects.effect import Effect, Setting, in_joules
 from granular.kernel_data.compensation import speed_up
-from granular.kernel_data.constants import Constants, value_of
-from granular.kernel_data.state import LOSSES, VX, VY, State
+from granular.kernel_data.constants import value_of
+from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
 from granular.pairs.vector import lane_sum
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
@@ -85,11 +85,9 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(
-        law: DragLaw, room: LastFlow, place: int, span: float, state: State, constants: Constants,
-        opening: bool,
-    ) -> int:  # fmt: skip
+    def kick(law: DragLaw, room: LastFlow, place: int, span: float, bed: Bed, opening: bool) -> int:
         """Force and drag together, exactly."""
+        state, constants = bed.state, bed.constants
         _kick(
             state.rounding, room.values, law.rate, span, state, constants.grains,
             constants.masses, LOSSES + place,
@@ -98,11 +96,9 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def slow(
-        law: DragLaw, room: LastFlow, place: int, slopes: Array, span: float, state: State,
-        constants: Constants,
-    ) -> int:  # fmt: skip
+    def slow(law: DragLaw, room: LastFlow, place: int, slopes: Array, span: float, bed: Bed) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
+        state, constants = bed.state, bed.constants
         for i in range(constants.grains):
             mass = value_of(constants.masses, i)
             vx, vy = state.vx[i], state.vy[i]

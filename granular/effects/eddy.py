@@ -16,8 +16,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.kernel_data.constants import Constants, moments_of, value_of
-from granular.kernel_data.state import LOSSES, VX, VY, State
+from granular.kernel_data.constants import moments_of, value_of
+from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity, whole
 
@@ -78,11 +78,9 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(
-        law: EddyLaw, room: None, place: int, span: float, state: State, constants: Constants,
-        opening: bool,
-    ) -> int:  # fmt: skip
+    def flow(law: EddyLaw, room: None, place: int, span: float, bed: Bed, opening: bool) -> int:
         """Let the velocities decay; enter what is lost."""
+        state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
         for i in range(constants.grains):
             mass, moment = value_of(masses, i), value_of(moments, i)
@@ -96,11 +94,9 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def slow(
-        law: EddyLaw, room: None, place: int, slopes: Array, span: float, state: State,
-        constants: Constants,
-    ) -> int:  # fmt: skip
+    def slow(law: EddyLaw, room: None, place: int, slopes: Array, span: float, bed: Bed) -> int:
         """As a force, for Runge-Kutta methods."""
+        state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
         for i in range(constants.grains):
             mass, moment = value_of(masses, i), value_of(moments, i)

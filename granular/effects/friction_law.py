@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects import drag
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import State
+from granular.kernel_data.state import Bed, State
 
 
 class FrictionLaw(NamedTuple):
@@ -42,12 +41,9 @@ class FrictionLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(
-        law: FrictionLaw, room: None, place: int, span: float, state: State, constants: Constants,
-        opening: bool,
-    ) -> int:  # fmt: skip
+    def kick(law: FrictionLaw, room: None, place: int, span: float, bed: Bed, opening: bool) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
-        _dry_kick(law.threshold, law, drag.rate_of(law.rate), span, state, constants, opening)
+        _dry_kick(law.threshold, law, drag.rate_of(law.rate), span, bed, opening)
         return 0
 
 
@@ -189,9 +185,9 @@ def _turn_grain(
 
 @compiled
 def _kick_with_friction(
-    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
-    masses: Array | None, opening: bool,
-) -> None:  # fmt: skip
+    law: FrictionLaw, rate: float, span: float, bed: Bed, masses: Array | None, opening: bool
+) -> None:
+    state, constants = bed.state, bed.constants
     assert state.load is not None
     flow = drag.flow(rate, span)
     # Apart from the ledger, where each sum would wait for the one before it.
@@ -256,10 +252,10 @@ def _stop_grain(
 
 @compiled
 def _kick_regularised(
-    law: FrictionLaw, rate: float, span: float, state: State, constants: Constants,
-    masses: Array | None, threshold: float,
-) -> None:  # fmt: skip
+    law: FrictionLaw, rate: float, span: float, bed: Bed, masses: Array | None, threshold: float
+) -> None:
     """De Paula's law: friction as one more force, from the velocity before the kick."""
+    state, constants = bed.state, bed.constants
     assert state.load is not None
     decay, gain, a, b, c = drag.flow(rate, span)
     for i in range(constants.grains):
@@ -286,10 +282,10 @@ def _kick_regularised(
 
 @compiled
 def _dry_kick(
-    threshold: float | None, law: FrictionLaw, rate: float, span: float, state: State,
-    constants: Constants, opening: bool,
-) -> None:  # fmt: skip
+    threshold: float | None, law: FrictionLaw, rate: float, span: float, bed: Bed, opening: bool
+) -> None:
+    constants = bed.constants
     if threshold is None:
-        _kick_with_friction(law, rate, span, state, constants, constants.masses, opening)
+        _kick_with_friction(law, rate, span, bed, constants.masses, opening)
     else:
-        _kick_regularised(law, rate, span, state, constants, constants.masses, threshold)
+        _kick_regularised(law, rate, span, bed, constants.masses, threshold)

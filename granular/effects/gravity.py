@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import State
+from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
@@ -51,20 +50,20 @@ class GravityLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: GravityLaw, room: None, place: int, state: State, constants: Constants, time: float
-    ) -> int:
+    def add_forces(law: GravityLaw, room: None, place: int, bed: Bed, time: float) -> int:
         """Add the grains' weight, -G times the mass."""
+        state, constants = bed.state, bed.constants
         _add_weight(law.pull, constants.grains, constants.masses, state.fy)
         return 0
 
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: GravityLaw, room: None, place: int, state: State, constants: Constants, time: float,
+        law: GravityLaw, room: None, place: int, bed: Bed, time: float,
         stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the sum of m g y over the grains [F* D], zero at the bottom."""
+        state, constants = bed.state, bed.constants
         energies[place] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)
         return 0
 

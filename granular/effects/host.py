@@ -17,8 +17,8 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Record, Setting, in_joules
 from granular.effects.excitation import Drive, Excitation
-from granular.kernel_data.constants import Constants, value_of
-from granular.kernel_data.state import LOSSES, SPEED, State
+from granular.kernel_data.constants import value_of
+from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, many, one, quantity, whole
@@ -307,10 +307,11 @@ class HostLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: HostLaw, room: HostRoom, place: int, state: State, constants: Constants, time: float,
+        law: HostLaw, room: HostRoom, place: int, bed: Bed, time: float,
         stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the bodies and springs, and of the frame's motion."""
+        state = bed.state
         chain, last = law.chain, law.chain.masses.size - 1
         total, below = 0.0, 0.0
         for k in range(last + 1):
@@ -321,7 +322,7 @@ class HostLaw(NamedTuple):
             below = x
         if law.mount != FIXED:
             frame, piston = room.kept[1, last], state.piston[SPEED]
-            momentum = bed_momentum(state, constants)
+            momentum = bed_momentum(bed)
             total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
             total += law.piston_mass * frame * (0.5 * frame + piston)
         energies[place] = total
@@ -336,8 +337,9 @@ def last_speed(law: HostLaw, room: HostRoom, state: State) -> float:
 
 
 @compiled
-def bed_momentum(state: State, constants: Constants) -> float:
+def bed_momentum(bed: Bed) -> float:
     """Vertical momentum of the grains in the frame."""
+    state, constants = bed.state, bed.constants
     total = 0.0
     for i in range(constants.grains):
         total += value_of(constants.masses, i) * state.vy[i]

@@ -13,7 +13,7 @@ from granular.compiled import Array, compiled
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.own_definition import DEFINITIONS, Definition, Grain
 from granular.kernel_data.constants import Constants, moments_of, value_of
-from granular.kernel_data.state import LOSSES, WORK, State
+from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.cells import Cells, cells_room, find_partners, sort_into_cells
 
 
@@ -43,19 +43,18 @@ class OwnLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: OwnLaw, room: Cells | None, place: int, state: State, constants: Constants,
-        time: float,
-    ) -> int:  # fmt: skip
+    def add_forces(law: OwnLaw, room: Cells | None, place: int, bed: Bed, time: float) -> int:
+        state, constants = bed.state, bed.constants
         _grain_forces(law.kind, law, state, constants, time)
         return _pair_forces(law.kind, law, room, state, constants)
 
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: OwnLaw, room: Cells | None, place: int, state: State, constants: Constants,
+        law: OwnLaw, room: Cells | None, place: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
+        state, constants = bed.state, bed.constants
         energies[place] = _grain_energy(law.kind, law, state, constants, time, stiffness)
         energies[place] += _pair_energy(law.kind, law, room, state, constants, stiffness)
         return 0
@@ -63,18 +62,17 @@ class OwnLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def flow(
-        law: OwnLaw, room: Cells | None, place: int, span: float, state: State,
-        constants: Constants, opening: bool,
-    ) -> int:  # fmt: skip
-        _flow(law.kind, law, LOSSES + place, span, state, constants)
+        law: OwnLaw, room: Cells | None, place: int, span: float, bed: Bed, opening: bool
+    ) -> int:
+        _flow(law.kind, law, LOSSES + place, span, bed.state, bed.constants)
         return 0
 
     @staticmethod
     @compiled(inline=True)
     def work(
-        law: OwnLaw, room: Cells | None, place: int, span: float, state: State,
-        constants: Constants, time: float,
-    ) -> int:  # fmt: skip
+        law: OwnLaw, room: Cells | None, place: int, span: float, bed: Bed, time: float
+    ) -> int:
+        state, constants = bed.state, bed.constants
         _work(law.kind, law, span, state, constants, time)
         return 0
 

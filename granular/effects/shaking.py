@@ -13,8 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import HEIGHT, WORK, State
+from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
@@ -68,30 +67,26 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: Swing, room: None, place: int, state: State, constants: Constants, time: float
-    ) -> int:
+    def add_forces(law: Swing, room: None, place: int, bed: Bed, time: float) -> int:
         """Add the apparent forces."""
+        state, constants = bed.state, bed.constants
         _add_inertia(law, time, constants.grains, constants.masses, state.fx, state.fy)
         return 0
 
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: Swing, room: None, place: int, state: State, constants: Constants, time: float,
-        stiffness: Array, energies: Array,
-    ) -> int:  # fmt: skip
+        law: Swing, room: None, place: int, bed: Bed, time: float, stiffness: Array, energies: Array
+    ) -> int:
         """Enter -m A(t) . r of the grains [F* D]."""
-        energies[place] = _inertia_energy(law, time, state, constants)
+        energies[place] = _inertia_energy(law, time, bed)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(
-        law: Swing, room: None, place: int, span: float, state: State, constants: Constants,
-        time: float,
-    ) -> int:  # fmt: skip
+    def work(law: Swing, room: None, place: int, span: float, bed: Bed, time: float) -> int:
         """Enter the work that the shaking does on grains and piston in ``span``, at a time."""
+        state, constants = bed.state, bed.constants
         rx, ry = _acceleration_rate(law, time)
         mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
         state.ledger[WORK] -= span * (rx * mx + ry * my)
@@ -134,7 +129,8 @@ def _add_inertia(
 
 
 @compiled
-def _inertia_energy(swing: Swing, time: float, state: State, constants: Constants) -> float:
+def _inertia_energy(swing: Swing, time: float, bed: Bed) -> float:
+    state, constants = bed.state, bed.constants
     ax, ay = _acceleration(swing, time)
     mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
     return -(ax * mx + ay * my)

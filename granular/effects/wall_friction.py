@@ -17,8 +17,8 @@ from granular.compiled import compiled
 from granular.compiled.dispatch import by_law
 from granular.effects import drag
 from granular.effects.effect import Effect, Setting, in_joules
-from granular.kernel_data.constants import Constants, moments_of, value_of
-from granular.kernel_data.state import LOSSES, State
+from granular.kernel_data.constants import moments_of, value_of
+from granular.kernel_data.state import LOSSES, Bed
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.sections import FieldError, quantity
 
@@ -96,10 +96,10 @@ class WallFrictionLaw(NamedTuple):
     @staticmethod
     @compiled
     def kick(
-        law: WallFrictionLaw, room: None, place: int, span: float, state: State,
-        constants: Constants, opening: bool,
-    ) -> int:  # fmt: skip
+        law: WallFrictionLaw, room: None, place: int, span: float, bed: Bed, opening: bool
+    ) -> int:
         """Force, drag and friction, together and exactly."""
+        state, constants = bed.state, bed.constants
         rate = drag.rate_of(law.rate)
         masses, moments = constants.masses, moments_of(constants)
         decay, gain, a, b, c = drag.flow(rate, span)

@@ -23,7 +23,7 @@ from granular.effects.wall_side import (
     distance_forces,
 )
 from granular.kernel_data.constants import Constants, moments_of, over_mass, value_of
-from granular.kernel_data.state import HEIGHT, State
+from granular.kernel_data.state import HEIGHT, Bed
 from granular.pairs.vector import lane_sum
 
 
@@ -42,14 +42,12 @@ class WallLaws(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
-        time: float,
-    ) -> int:  # fmt: skip
+    def add_forces(law: WallLaws, room: Array | None, place: int, bed: Bed, time: float) -> int:
         """Add the walls' forces on the grains, and enter the force on each wall.
 
         The count is of grains on the wrong side of a wall, or at no number.
         """
+        state, constants = bed.state, bed.constants
         return _add_wall_forces(
             law, constants.grains, moments_of(constants), state.x, state.y, state.fx, state.fy,
             constants.width, state.piston[HEIGHT], state.scratch, room, state.wall_forces,
@@ -58,10 +56,11 @@ class WallLaws(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: WallLaws, room: Array | None, place: int, state: State, constants: Constants,
+        law: WallLaws, room: Array | None, place: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the grains at the walls."""
+        state, constants = bed.state, bed.constants
         _under_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[place] = _measure_walls(
             law, constants.grains, moments_of(constants), state.x, state.y,
@@ -87,8 +86,9 @@ class WallLaws(NamedTuple):
 
 
 @compiled
-def add_piston_stiffness(law: Any, state: State, constants: Constants, slopes: Array) -> None:
+def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
     """Add each grain's stiffness against the piston, a wall of that law, over the mass."""
+    state, constants = bed.state, bed.constants
     side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
     _measure_side(law, constants.grains, moments_of(constants), side, slopes, state.scratch)
     over_mass(slopes, constants.moments, constants.masses, constants.grains)

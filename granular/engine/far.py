@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.kernel_data.compensation import speed_up
-from granular.kernel_data.constants import Constants, moments_of, value_of
-from granular.kernel_data.state import State
+from granular.kernel_data.constants import moments_of, value_of
+from granular.kernel_data.state import Bed, State
 from granular.pairs.far_direct import DirectRoom, find_far_direct
 from granular.pairs.far_field import (
     CALLS,
@@ -24,20 +24,19 @@ from granular.pairs.mesh import Mesh
 
 
 @compiled(inline=True)
-def find_far_field(far: FarForces | None, state: State, constants: Constants, time: float) -> int:
+def find_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
     """Find the far field at the present places and time; 1 where its mesh has no room for them."""
     if far is None:
         return 0
     far.moment[TIME] = time
     far.moment[CALLS] = 0.0
     far.moment[CHANGING] = 0.0
-    return _find(far.mesh, far.direct, far, state, constants)
+    return _find(far.mesh, far.direct, far, bed)
 
 
 @compiled(inline=True)
-def _find(
-    mesh: Mesh | None, direct: DirectRoom | None, far: FarForces, state: State, constants: Constants
-) -> int:
+def _find(mesh: Mesh | None, direct: DirectRoom | None, far: FarForces, bed: Bed) -> int:
+    state, constants = bed.state, bed.constants
     assert state.stripes is not None
     crowded = 0
     if mesh is not None:
@@ -56,9 +55,7 @@ def _find(
 
 
 @compiled(inline=True)
-def refresh_far_field(
-    far: FarForces | None, state: State, constants: Constants, time: float
-) -> int:
+def refresh_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
     """Find the far field where it is a part of every force; where it acts in impulses, it stays.
 
     It also stays where grains rub and none has moved by more than a little (see
@@ -66,44 +63,39 @@ def refresh_far_field(
     """
     if far is None:
         return 0
-    return _refresh(far.held, far, state, constants, time)
+    return _refresh(far.held, far, bed, time)
 
 
 @compiled(inline=True)
-def _refresh(
-    held: Array | None, far: FarForces, state: State, constants: Constants, time: float
-) -> int:
+def _refresh(held: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     if held is None:
-        return _refresh_rubbing(far.met, far, state, constants, time)
+        return _refresh_rubbing(far.met, far, bed, time)
     return 0
 
 
 @compiled(inline=True)
-def _refresh_rubbing(
-    met: Array | None, far: FarForces, state: State, constants: Constants, time: float
-) -> int:
+def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+    state, constants = bed.state, bed.constants
     if met is None:
-        return find_far_field(far, state, constants, time)
+        return find_far_field(far, bed, time)
     far.moment[CALLS] += 1.0
     if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < far.ahead:
         return 0
     if has_changed(met, state.x, state.y, constants.grains, far.still):
-        return _find_course(far.course, far, state, constants, time)
+        return _find_course(far.course, far, bed, time)
     far.moment[CHANGING] = 0.0
     return 0
 
 
 @compiled(inline=True)
-def _find_course(
-    course: Array | None, far: FarForces, state: State, constants: Constants, time: float
-) -> int:
+def _find_course(course: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     """Find the far field, and how it changes where it was last found shortly before."""
     if course is None:
-        return find_far_field(far, state, constants, time)
+        return find_far_field(far, bed, time)
     lapse = time - far.moment[TIME]
     goes_on = far.moment[CALLS] <= far.ahead and lapse > 0.0
     _keep(course, far)
-    crowded = find_far_field(far, state, constants, time)
+    crowded = find_far_field(far, bed, time)
     if goes_on:
         _find_slopes(course, far, lapse)
         far.moment[CHANGING] = 1.0
@@ -170,10 +162,9 @@ def far_energy(far: FarForces | None) -> float:
 
 
 @compiled
-def kick_by_far_field(
-    far: FarForces | None, span: float, state: State, constants: Constants
-) -> None:
+def kick_by_far_field(far: FarForces | None, span: float, bed: Bed) -> None:
     """Give the impulse over ``span`` [tau] by which the far field differs from the held one."""
+    state, constants = bed.state, bed.constants
     if far is not None:
         _kick(state.rounding, far.held, far, span, state, constants.masses, constants.grains)
 

@@ -7,20 +7,21 @@ from granular.compiled.dispatch import sum_over
 from granular.compiled.reference import by_reference
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
 from granular.kernel_data.constants import Constants, moments_of, over_mass
-from granular.kernel_data.state import Measurement, State
+from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
 from granular.pairs.stripes import CutOff
 from granular.pairs.vector import lane_sum
-from granular.pairs.verlet_list import Registry, list_sum
+from granular.pairs.verlet_list import Listing, list_sum
 
 
 @compiled(inline=True)
 def _magnetic_forces(
-    cut: CutOff | None, listing: Registry | None, state: State, constants: Constants,
+    cut: CutOff | None, listing: Listing | None, bed: Bed,
     stiffness: Array | None, extremes: Array | None, load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
+    state, constants = bed.state, bed.constants
     if cut is None and listing is None:
         direct_sum(
             state.x, state.y, state.fx, state.fy, moments_of(constants),
@@ -44,9 +45,10 @@ def _magnetic_forces(
 
 @compiled(inline=True)
 def _pair_forces(
-    dipole: bool | None, weight: Array | None, state: State, constants: Constants,
+    dipole: bool | None, weight: Array | None, bed: Bed,
     stiffness: Array | None, extremes: Array | None,
 ) -> None:  # fmt: skip
+    state, constants = bed.state, bed.constants
     if dipole is None:
         state.fx[:] = 0.0
         state.fy[:] = 0.0
@@ -56,22 +58,21 @@ def _pair_forces(
             extremes[:] = 0.0
     elif weight is None:
         _magnetic_forces(
-            constants.acting.cut, constants.acting.listing, state, constants,
-            stiffness, extremes, None, None,
-        )  # fmt: skip
+            constants.acting.cut, constants.acting.listing, bed, stiffness, extremes, None, None
+        )
     else:
         _magnetic_forces(
-            constants.acting.cut, constants.acting.listing, state, constants,
+            constants.acting.cut, constants.acting.listing, bed,
             stiffness, extremes, state.load, weight,
         )  # fmt: skip
 
 
-_add_forces = sum_over("add_forces", "state constants time")
-_measure = sum_over("measure", "state constants time stiffness energies", backward=True)
+_add_forces = sum_over("add_forces", "bed time")
+_measure = sum_over("measure", "bed time stiffness energies", backward=True)
 
 
 @compiled(inline=True)
-def compute_forces(state: State, constants: Constants, time: float) -> int:
+def compute_forces(bed: Bed, time: float) -> int:
     """Overwrite the forces on the grains and the walls, at a time [tau].
 
     Returns
@@ -79,31 +80,29 @@ def compute_forces(state: State, constants: Constants, time: float) -> int:
     int
         Zero while every grain is where it can be (see `granular.effects.walls`).
     """
+    state, constants = bed.state, bed.constants
     acting = constants.acting
-    _pair_forces(acting.dipole, acting.weight, state, constants, None, None)
-    crowded = refresh_far_field(state.far_forces, state, constants, time)
+    _pair_forces(acting.dipole, acting.weight, bed, None, None)
+    crowded = refresh_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
-    return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
+    return crowded + _add_forces(acting.laws, state.rooms, bed, time)
 
 
 @compiled
-def measure_forces(
-    state: State, constants: Constants, time: float, measurement: Measurement
-) -> int:
+def measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
     """`compute_forces`, with the sums that `potential_energies` needs, in the same pass."""
+    state, constants = bed.state, bed.constants
     acting = constants.acting
-    _pair_forces(
-        acting.dipole, acting.weight, state, constants,
-        measurement.stiffness, measurement.extremes,
-    )  # fmt: skip
-    crowded = find_far_field(state.far_forces, state, constants, time)
+    _pair_forces(acting.dipole, acting.weight, bed, measurement.stiffness, measurement.extremes)
+    crowded = find_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
-    return crowded + _add_forces(acting.laws, state.rooms, state, constants, time)
+    return crowded + _add_forces(acting.laws, state.rooms, bed, time)
 
 
 @compiled
-def kinetic_energy(state: State, constants: Constants) -> tuple[float, float]:
+def kinetic_energy(bed: Bed) -> tuple[float, float]:
     """Kinetic energy of the grains [F* D], and the square of the greatest speed."""
+    state, constants = bed.state, bed.constants
     fastest = 0.0
     for i in range(constants.grains):
         square = state.vx[i] * state.vx[i] + state.vy[i] * state.vy[i]
@@ -122,21 +121,20 @@ def _mass_sum(state: State, masses: Array | None) -> float:
 
 
 @compiled
-def potential_energies(
-    state: State, constants: Constants, time: float, measurement: Measurement, energies: Array
-) -> float:
+def potential_energies(bed: Bed, time: float, measurement: Measurement, energies: Array) -> float:
     """Energy of the pairs [F* D]; ``energies`` is filled with that of each law.
 
     Needs a measuring pass at the same positions; completes its stiffness to a bound of the
     square of the highest angular frequency of each grain: half a row sum of Gershgorin's theorem
     for the pairs (a pair's stiffness 3 q_i q_j / r^5 enters the row of i twice), and the effects'.
     """
+    state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
     for i in range(constants.grains):
         stiffness[i] *= 6.0
     over_mass(stiffness, constants.moments, constants.masses, constants.grains)
     energies[:] = 0.0
-    _measure(constants.acting.laws, state.rooms, state, constants, time, stiffness, energies)
+    _measure(constants.acting.laws, state.rooms, bed, time, stiffness, energies)
     return ENERGY * measurement.extremes[0] + far_energy(state.far_forces)
 
 
@@ -151,8 +149,8 @@ def evaluate_forces(
     tuple of (int, float, float)
         Zero while every grain is where it can be; energy of the pairs, and of motion [F* D].
     """
-    state, constants = by_reference(state), by_reference(constants)
+    bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
-    outside = measure_forces(state, constants, 0.0, measurement)
-    pairs = potential_energies(state, constants, 0.0, measurement, energies)
-    return outside, pairs, kinetic_energy(state, constants)[0]
+    outside = measure_forces(bed, 0.0, measurement)
+    pairs = potential_energies(bed, 0.0, measurement, energies)
+    return outside, pairs, kinetic_energy(bed)[0]

@@ -46,21 +46,22 @@ from granular.effects.host import (
 from granular.effects.wall_side import TOP
 from granular.engine.kick import kick_grains
 from granular.engine.piston import kick_piston
-from granular.kernel_data.constants import Constants, value_of
-from granular.kernel_data.state import SPEED, WORK, State
+from granular.kernel_data.constants import value_of
+from granular.kernel_data.state import SPEED, WORK, Bed, State
 from granular.protocol.motion import Motion, outer_force
 
 
 @compiled(inline=True)
 def kick_host(
-    law: HostLaw, room: HostRoom, span: float, state: State, constants: Constants, motion: Motion,
+    law: HostLaw, room: HostRoom, span: float, bed: Bed, motion: Motion,
     time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     """Kick host, grains and piston."""
+    state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
     if apart and not opening:
         _damp(law, room, span, state)
-    _kick(law, room, span, state, constants, motion, time, start, opening)
+    _kick(law, room, span, bed, motion, time, start, opening)
     if apart and opening:
         _damp(law, room, span, state)
 
@@ -95,10 +96,10 @@ def record_host(
 
 
 @compiled
-def _momentum(law: HostLaw, room: HostRoom, bed: float, speed: float) -> float:
-    """Of the whole over the base; ``bed`` is that of the grains in the frame."""
+def _momentum(law: HostLaw, room: HostRoom, grains: float, speed: float) -> float:
+    """Of the whole over the base; ``grains`` is that of the grains in the frame."""
     last = law.chain.masses.size - 1
-    total = bed + law.piston_mass * speed
+    total = grains + law.piston_mass * speed
     for k in range(last):
         total += law.chain.masses[k] * room.kept[1, k]
     if law.mount != FIXED:
@@ -120,15 +121,16 @@ def _power(law: HostLaw, room: HostRoom, state: State) -> float:
 
 @compiled
 def _kick_in_frame(
-    push: float, room: HostRoom, span: float, state: State, constants: Constants, motion: Motion,
+    push: float, room: HostRoom, span: float, bed: Bed, motion: Motion,
     time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     """Kick grains and piston in a frame of the acceleration ``push``."""
+    state, constants = bed.state, bed.constants
     room.present[PUSH] = push
     for i in range(constants.grains):
         state.fy[i] = room.push[i] - value_of(constants.masses, i) * push
-    kick_grains(span, state, constants, opening)
-    kick_piston(span, state, constants, motion, time, start, opening)
+    kick_grains(span, bed, opening)
+    kick_piston(span, bed, motion, time, start, opening)
     for i in range(constants.grains):
         state.fy[i] = room.push[i]
 
@@ -142,7 +144,8 @@ def _share(first: float, second: float) -> float:
 
 
 @compiled
-def _keep(room: HostRoom, state: State, constants: Constants) -> None:
+def _keep(room: HostRoom, bed: Bed) -> None:
+    state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         room.speeds[0, i], room.speeds[1, i] = state.vx[i], state.vy[i]
     for k in range(state.ledger.size):
@@ -150,7 +153,8 @@ def _keep(room: HostRoom, state: State, constants: Constants) -> None:
 
 
 @compiled
-def _take_back(room: HostRoom, state: State, constants: Constants, speed: float) -> None:
+def _take_back(room: HostRoom, bed: Bed, speed: float) -> None:
+    state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         state.vx[i], state.vy[i] = room.speeds[0, i], room.speeds[1, i]
     for k in range(state.ledger.size):
@@ -160,9 +164,10 @@ def _take_back(room: HostRoom, state: State, constants: Constants, speed: float)
 
 @compiled
 def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
-    law: HostLaw, room: HostRoom, span: float, state: State, constants: Constants,
+    law: HostLaw, room: HostRoom, span: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
+    state, constants = bed.state, bed.constants
     shake = excitation_over(law.drive, start + time, span, opening)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
@@ -188,21 +193,21 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     else:
         weight += law.piston_mass
         push = (chain - bed_force) / weight
-    bed, speed = bed_momentum(state, constants), state.piston[SPEED]
-    power, whole = _power(law, room, state), _momentum(law, room, bed, speed)
+    grains, speed = bed_momentum(bed), state.piston[SPEED]
+    power, whole = _power(law, room, state), _momentum(law, room, grains, speed)
     frame = room.kept[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
     dashpots, held = not (law.mount == PISTON_MOUNT and free), 0.0
     if passes > 1:
-        _keep(room, state, constants)
+        _keep(room, bed)
     before, first = push, 0.0
     for attempt in range(passes):
         held = _kick_bodies(law.chain, room, span, base, span * (push - base), dashpots)
-        _kick_in_frame(push, room, span, state, constants, motion, time, start, opening)
+        _kick_in_frame(push, room, span, bed, motion, time, start, opening)
         if attempt == passes - 1:
             break
-        gain = span * (bed_force - law.bed_mass * push) - (bed_momentum(state, constants) - bed)
+        gain = span * (bed_force - law.bed_mass * push) - (bed_momentum(bed) - grains)
         if free:
             pull = top + outer + room.present[PULL] - law.piston_mass * push
             gain += span * pull - law.piston_mass * (state.piston[SPEED] - speed)
@@ -212,9 +217,9 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
             push += missing
         else:
             push += missing * _share(first, missing)
-        _take_back(room, state, constants, speed)
+        _take_back(room, bed, speed)
     if law.mount != FIXED:
-        taken = bed_momentum(state, constants) - bed
+        taken = bed_momentum(bed) - grains
         if free:
             taken += law.piston_mass * (state.piston[SPEED] - speed)
         mass = law.frame_mass + law.piston_mass + law.bed_mass
@@ -226,7 +231,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
             room.kept[1, k] += room.changes[k]
         state.ledger[WORK] += span * outer * 0.5 * (frame + room.kept[1, last])
     power += _power(law, room, state)
-    whole += _momentum(law, room, bed_momentum(state, constants), state.piston[SPEED])
+    whole += _momentum(law, room, bed_momentum(bed), state.piston[SPEED])
     state.ledger[WORK] += 0.5 * span * (force * power - base * whole)
 
 

@@ -11,8 +11,7 @@ from __future__ import annotations
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import last_with, sum_over
 from granular.kernel_data.compensation import speed_up
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import State
+from granular.kernel_data.state import Bed, State
 
 
 @compiled(inline=True)
@@ -29,18 +28,19 @@ def _kick_freely(
 
 
 @compiled(inline=True)
-def _plain_kick(span: float, state: State, constants: Constants, opening: bool) -> int:
+def _plain_kick(span: float, bed: Bed, opening: bool) -> int:
+    state, constants = bed.state, bed.constants
     _kick_freely(state.rounding, span, state, constants.grains, constants.masses)
     return 0
 
 
-_kick = last_with("kick", "span state constants opening", _plain_kick)
-_flow = sum_over("flow", "span state constants opening")
-_flow_back = sum_over("flow", "span state constants opening", backward=True)
+_kick = last_with("kick", "span bed opening", _plain_kick)
+_flow = sum_over("flow", "span bed opening")
+_flow_back = sum_over("flow", "span bed opening", backward=True)
 
 
 @compiled(inline=True)
-def kick_grains(span: float, state: State, constants: Constants, opening: bool) -> None:
+def kick_grains(span: float, bed: Bed, opening: bool) -> None:
     """Change the velocities of the grains by ``span`` [tau] under the present forces.
 
     Parameters
@@ -48,10 +48,11 @@ def kick_grains(span: float, state: State, constants: Constants, opening: bool) 
     opening : bool
         Whether the kick opens a step: the parts are then taken in one order, else in the other.
     """
+    state, constants = bed.state, bed.constants
     laws = constants.acting.laws
     if opening:
-        _kick(laws, state.rooms, span, state, constants, opening)
-        _flow(laws, state.rooms, span, state, constants, opening)
+        _kick(laws, state.rooms, span, bed, opening)
+        _flow(laws, state.rooms, span, bed, opening)
     else:
-        _flow_back(laws, state.rooms, span, state, constants, opening)
-        _kick(laws, state.rooms, span, state, constants, opening)
+        _flow_back(laws, state.rooms, span, bed, opening)
+        _kick(laws, state.rooms, span, bed, opening)

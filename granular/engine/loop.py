@@ -36,9 +36,10 @@ from granular.kernel_data.state import (
     STEPS,
     TIME,
     WORK,
+    Bed,
     Measurement,
     State,
-)  # fmt: skip
+)
 from granular.protocol.motion import Motion
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, DEPARTED = range(6)
@@ -88,17 +89,17 @@ class Watch(NamedTuple):
 @compiled
 def measure(
     time: float,
-    state: State,
-    constants: Constants,
+    bed: Bed,
     motion: Motion,
     measurement: Measurement,
     row: Array,
 ) -> None:
     """Fill one record after a measuring pass, at a time [tau]."""
-    kinetic, fastest = kinetic_energy(state, constants)
+    state, constants = bed.state, bed.constants
+    kinetic, fastest = kinetic_energy(bed)
     laws = state.ledger.size - LOSSES
     energies = row[columns.ENERGIES : columns.ENERGIES + laws]
-    pair = potential_energies(state, constants, time, measurement, energies)
+    pair = potential_energies(bed, time, measurement, energies)
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]
@@ -106,7 +107,7 @@ def measure(
         row[columns.LEFT + side] = state.wall_forces[side]
     row[columns.KINETIC] = kinetic
     row[columns.PAIR] = pair
-    row[columns.PISTON] = piston_energy(state, constants, time)
+    row[columns.PISTON] = piston_energy(bed, time)
     row[columns.WORK] = state.ledger[WORK]
     row[columns.PISTON_LOSS] = state.ledger[PISTON]
     for law in range(laws):
@@ -114,9 +115,7 @@ def measure(
     fifth = measurement.extremes[1]  # power of the inverse distance
     row[columns.CLOSEST] = fifth**-0.2 if fifth > 0.0 else math.inf
     row[columns.FASTEST] = math.sqrt(fastest)
-    row[columns.STIFFEST] = stiffest_mode(
-        row[columns.FASTEST], state, constants, motion, measurement
-    )
+    row[columns.STIFFEST] = stiffest_mode(row[columns.FASTEST], bed, motion, measurement)
     row[columns.GRAINS] = constants.grains
     own = row[columns.ENERGIES + 2 * laws :]
     record_host(constants.acting.host, state.host, state, time, own)
@@ -180,7 +179,7 @@ def _turned_over(watch: Watch, laws: int, row: Array) -> float:
 @compiled
 def _make_tick(
     fraction: float | None, every: int | None, tick: int, window: Window, pace: Pace, plan: Plan,
-    state: State, constants: Constants, motion: Motion, measurement: Measurement,
+    bed: Bed, motion: Motion, measurement: Measurement,
 ) -> int:  # fmt: skip
     """Make the steps of a tick; not zero where a grain is where it cannot be.
 
@@ -188,6 +187,7 @@ def _make_tick(
     A far field that acts ``every`` so many steps gives its impulse half before and half after them
     (Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137); a tick is cut into such spans.
     """
+    state = bed.state
     begin, end = window.origin + tick_start(pace, tick), window.origin + tick_start(pace, tick + 1)
     steps, step, time, h, last = tick_steps(pace, tick), 0, begin, pace.h, False
     span, spans, span_end, outside = 0, 1, 0, 0
@@ -197,20 +197,20 @@ def _make_tick(
         time = state.clock[TIME]
         end = min(end, window.limit)
         if time >= end:
-            return measure_forces(state, constants, window.start + time, measurement)
+            return measure_forces(bed, window.start + time, measurement)
     while not last:
         if every is not None and step == span_end:
             span += 1
             span_end = span * steps // spans
             impulse = 0.5 * (span_end - step) * h
-            kick_by_far_field(state.far_forces, impulse, state, constants)
+            kick_by_far_field(state.far_forces, impulse, bed)
         if fraction is None:
             time = begin + step * h
             step += 1
             last = step == steps
             next_time = end if last else time + h
         else:
-            h = next_step(fraction, state, constants)
+            h = next_step(fraction, bed)
             next_time = time + h
             last = next_time >= end
             if next_time >= window.limit:
@@ -219,12 +219,12 @@ def _make_tick(
                 state.clock[SHORTEST] = min(state.clock[SHORTEST], h)
                 state.clock[LONGEST] = max(state.clock[LONGEST], h)
         outside = make_step(
-            plan.tableau, plan, h, time, window.start, state, constants, motion, measurement, last
+            plan.tableau, plan, h, time, window.start, bed, motion, measurement, last
         )
         if every is not None and step == span_end:
             if not last:
-                outside += find_far_field(state.far_forces, state, constants, next_time)
-            kick_by_far_field(state.far_forces, impulse, state, constants)
+                outside += find_far_field(state.far_forces, bed, next_time)
+            kick_by_far_field(state.far_forces, impulse, bed)
         state.clock[TIME] = next_time
         state.clock[STEPS] += 1.0
         if outside > 0:
@@ -259,30 +259,29 @@ def advance(
         Status; ticks made; records written.
     """
     return _advance(
-        by_reference(window), by_reference(pace), by_reference(plan), by_reference(state),
-        by_reference(constants), by_reference(motion), by_reference(measurement),
+        by_reference(window), by_reference(pace), by_reference(plan),
+        by_reference(Bed(state, constants)), by_reference(motion), by_reference(measurement),
         by_reference(watch), rows,
     )  # fmt: skip
 
 
 @compiled
-def _look(
-    window: Window, state: State, constants: Constants, motion: Motion, measurement: Measurement,
-    row: Array,
-) -> int:  # fmt: skip
+def _look(window: Window, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> int:
+    state = bed.state
     time = window.start + state.clock[TIME]
-    outside = measure_forces(state, constants, time, measurement)
-    measure(time, state, constants, motion, measurement, row)
+    outside = measure_forces(bed, time, measurement)
+    measure(time, bed, motion, measurement, row)
     return OUTSIDE if outside > 0 else RUNNING
 
 
 @compiled
 def _advance(
-    window: Window, pace: Pace, plan: Plan, state: State, constants: Constants, motion: Motion,
+    window: Window, pace: Pace, plan: Plan, bed: Bed, motion: Motion,
     measurement: Measurement, watch: Watch, rows: Array,
 ) -> tuple[int, int, int]:  # fmt: skip
+    state, constants = bed.state, bed.constants
     if window.ticks == 0:
-        return _look(window, state, constants, motion, measurement, rows[0]), 0, 0
+        return _look(window, bed, motion, measurement, rows[0]), 0, 0
     kept, laws = 0, state.ledger.size - LOSSES
     for tick in range(window.first, window.first + window.ticks):
         outside = _make_tick(
@@ -292,8 +291,7 @@ def _advance(
             window,
             pace,
             plan,
-            state,
-            constants,
+            bed,
             motion,
             measurement,
         )
@@ -301,7 +299,7 @@ def _advance(
             return OUTSIDE, tick - window.first, kept
         row = rows[kept]
         done = tick + 1
-        measure(window.start + state.clock[TIME], state, constants, motion, measurement, row)
+        measure(window.start + state.clock[TIME], bed, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
         turned = _turned_over(watch, laws, row)

@@ -19,6 +19,7 @@ from granular.kernel_data.state import (
     SPEED,
     SPEED_ROUNDING,
     WORK,
+    Bed,
     State,
 )
 from granular.protocol.motion import TABLE, Motion, outer_force, path
@@ -26,7 +27,7 @@ from granular.protocol.motion import TABLE, Motion, outer_force, path
 lift = sum_over("lift", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 
-enter_work = sum_over("work", "span state constants time")
+enter_work = sum_over("work", "span bed time")
 """Enter the work that forces which depend on time do in ``span``, at a time [tau]."""
 
 
@@ -146,14 +147,14 @@ def _path_speed(motion: Motion, time: float, span: float, opening: bool) -> floa
 
 @compiled(inline=True)
 def kick_piston(
-    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float,
-    opening: bool,
-) -> None:  # fmt: skip
+    span: float, bed: Bed, motion: Motion, time: float, start: float, opening: bool
+) -> None:
     """Change the piston's velocity by ``span`` [tau]; enter the work done from outside meanwhile.
 
     Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
     the ledger has the method's order.
     """
+    state, constants = bed.state, bed.constants
     if motion.free:
         swing = lift(constants.acting.laws, state.rooms, start + time)
         outer = outer_force(motion, time)
@@ -167,27 +168,27 @@ def kick_piston(
         state.ledger[WORK] -= (
             span * state.wall_forces[TOP] * _path_speed(motion, time, span, opening)
         )
-    enter_work(constants.acting.laws, state.rooms, span, state, constants, start + time)
+    enter_work(constants.acting.laws, state.rooms, span, bed, start + time)
 
 
 @compiled(inline=True)
-def drift_piston(
-    span: float, state: State, constants: Constants, motion: Motion, time: float, start: float
-) -> None:
+def drift_piston(span: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
     """Move the piston by ``span`` [tau], up to ``time`` in the stage."""
+    state = bed.state
     if motion.free:
         _raise_height(state.rounding, span * state.piston[SPEED], state)
     else:
-        before = piston_energy(state, constants, start + time)
+        before = piston_energy(bed, start + time)
         height, velocity = path(motion, time)
         state.piston[HEIGHT] = height
         state.piston[SPEED] = velocity
-        state.ledger[WORK] += piston_energy(state, constants, start + time) - before
+        state.ledger[WORK] += piston_energy(bed, start + time) - before
 
 
 @compiled(inline=True)
-def piston_energy(state: State, constants: Constants, time: float) -> float:
+def piston_energy(bed: Bed, time: float) -> float:
     """Kinetic and potential energy of the piston [F* D]; zero where it has no mass."""
+    state, constants = bed.state, bed.constants
     if not constants.piston_mass < math.inf:
         return 0.0
     swing = lift(constants.acting.laws, state.rooms, time)

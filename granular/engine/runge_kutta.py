@@ -7,7 +7,7 @@ from granular.compiled.dispatch import sum_over
 from granular.effects.wall_side import TOP
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.piston import enter_work, lift, piston_energy
-from granular.kernel_data.constants import Constants, Resistance
+from granular.kernel_data.constants import Resistance
 from granular.kernel_data.state import (
     HEIGHT,
     PISTON,
@@ -15,6 +15,7 @@ from granular.kernel_data.state import (
     VX,
     VY,
     WORK,
+    Bed,
     Measurement,
     Slopes,
     State,
@@ -23,7 +24,7 @@ from granular.kernel_data.state import (
 )
 from granular.protocol.motion import Motion, outer_force, path
 
-_slow = sum_over("slow", "slopes span state constants")
+_slow = sum_over("slow", "slopes span bed")
 
 
 @compiled
@@ -37,22 +38,23 @@ def _mass(masses: Array | None, i: int) -> float:
 
 
 @compiled
-def _grain_slopes(slopes: Array, span: float, state: State, constants: Constants) -> None:
+def _grain_slopes(slopes: Array, span: float, bed: Bed) -> None:
     """Slopes of positions and velocities; losses are entered with the weight ``span``."""
+    state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         mass = _mass(constants.masses, i)
         slopes[X, i] = state.vx[i]
         slopes[Y, i] = state.vy[i]
         slopes[VX, i] = state.fx[i] / mass
         slopes[VY, i] = state.fy[i] / mass
-    _slow(constants.acting.laws, state.rooms, slopes, span, state, constants)
+    _slow(constants.acting.laws, state.rooms, slopes, span, bed)
 
 
 @compiled
 def _piston_slopes(
-    slopes: Array, span: float, time: float, start: float, state: State, constants: Constants,
-    motion: Motion,
-) -> None:  # fmt: skip
+    slopes: Array, span: float, time: float, start: float, bed: Bed, motion: Motion
+) -> None:
+    state, constants = bed.state, bed.constants
     if motion.free:
         swing = lift(constants.acting.laws, state.rooms, start + time)
         outer = outer_force(motion, time)
@@ -67,7 +69,7 @@ def _piston_slopes(
         state.ledger[PISTON] += span * constants.piston_mass * rate * speed * speed
     else:
         state.ledger[WORK] -= span * state.wall_forces[TOP] * path(motion, time)[1]
-    enter_work(constants.acting.laws, state.rooms, span, state, constants, start + time)
+    enter_work(constants.acting.laws, state.rooms, span, bed, start + time)
 
 
 @compiled
@@ -108,32 +110,33 @@ def _move_to_stage(
 
 @compiled
 def runge_kutta_step(
-    tableau: Array, slopes: Slopes, h: float, time: float, start: float, state: State,
-    constants: Constants, motion: Motion, measurement: Measurement, measuring: bool,
+    tableau: Array, slopes: Slopes, h: float, time: float, start: float, bed: Bed,
+    motion: Motion, measurement: Measurement, measuring: bool,
 ) -> int:  # fmt: skip
     """See `granular.engine.step.make_step`; the work and the losses are integrated alike.
 
     Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), II.1.
     """
+    state, constants = bed.state, bed.constants
     stages = tableau.shape[1]
     count = constants.grains
     outside = 0
     _store_start(state, slopes, count)
-    before = piston_energy(state, constants, start + time)
+    before = piston_energy(bed, start + time)
     for k in range(stages):
         instant = time + h * tableau[k].sum()
         if k > 0:
             _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
-            outside += compute_forces(state, constants, start + instant)
+            outside += compute_forces(bed, start + instant)
         span = h * tableau[stages, k]
-        _grain_slopes(slopes.grains[k], span, state, constants)
-        _piston_slopes(slopes.piston[k], span, instant, start, state, constants, motion)
+        _grain_slopes(slopes.grains[k], span, bed)
+        _piston_slopes(slopes.piston[k], span, instant, start, bed, motion)
     end = time + h
     _move_to_stage(tableau[stages], slopes, h, end, state, count, motion)
     if not motion.free:
-        state.ledger[WORK] += piston_energy(state, constants, start + end) - before
+        state.ledger[WORK] += piston_energy(bed, start + end) - before
     if measuring:
-        outside += measure_forces(state, constants, start + end, measurement)
+        outside += measure_forces(bed, start + end, measurement)
     else:
-        outside += compute_forces(state, constants, start + end)
+        outside += compute_forces(bed, start + end)
     return outside

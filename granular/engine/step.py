@@ -16,8 +16,7 @@ from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
 from granular.engine.step_size import Step
 from granular.kernel_data.compensation import compensated_sum
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import Measurement, State, X, Y
+from granular.kernel_data.state import Bed, Measurement, State, X, Y
 from granular.methods import Method
 from granular.pairs.far_field import FarField
 from granular.protocol.motion import Motion
@@ -69,30 +68,31 @@ def drift_grains(rounding: Array | None, span: float, state: State, count: int) 
 
 @compiled(inline=True)
 def _kick(
-    host: HostLaw | None, room: HostRoom | None, span: float, state: State, constants: Constants,
+    host: HostLaw | None, room: HostRoom | None, span: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     if host is not None and room is not None:
-        kick_host(host, room, span, state, constants, motion, time, start, opening)
+        kick_host(host, room, span, bed, motion, time, start, opening)
     else:
-        kick_grains(span, state, constants, opening)
-        kick_piston(span, state, constants, motion, time, start, opening)
+        kick_grains(span, bed, opening)
+        kick_piston(span, bed, motion, time, start, opening)
 
 
 @compiled(inline=True)
-def _drift_freely(span: float, state: State, constants: Constants) -> int:
+def _drift_freely(span: float, bed: Bed) -> int:
+    state, constants = bed.state, bed.constants
     drift_grains(state.rounding, span, state, constants.grains)
     return 0
 
 
-_glide = last_with("glide", "span state constants", _drift_freely)
+_glide = last_with("glide", "span bed", _drift_freely)
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
 @compiled(inline=True)
 def make_step(
-    tableau: Array | None, plan: Plan, h: float, time: float, start: float, state: State,
-    constants: Constants, motion: Motion, measurement: Measurement, measuring: bool,
+    tableau: Array | None, plan: Plan, h: float, time: float, start: float, bed: Bed,
+    motion: Motion, measurement: Measurement, measuring: bool,
 ) -> int:  # fmt: skip
     """Make one step, from ``time`` in the stage, which began at ``start`` [tau].
 
@@ -108,11 +108,12 @@ def make_step(
     int
         Zero while every grain is where it can be.
     """
+    state, constants = bed.state, bed.constants
     outside = 0
     if tableau is not None:
         assert state.slopes is not None
         outside = runge_kutta_step(
-            tableau, state.slopes, h, time, start, state, constants, motion, measurement, measuring
+            tableau, state.slopes, h, time, start, bed, motion, measurement, measuring
         )
     else:
         stage = time
@@ -126,18 +127,17 @@ def make_step(
                     opening = 2 * k + part < stages + parts - 1
                     span = kicks[k] * h / parts
                     _kick(
-                        constants.acting.host, state.host, span, state, constants, motion, stage,
-                        start, opening,
-                    )  # fmt: skip
+                        constants.acting.host, state.host, span, bed, motion, stage, start, opening
+                    )
             if k < stages:
                 span = drifts[k] * h
                 stage += span
-                _glide(constants.acting.laws, state.rooms, span, state, constants)
-                drift_piston(span, state, constants, motion, stage, start)
+                _glide(constants.acting.laws, state.rooms, span, bed)
+                drift_piston(span, bed, motion, stage, start)
                 drift_host(constants.acting.host, state.host, span, state)
                 last = k == stages - 1
                 if last and measuring:
-                    outside += measure_forces(state, constants, start + stage, measurement)
+                    outside += measure_forces(bed, start + stage, measurement)
                 elif not last or kicks[stages] != 0.0 or kicks[0] != 0.0:
-                    outside += compute_forces(state, constants, start + stage)
+                    outside += compute_forces(bed, start + stage)
     return outside

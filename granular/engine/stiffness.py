@@ -13,7 +13,7 @@ from granular.compiled.reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.effects.walls_law import add_piston_stiffness
 from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import Measurement, State
+from granular.kernel_data.state import Bed, Measurement
 from granular.pairs.dipole import head_on_stiffness
 from granular.protocol.motion import Motion
 
@@ -51,21 +51,20 @@ def _total_and_largest(slopes: Array, count: int, masses: Array | None) -> tuple
 
 
 @compiled
-def stiffest_mode(
-    speed: float, state: State, constants: Constants, motion: Motion, measurement: Measurement
-) -> float:
+def stiffest_mode(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
     """Bound of the highest angular frequency [1/tau] of bed and free piston, and of collisions.
 
     Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin's theorem); they are
     in ``measurement`` after `potential_energies`.
     """
+    constants = bed.constants
     highest = 0.0
     for i in range(constants.grains):
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
         slopes = measurement.against_piston
         slopes[:] = 0.0
-        add_piston_stiffness(constants.acting.walls[TOP], state, constants, slopes)
+        add_piston_stiffness(constants.acting.walls[TOP], bed, slopes)
         total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
     return max(math.sqrt(highest), highest_collision(constants, speed))

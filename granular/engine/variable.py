@@ -18,7 +18,7 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.reference import by_reference
 from granular.effects.wall_side import BOTTOM, LEFT, RIGHT, TOP
 from granular.kernel_data.constants import Constants, moments_of
-from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, State
+from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, Bed, State
 
 _POWER = 4
 """Of the mean: with 4, a thousand equal terms raise the frequency by (1000)^(1/8) = 2.4."""
@@ -98,7 +98,8 @@ def _sides(
 
 
 @compiled
-def _density(state: State, constants: Constants) -> tuple[float, float]:
+def _density(bed: Bed) -> tuple[float, float]:
+    state, constants = bed.state, bed.constants
     return step_density(
         state.x, state.y, state.vx, state.vy, constants.grains, moments_of(constants),
         state.clock[SQUARE], state.clock[LEAST],
@@ -118,16 +119,17 @@ def open_density(
     longest : float
         Longest step [tau].
     """
-    state, constants = by_reference(state), by_reference(constants)
+    bed = by_reference(Bed(state, constants))
     state.clock[SQUARE] = speed * speed
     state.clock[LEAST] = fraction / longest
-    density, rate = _density(state, constants)
+    density, rate = _density(bed)
     state.clock[DENSITY] = max(density - 0.5 * fraction * rate, state.clock[LEAST])
 
 
 @compiled
-def next_step(fraction: float, state: State, constants: Constants) -> float:
+def next_step(fraction: float, bed: Bed) -> float:
     """Advance the density by one step; the step [tau]."""
-    _, rate = _density(state, constants)
+    state = bed.state
+    _, rate = _density(bed)
     state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])
     return fraction / state.clock[DENSITY]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from granular.compiled import Array, compiled
 from granular.pairs.far_field import FarField
 from granular.pairs.stripes import CutOff
-from granular.pairs.verlet_list import Registry
+from granular.pairs.verlet_list import Listing
 
 
 class Acting(NamedTuple):
@@ -29,7 +29,7 @@ class Acting(NamedTuple):
         pass over the pairs takes along.
     cut : CutOff or None
         Where pairs end; with None for this and the next, all pairs are summed.
-    listing : Registry or None
+    listing : Listing or None
         Of de Paula's Verlet list.
     far : FarField or None
         What is beyond the radius where pairs end smoothly.
@@ -43,7 +43,7 @@ class Acting(NamedTuple):
     walls: tuple[Any, ...]
     weight: Array | None
     cut: CutOff | None
-    listing: Registry | None
+    listing: Listing | None
     far: FarField | None
     nearest: Array | None
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from granular.kernel_data.constants import Constants
 from granular.pairs.far_field import FarForces
 from granular.pairs.stripes import Stripes
 from granular.pairs.verlet_list import VerletList
@@ -116,6 +117,13 @@ class Measurement(NamedTuple):
     stiffness: np.ndarray
     extremes: np.ndarray
     against_piston: np.ndarray
+
+
+class Bed(NamedTuple):
+    """The bed as kernels take it, by reference: what a run changes, and what it does not."""
+
+    state: State
+    constants: Constants
 
 
 KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.pairs.verlet_list import RADIUS, SKIN, Registry
+from granular.pairs.verlet_list import RADIUS, SKIN, Listing
 from granular.schema.sections import FieldError, Section, choice, quantity, whole
 
 ROOM = 0.39
@@ -142,10 +142,10 @@ class Pairs(Section):
                 "method",
             )
 
-    def listing(self, diameter: float) -> Registry:
+    def listing(self, diameter: float) -> Listing:
         """De Paula's list in units of the first species' diameter [m]."""
         skin = SKIN if self.skin is None else self.skin / diameter
-        return Registry(self._radius(diameter, RADIUS), skin)
+        return Listing(self._radius(diameter, RADIUS), skin)
 
     def _of_mesh(self) -> float:
         return SPLIT_RADIUS * (TOLERANCE / self.tolerance) ** (1.0 / _ORDER)

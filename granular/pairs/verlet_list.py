@@ -29,7 +29,7 @@ LISTED, GRAINS, BUILDS = range(3)
 grains, and how often one was made."""
 
 
-class Registry(NamedTuple):
+class Listing(NamedTuple):
     """Radius and skin of the list [D]."""
 
     radius: float
@@ -60,7 +60,7 @@ def verlet_list_room(size: int, radius: float) -> VerletList:
 
 
 @compiled
-def _make_ready(listed: VerletList, listing: Registry, x: Array, y: Array, grains: int) -> None:
+def _make_ready(listed: VerletList, listing: Listing, x: Array, y: Array, grains: int) -> None:
     stale = listed.memory[GRAINS] != grains
     for i in range(grains):
         dx, dy = x[i] - listed.built[0, i], y[i] - listed.built[1, i]
@@ -80,7 +80,7 @@ def _make_ready(listed: VerletList, listing: Registry, x: Array, y: Array, grain
 
 @compiled
 def list_sum(
-    listed: VerletList, listing: Registry, grains: int, x: Array, y: Array, fx: Array, fy: Array,
+    listed: VerletList, listing: Listing, grains: int, x: Array, y: Array, fx: Array, fy: Array,
     moments: Array | None, stiffness: Array | None, extremes: Array | None,
     load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip

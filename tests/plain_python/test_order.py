@@ -18,8 +18,7 @@ import granular.engine.ledger
 import granular.engine.step
 from granular import Scene, load_scene, simulate
 from granular.effects.excitation import Excitation, excitation_at
-from granular.kernel_data.constants import Constants
-from granular.kernel_data.state import State
+from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 
 pytestmark = pytest.mark.skipif(
@@ -53,9 +52,9 @@ def slope(scene: Scene) -> float:
 def smuggled(compute: Callable[..., int], rate: float) -> Callable[..., int]:
     """The engine's force sum, with drag in it."""
 
-    def forces(state: State, constants: Constants, *more: object) -> int:
-        outside = compute(state, constants, *more)
-        count = constants.grains
+    def forces(bed: Bed, *more: object) -> int:
+        outside = compute(bed, *more)
+        state, count = bed.state, bed.constants.grains
         state.fx[:count] -= rate * state.vx[:count]
         state.fy[:count] -= rate * state.vy[:count]
         return outside

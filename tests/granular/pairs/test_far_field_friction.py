@@ -13,6 +13,7 @@ from granular import Scene, simulate
 from granular.compiled import entry
 from granular.engine.far import add_far_field, find_far_field, refresh_far_field
 from granular.engine.step_size import Step
+from granular.kernel_data.state import Bed
 from granular.methods import method_named
 from granular.pairs.far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
@@ -65,7 +66,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
             far.fx[:] = before
             start = places.copy()
             places[5] += by
-            evaluate_far(far, state, run.constants, 0.0)
+            evaluate_far(far, Bed(state, run.constants), 0.0)
             assert (far.fx != before).any() == finds
             places[:] = start
             run.look(PLACE)
@@ -98,7 +99,7 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
         assert state.load is not None
         way = speed * np.random.default_rng(4).standard_normal((2, constants.grains))
         for step in range(steps + 1):
-            assert evaluate_far(state.far_forces, state, constants, dt * step) == 0
+            assert evaluate_far(state.far_forces, Bed(state, constants), dt * step) == 0
             if step < steps:
                 state.x[: constants.grains] += dt * way[0]
                 state.y[: constants.grains] += dt * way[1]
@@ -168,7 +169,7 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
         state, count = run.state, run.constants.grains
         assert state.far_forces is not None
         state.x[:count] += 0.3 * dt
-        assert evaluate_far(state.far_forces, state, run.constants, time) == 0
+        assert evaluate_far(state.far_forces, Bed(state, run.constants), time) == 0
         for sums in (state.fx, state.fy):
             sums[:] = 0.0
         add_far(state.far_forces, state, count, time)
@@ -178,7 +179,7 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
     far, back = run.state.far_forces, other.state.far_forces
     assert far is not None
     assert back is not None
-    find_far(far, run.state, run.constants, dt / 3.0)  # as what is written down does
+    find_far(far, Bed(run.state, run.constants), dt / 3.0)  # as what is written down does
     restore(other, snapshot(run))
     assert far.moment[TIME] > 0.0
     np.testing.assert_array_equal(back.moment, far.moment)
