@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.engine import bed_of
 from benchmarks.hand import KERNELS, Bed
 from benchmarks.timing import least_seconds
-from validation.engine_steps import STEP, EngineSteps
+from validation.effect_costs import STEP, EngineSteps
 
 
 def hand_and_engine(

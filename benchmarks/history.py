@@ -55,7 +55,7 @@ def _kernels() -> dict[str, Kernel]:
         direct,
         plain,
     )
-    from validation.engine_steps import EngineSteps
+    from validation.effect_costs import EngineSteps
 
     def step(count: int, changes: dict[str, Any]) -> Kernel:
         engine = EngineSteps(bed_of(count, changes))

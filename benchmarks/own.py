@@ -17,7 +17,7 @@ from granular.effects.registry import register
 from granular.kernel_data.state import Bed
 from granular.own import import_own
 from granular.schema.sections import quantity
-from validation.engine_steps import EngineSteps
+from validation.effect_costs import EngineSteps
 
 CLASS = '''
 from granular import effect, quantity

@@ -12,7 +12,7 @@ from benchmarks.compression import PUBLISHED
 from benchmarks.sums import exponent
 from granular.shared.html import Page
 from granular.shared.plotting import figure
-from validation.parts import FAILED, Plain
+from validation.runner import FAILED, Plain
 from validation.table import TextTable, table
 
 LINEAR_FROM = 1000

@@ -25,9 +25,10 @@ from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
 from validation.cost.measuring import Truth, points, run, starts_of, truths
-from validation.cost.point import Point, Setting
-from validation.parts import FAILED, Part, Piece, Plain, measured
+from validation.cost.point import Point, SolverSettings
 from validation.quantities import QUANTITIES
+from validation.runner import FAILED, Plain, Task, measure
+from validation.scenes import compression_scene
 
 
 class Priced(NamedTuple):
@@ -60,8 +61,6 @@ class Priced(NamedTuple):
 
 def priced_scenes() -> tuple[Priced, ...]:
     """Two dampers, a bed at rest, and a compression under dry friction."""
-    from validation.programme import compression_scene
-
     swings = ("rest height", "period", "damping ratio", "energy")
     presses = ("piston force", "mean distance", "energy")
     bed = load_scene("bed").replace(
@@ -95,11 +94,11 @@ def prices(path: Path, progress: bool = True) -> dict[str, Any]:
 
     scenes = priced_scenes()
     kept = path.with_suffix("")
-    known = measured(_references(scenes), kept, progress=progress)
+    known = measure("references", _references(scenes), kept, progress=progress)
     failed = next((one for one in known if FAILED in one), None)
     if failed is not None:
         raise GranularError(f"the reference of {failed['label']} failed: {failed[FAILED]}")
-    rungs = iter(measured(_rungs(scenes, known), kept, progress=progress))
+    rungs = iter(measure("settings", _rungs(scenes, known), kept, progress=progress))
     rows = [
         _row(one, truth, [next(rungs) for _ in _settings(one)])
         for one, truth in zip(scenes, known, strict=True)
@@ -111,18 +110,15 @@ def prices(path: Path, progress: bool = True) -> dict[str, Any]:
     return found
 
 
-def _references(scenes: Sequence[Priced]) -> Part:
+def _references(scenes: Sequence[Priced]) -> list[Task]:
     """What each scene's settings are measured against."""
-    return Part(
-        "references",
-        lambda _: [Piece(one.scene.name, one.key, partial(_truth, one)) for one in scenes],
-    )
+    return [Task(one.scene.name, one.key, partial(_truth, one)) for one in scenes]
 
 
-def _rungs(scenes: Sequence[Priced], known: Sequence[Plain]) -> Part:
+def _rungs(scenes: Sequence[Priced], known: Sequence[Plain]) -> list[Task]:
     """The settings of all scenes."""
-    pieces = [
-        Piece(
+    return [
+        Task(
             f"{one.scene.name}, {setting.family}, {setting.dt}",
             one.key | {"setting": [setting.method, str(setting.dt)]},
             partial(_rung, one, setting, truth),
@@ -130,19 +126,18 @@ def _rungs(scenes: Sequence[Priced], known: Sequence[Plain]) -> Part:
         for one, truth in zip(scenes, known, strict=True)
         for setting in _settings(one)
     ]
-    return Part("settings", lambda _: pieces)
 
 
-def _settings(one: Priced) -> list[Setting]:
+def _settings(one: Priced) -> list[SolverSettings]:
     """What is run in a scene."""
-    others = [Setting("blanes-moan-4", dt) for dt in one.others]
-    return [Setting("stormer-verlet", dt) for dt in one.steps] + others
+    others = [SolverSettings("blanes-moan-4", dt) for dt in one.others]
+    return [SolverSettings("stormer-verlet", dt) for dt in one.steps] + others
 
 
 def _truth(one: Priced) -> Plain:
     """Values of each quantity over the starts, and their scatter."""
     scenes = starts_of(one.scene, one.starts - 1)
-    reference = Setting("stormer-verlet", one.reference)
+    reference = SolverSettings("stormer-verlet", one.reference)
     chosen = [QUANTITIES[name] for name in one.quantities]
     given = [None if each.exact is not None else reference for each in chosen]
     return {
@@ -151,7 +146,7 @@ def _truth(one: Priced) -> Plain:
     }
 
 
-def _rung(one: Priced, setting: Setting, truth: Plain) -> Plain:
+def _rung(one: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     """A row of the table; empty for a setting that fails."""
     scenes = starts_of(one.scene, one.starts - 1)
     chosen = [QUANTITIES[name] for name in one.quantities]

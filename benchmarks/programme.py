@@ -10,7 +10,7 @@ from typing import Any
 from benchmarks import PARTS, c_kernel
 from benchmarks.others import NAMES, why_not
 from granular.shared.files import make_directory, write_json
-from validation.parts import Part, Piece, machine, measured
+from validation.runner import Task, machine, measure
 
 _Rows = list[dict[str, Any]]
 _Work = Iterator[tuple[dict[str, Any], Callable[[], _Rows]]]
@@ -144,18 +144,14 @@ _WORK: dict[str, Callable[[bool], _Work]] = {
 }  # fmt: skip
 
 
-def part_named(name: str) -> Part:
-    """A part of the benchmark."""
-
-    def pieces(full: bool) -> Sequence[Piece]:
-        return [_piece(name, key, full, measure) for key, measure in _WORK[name](full)]
-
-    return Part(f"benchmark-{name}", pieces)
+def _tasks(name: str, full: bool) -> list[Task]:
+    """Tasks of a part of the benchmark."""
+    return [_task(name, key, full, rows) for key, rows in _WORK[name](full)]
 
 
-def _piece(name: str, key: dict[str, Any], full: bool, measure: Callable[[], _Rows]) -> Piece:
+def _task(name: str, key: dict[str, Any], full: bool, rows: Callable[[], _Rows]) -> Task:
     label = ", ".join(f"{word} {value}" for word, value in key.items()) or name
-    return Piece(label, key | {"full": full}, lambda: {"rows": measure()})
+    return Task(label, key | {"full": full}, lambda: {"rows": rows()})
 
 
 def _missing() -> list[dict[str, str]]:
@@ -206,7 +202,8 @@ def benchmark(
     if where is not None:
         make_directory(where)
     results = {
-        name: measured(part_named(name), where, full=full, progress=progress) for name in parts
+        name: measure(f"benchmark-{name}", _tasks(name, full), where, progress=progress)
+        for name in parts
     }
     found: dict[str, Any] = {
         "parts": results, "growth": growth(results), "missing": _missing(), "machine": machine(),

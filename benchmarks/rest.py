@@ -10,7 +10,7 @@ from typing import Any
 
 from granular import simulate
 from granular.scene.scene import Scene
-from validation.lattice import lattice
+from validation.scenes import lattice
 
 FORCES = ("piston_force", "left_force", "right_force", "bottom_force")
 METHODS = ("mesh", "cut-off")

@@ -17,7 +17,7 @@ from granular.pairs.direct import PARTED_FROM
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import EnergyError
-from validation.engine_steps import EngineSteps
+from validation.effect_costs import EngineSteps
 
 STEPS = 32
 """Steps timed together, so that they share what is done once in several steps."""

@@ -28,7 +28,13 @@ import numpy as np
 
 from granular import load_scene, simulate
 from granular.methods import METHODS
-from validation import Setting, convergence, convergence_table, exact_problem, work_precision
+from validation import (
+    SolverSettings,
+    convergence,
+    convergence_table,
+    exact_problem,
+    work_precision,
+)
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 
@@ -95,7 +101,7 @@ plt.show()
 # %%
 bed = load_scene("bed").replace(**{"output.frames": "5 ms"})
 steps = ("auto*8", "auto*4", "auto*2", "auto", "auto/2") + (() if QUICK else ("auto/4", "auto/8"))
-settings = [Setting(name, step) for name in names[:4] for step in steps]
+settings = [SolverSettings(name, step) for name in names[:4] for step in steps]
 study = work_precision(bed, "positions", settings, until=0.02)
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 study.plot(axes)

@@ -274,7 +274,7 @@ def write_results(plain: Mapping[str, Any], path: Path) -> None:
 
 def made_now(command: str) -> Plain:
     """Command, date, machine and versions."""
-    from validation.parts import machine
+    from validation.runner import machine
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
     return {"command": command, "date": now, **machine()}

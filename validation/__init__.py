@@ -1,8 +1,8 @@
 """Proof of the toolkit's numbers: convergence, energy, cost of accuracy, hard cases, one report.
 
->>> from validation import cheapest
->>> choice = cheapest(scene, "rest height", 0.01)
->>> run = simulate(scene.replace(**choice.changes), **choice.keywords)
+>>> from validation import recommend_settings
+>>> found = recommend_settings(scene, "rest height", 0.01)
+>>> run = simulate(scene.replace(**found.changes), **found.keywords)
 """
 
 import lazy_loader

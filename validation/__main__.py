@@ -4,9 +4,20 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import Command, Option, Program, command, emit, group, launch, option
+from granular.commands.console import (
+    Command,
+    Option,
+    Program,
+    command,
+    emit,
+    group,
+    launch,
+    option,
+    refuse,
+)
 from granular.commands.options import (
     CHANGES,
     IMPORT,
@@ -17,6 +28,9 @@ from granular.commands.options import (
     scene_of,
 )
 from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from validation.runner import Section
 
 REPORT = "out/validation"
 """Directory of the report where none is given."""
@@ -61,55 +75,50 @@ examples:
 def report(options: Any) -> None:
     """Measure all sections, the overview alone, or scenes of the user's own."""
     from granular.scene.loading import load_scene
+    from validation.overview import OVERVIEW, overview_of
+    from validation.report import SECTIONS
 
     changes = changes_from(options.changes)
     if changes and not options.scenes:
         raise InputError("--set changes a scene; name one, such as: report damper")
     if options.overview:
-        if options.scenes:
-            raise InputError("--overview is of the packaged scenes; leave it or the scenes out")
-        _measure(options, ("glance",), options.out)
-        return
-    scenes = [load_scene(one).replace(**changes) for one in options.scenes]
-    _measure(options, (), options.out or REPORT, scenes)
+        refuse(options, "--overview, which is of packaged scenes", "scenes")
+        _measure(options, [OVERVIEW], options.out)
+    elif options.scenes:
+        scenes = [load_scene(one).replace(**changes) for one in options.scenes]
+        _measure(options, [overview_of(scenes)], options.out or REPORT)
+    else:
+        _measure(options, SECTIONS.values(), options.out or REPORT)
 
 
 def _section(name: str, summary: str, *options: Option, examples: str = "") -> Command:
     """A command that measures one section of the report."""
-    return command(
-        name, summary, *options, _measuring(), examples=examples or "example:\n  %(prog)s --quick"
-    )(lambda chosen: _measure(chosen, (_section_name(chosen),), chosen.out))
+
+    def carry_out(chosen: Any) -> None:
+        from validation.report import SECTIONS
+
+        wanted = "depaula" if getattr(chosen, "depaula", False) else name
+        _measure(chosen, [SECTIONS[wanted]], chosen.out)
+
+    examples = examples or "example:\n  %(prog)s --quick"
+    return command(name, summary, *options, _measuring(), examples=examples)(carry_out)
 
 
-def _section_name(options: Any) -> str:
-    return "source-experiment" if getattr(options, "depaula", False) else options.command
+def _measure(options: Any, sections: Iterable[Section], out: str | None) -> None:
+    from validation.report import report as measure
+
+    _show(
+        measure(out, tuple(sections), full=options.full, progress=not options.quiet), out, options
+    )
 
 
-def _measure(options: Any, names: tuple[str, ...], out: str | None, scenes: Any = ()) -> None:
-    from validation.parts import measured
-    from validation.programme import part_named
-    from validation.report import ALL, report, summary
+def _show(result: dict[str, Any], out: str | None, options: Any) -> None:
+    from validation.report import report_text
 
-    progress = not options.quiet
+    text = report_text(result)
     if out is not None:
-        found = report(out, full=options.full, parts=names or ALL, scenes=scenes, progress=progress)
-    else:
-        results = {
-            name: measured(part_named(name), None, full=options.full, progress=progress)
-            for name in names
-        }
-        found = summary(results) | {"parts": results}
-    emit(found, _text(found, out), options.json)
-
-
-def _text(found: dict[str, Any], out: str | None) -> str:
-    from validation.report import part_text
-
-    lines = [part_text(name, results) for name, results in found["parts"].items()]
-    lines += [f"{name}: {verdict}" for name, verdict in found["verdicts"].items()]
-    if out is not None:
-        lines.append(f"report: {out}/report.html")
-    return "\n".join(lines)
+        text += f"\nreport: {out}/report.html"
+    emit(result, text, options.json)
 
 
 @command(
@@ -145,11 +154,11 @@ def method(options: Any) -> None:
     import_own(options.own_files)
     if options.scene is None and options.changes:
         raise InputError("--set changes a scene; give one by --scene")
-    found = method_report(
+    result = method_report(
         options.out, options.names, scene=options.scene and scene_of(options),
         quantities=options.quantities, until=options.t_end, progress=not options.quiet,
     )  # fmt: skip
-    emit(found, _text(found, options.out), options.json)
+    _show(result, options.out, options)
 
 
 @command(
@@ -162,13 +171,13 @@ def method(options: Any) -> None:
 )  # fmt: skip
 def cheapest(options: Any) -> None:
     """Recommend how to run a scene."""
-    from validation.choice import cheapest as recommend
+    from validation.recommendation import recommend_settings
 
-    choice = recommend(
+    found = recommend_settings(
         scene_of(options), options.quantity, options.tolerance, until=options.t_end,
         progress=not options.quiet,
     )  # fmt: skip
-    emit(choice.to_plain(), str(choice), options.json)
+    emit(found.to_plain(), str(found), options.json)
 
 
 DEPAULA = option(

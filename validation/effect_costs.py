@@ -1,4 +1,7 @@
-"""What each effect of a scene costs a step: added to nothing, and taken away from the whole."""
+"""The timer of steps, and the cost of each effect of a scene.
+
+An effect is added to nothing, and taken away from the whole.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,45 @@ from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
+import numba
 import numpy as np
 
+from granular.engine.columns import width
+from granular.engine.loop import Window, advance
+from granular.engine.step_size import Pace, Step
+from granular.methods import method_named
+from granular.run.run import Run
 from granular.run.summary import effect_names
 from granular.scene.scene import Scene
+from granular.scene.system import natural_system
 from granular.shared.errors import GranularError
-from validation.engine_steps import EngineSteps
+
+STEP = 0.02
+"""Time step of bare steps [tau]."""
+
+
+class EngineSteps:
+    """A run of the engine whose bare steps can be called: one tick without records."""
+
+    def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
+        method = method_named("stormer-verlet")
+        system = natural_system(scene, threads=threads, method=method)
+        self.threads, self.step = threads, step
+        self.run = Run(scene, system, method, Step(), None)
+        self.run.begin_stage()
+        self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
+        self.rows = np.zeros((3, width(len(system.effects))))
+
+    def make(self, steps: int) -> None:
+        """That many steps, and the look at their end."""
+        numba.set_num_threads(self.threads)
+        pace = Pace(steps * self.step, self.step, 1, 1, steps, 0)
+        run = self.run
+        advance(
+            Window(0.0, 0.0, math.inf, 0, 1), pace, run.plan, run.state, run.constants,
+            run.motion, run.measurement, self.watch, self.rows,
+        )  # fmt: skip
+
 
 STILL = 1e-5
 """Time step [tau]: so short that grains stay in the cell, also without walls."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping
-from typing import Any, NamedTuple, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -19,8 +19,16 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import RunError
-from validation.table import TextTable, table
-from validation.trend import BLOCKS, Trend, energy_trend
+from granular.shared.plotting import COLOURS, GREY, STYLES, figure
+from validation.exact import bounce, oscillation
+from validation.runner import Section, Task
+from validation.table import WIDTH, TextTable, legend, table
+from validation.trend import BLOCKS, SIGNIFICANCE, Trend, energy_trend
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from granular.shared.html import Page
 
 SHOWN = 800
 """Points of a line that are kept."""
@@ -131,26 +139,20 @@ _BEDS = (
 
 def swing(method: str, periods: int) -> EnergyRun:
     """A grain that swings above the wall, with a method and so many periods."""
-    from validation.exact.oscillation import harmonic_period, problem
-
-    start, dt = problem(0.5), _STEPS.get(method, 2e-3)
-    time = periods * harmonic_period(start.scene, 0.5)
+    start, dt = oscillation.problem(0.5), _STEPS.get(method, 2e-3)
+    time = periods * oscillation.harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _recorded(start.scene, dt, time), method, dt, time)
 
 
 def _bounce(method: str, dt: float, time: float) -> EnergyRun:
-    from validation.exact.bounce import problem
-
-    scene = _recorded(problem().scene, dt, time)
+    scene = _recorded(bounce.problem().scene, dt, time)
     return EnergyRun("bouncing grain", scene, method, dt, time)
 
 
 def variable_bounces() -> EnergyRun:
     """1e4 bounces with variable steps, some 160 a bounce."""
-    from validation.exact.bounce import bounce_period, problem
-
-    scene = problem().scene
-    time = 1e4 * float(bounce_period(scene))
+    scene = bounce.problem().scene
+    time = 1e4 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / SAMPLES, "output.frames": time / SAMPLES}
     return EnergyRun("bouncing grain", scene.replace(**records), "adaptive-verlet", "auto*4", time)
 
@@ -225,8 +227,8 @@ def _step(dt: float | str) -> str:
     return dt if isinstance(dt, str) else f"{dt:.3g}"
 
 
-def summary(studies: list[EnergyStudy]) -> TextTable:
-    """One row a study."""
+def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
+    """Return a table with a row a study."""
     rows = [
         (
             one.system, one.method, _kind(one.method), _step(one.dt), one.steps,
@@ -240,3 +242,132 @@ def summary(studies: list[EnergyStudy]) -> TextTable:
         "p", "trend", "stopped by",
     )  # fmt: skip
     return table(header, rows)
+
+
+# In the report ----------------------------------------------------------------------------------
+
+BINS = 40
+"""Parts of a run whose greatest errors are drawn."""
+
+CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
+"""What the trend of each control should be."""
+
+
+def energy_holds(one: EnergyStudy) -> bool:
+    """Whether a run is of its kind: without a trend, or with a control's.
+
+    Of a user's method that is not symplectic nothing is claimed.
+    """
+    if not one.keeps and one.method not in CONTROLS:
+        return True
+    return one.trend.verdict() == ("none" if one.keeps else CONTROLS[one.method])
+
+
+def show_energy(page: Page, studies: Sequence[EnergyStudy]) -> None:
+    """Show trends, the error over time, and phase portraits."""
+    page.text(
+        "Error of the energy over the energy turned over. A trend is claimed where it stands out "
+        f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
+        "Symplectic methods, and reversible variable steps, should show none; the controls gain "
+        "(explicit Euler) or lose (Runge-Kutta)."
+    )
+    for one in studies:
+        if not energy_holds(one):
+            page.note(
+                f"{one.method} on the {one.system} {one.trend.verdict()} energy by "
+                f"{one.trend.drift:.1e} (p = {one.trend.p_value:.1g}), unlike its kind."
+            )
+    for system in dict.fromkeys(one.system for one in studies):
+        _energy_figures(page, system, [one for one in studies if one.system == system])
+
+
+def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
+    for kind, keeps in (("symplectic or reversible", True), ("controls", False)):
+        ones = [one for one in group if one.keeps is keeps]
+        if not ones:
+            continue
+        with figure(width=WIDTH, height=4.2) as (drawing, axes):
+            for k, one in enumerate(ones):
+                axes.semilogy(
+                    *_envelope(one),
+                    color=COLOURS[k % len(COLOURS)],
+                    linestyle=STYLES[k // len(COLOURS)],
+                    label=f"{one.method}, {one.steps:.2g} steps",
+                )
+            low, high = axes.get_ylim()
+            axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
+            axes.set_ylabel("greatest energy error")
+            axes.set_xlabel("share of the run")
+            legend(axes)
+            page.figure(
+                drawing,
+                f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
+                f"{_lengths(ones)}), over the energy turned over.",
+            )
+    portraits = [one for one in group if one.heights]
+    if portraits:
+        _phase_portraits(page, system, portraits)
+
+
+def _lengths(ones: Sequence[EnergyStudy]) -> str:
+    lengths = sorted({f"{one.times[-1]:.3g}" for one in ones}, key=float)
+    return f"{lengths[0]} s" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]} s"
+
+
+def _envelope(one: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
+    """Middle of each part of the run, over its length, and the greatest error in it."""
+    bins = min(BINS, len(one.errors))
+    greatest = np.array([part.max() for part in np.array_split(np.abs(one.errors), bins)])
+    middles = np.array([part.mean() for part in np.array_split(np.array(one.times), bins)])
+    return middles / one.times[-1], np.where(greatest > 0.0, greatest, np.nan)
+
+
+def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
+    chosen = [one for one in group if one.method in PORTRAYED] or list(group[:1])
+    with figure(2, len(chosen), height=5.0, width=2.6 * len(chosen) + 0.8, squeeze=False) as (
+        drawing,
+        panels,
+    ):
+        for column, one in zip(panels.T, chosen, strict=True):
+            for axes in column:
+                axes.plot(one.heights, one.velocities, ".", color=COLOURS[0], markersize=1.2)
+            column[0].set_title(one.method, fontsize=9)
+            _zoom(column[1], one)
+            column[1].set_xlabel("height [D]")
+        panels[0, 0].set_ylabel("velocity [m/s]")
+        panels[1, 0].set_ylabel("velocity [m/s], zoom")
+        page.figure(drawing, f"{system}: phase portraits, and a zoom at the upper turning point.")
+
+
+PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")
+
+
+def _zoom(axes: Axes, one: EnergyStudy) -> None:
+    """The upper turning point, wide enough for a drift of a hundredth."""
+    top, fastest = one.heights[0], max(map(abs, one.velocities))
+    axes.set_xlim(0.98 * top, 1.02 * top)
+    axes.set_ylim(-0.25 * fastest, 0.25 * fastest)
+    axes.axvline(top, color=GREY, linewidth=0.8)
+
+
+def _verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
+    right = sum(map(energy_holds, studies))
+    words = f"{right} of {len(studies)} energy runs are of their kind (no trend, or a control's)"
+    return words, right == len(studies)
+
+
+def energy_task(run: EnergyRun, **more: Any) -> Task:
+    """A long run; ``more`` tells it from others with a method of the name."""
+    key = {
+        "system": run.system, "scene": run.scene.digest(), "method": run.method, "dt": run.dt,
+        "time": run.time, **more,
+    }  # fmt: skip
+    return Task(f"{run.method}: {run.system}", key, lambda: energy_study(run).to_plain())
+
+
+ENERGY = Section(
+    "energy", "Energy over long runs",
+    lambda full: [energy_task(run) for run in energy_runs(full=full)], EnergyStudy.from_plain,
+    lambda studies: [("Energy over long runs.", energy_table(studies))], _verdict, show_energy,
+    behind=False,
+)  # fmt: skip

@@ -13,17 +13,32 @@ step that happens; what counts then is the worst of 21 neighbouring numbers of s
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.methods import METHODS, method_named
+from granular.methods.method import COMPENSATED
 from granular.shared.errors import InputError, RunError
-from validation.convergence_result import CLEAR, ConvergenceResult, Slope
-from validation.exact.problem import Moment, Problem
+from validation import outside
+from validation.convergence_result import (
+    CLEAR,
+    HIGH_ORDER,
+    ConvergenceResult,
+    Slope,
+    convergence_table,
+    convergence_verdict,
+    show_convergence,
+)
+from validation.exact import NAMES, bounce, exact_problem
+from validation.exact.problem import Problem, Snapshot
+from validation.runner import Plain, Section, Task
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -37,9 +52,9 @@ DECADE = 10.0
 LEAST_SPAN = 3.0
 """Least ratio of the steps in a fit; where rounding leaves no whole decade, the table says so."""
 
-HIGH_ORDER, LONGER = 6, 4.0
-"""Methods of this order and more have many stages a step, and start from steps this much longer:
-a decade of steps takes their error through six decades or more, which must lie above rounding."""
+LONGER = 4.0
+"""Methods of order `HIGH_ORDER` and more start from steps this much longer: a decade of steps takes
+their error through six decades or more, which must lie above rounding."""
 
 LATER = 4.0
 """Methods of order one begin at steps this much shorter still: their second-order error, which
@@ -51,7 +66,7 @@ NEIGHBOURS = 21
 _LEAST_POINTS = 4
 _SLACK = 0.98  # numbers of steps are whole, so a decade may be a little less
 
-Solver = Callable[[Problem, int], Moment]
+Solver = Callable[[Problem, int], Snapshot]
 """The grains at a problem's time, after that many equal steps."""
 
 
@@ -61,7 +76,6 @@ def toolkit(method: str) -> Solver:
     A method that chooses its steps itself is asked for the multiple of its automatic step that
     makes about as many.
     """
-    from granular.methods import method_named
     from granular.run.simulation import simulate
 
     variable = method_named(method).variable
@@ -84,10 +98,10 @@ def toolkit(method: str) -> Solver:
                 scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False
             )
 
-    def solve(problem: Problem, count: int) -> Moment:
+    def solve(problem: Problem, count: int) -> Snapshot:
         done = run(problem, step(problem, count))
         data, steps = done.dataset, int(done.settings()["steps"])
-        return Moment(
+        return Snapshot(
             data["position"].values[-1], data["velocity"].values[-1], steps if variable else None
         )
 
@@ -123,7 +137,6 @@ def fits(problem: Problem, method: str) -> bool:
 
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
     """
-    from granular.methods import method_named
     from granular.run.options import is_allowed
 
     effects = problem.scene.effects
@@ -167,8 +180,6 @@ def convergence(
     >>> round(convergence(exact_problem("oscillation"), "stormer-verlet").fit.value, 2)
     2.0
     """
-    from granular.methods import method_named
-
     order = method_named(method).order if order is None else order
     solve = toolkit(method) if solver is None else solver
     counts = step_counts(problem, solve, order) if counts is None else tuple(counts)
@@ -234,3 +245,74 @@ def _line(steps: Sequence[float], errors: Sequence[float], first: int, last: int
     margin = float(stats.t.ppf(0.975, last - first - 1)) * float(line.stderr)
     value = float(line.slope)
     return Slope(value, (value - margin, value + margin), first, last)
+
+
+# In the report ----------------------------------------------------------------------------------
+
+QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
+"""On every problem; they share their compiled code."""
+
+QUICK_PROBLEM = "oscillation"
+"""The problem that all methods are shown on, also quickly."""
+
+OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
+"""Problems for the outside references; quickly the first one."""
+
+
+def convergence_tasks(full: bool) -> list[Task]:
+    """Every method on every exact problem it fits."""
+    tasks = [
+        convergence_task(shown_method(method), name, full)
+        for name in NAMES
+        for method in METHODS
+        if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
+        and fits(exact_problem(name), method)
+    ]
+    problems = OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1]
+    return tasks + [
+        convergence_task(reference, name, full) for name in problems for reference in outside.ORDERS
+    ]
+
+
+def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:
+    """A method on an exact problem; ``more`` tells it from others of the name."""
+    key = {"problem": problem, "method": method, "full": full, **more}
+    return Task(f"{method} on {problem}", key, partial(_converge, problem, method, full))
+
+
+def shown_method(name: str) -> str:
+    """The form in which a method shows its order: high orders with compensated sums.
+
+    Six decades of error fit above rounding only if sums do not add to it.
+    """
+    method = method_named(name)
+    high = method.order >= HIGH_ORDER and method.tableau is None
+    return f"{name}{COMPENSATED}" if high else name
+
+
+def _converge(name: str, method: str, full: bool) -> Plain:
+    # Methods of order one would need too many steps for all of de Paula's 2 s; those of high
+    # order have too few steps that are short enough for every turn and still clear of rounding.
+    reference = method in outside.ORDERS
+    short = not full or reference or _is_shown_briefly(method)
+    problem = exact_problem(name)
+    if short and name == "bounce":
+        problem = bounce.problem(time=bounce.SHORT)
+    if reference:
+        solve, order = outside.solver(method), outside.ORDERS[method]
+        # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
+        counts = step_counts(dataclasses.replace(problem, fewest=2 * problem.fewest), solve, order)
+        return convergence(problem, method, counts, solver=solve, order=order).to_plain()
+    return convergence(problem, method).to_plain()
+
+
+def _is_shown_briefly(method: str) -> bool:
+    one = method_named(method)
+    return one.order == 1 or one.order >= HIGH_ORDER or one.tableau is not None
+
+
+CONVERGENCE = Section(
+    "convergence", "Order of convergence", convergence_tasks, ConvergenceResult.from_plain,
+    lambda results: [("Orders of convergence.", convergence_table(results))],
+    convergence_verdict, show_convergence,
+)  # fmt: skip

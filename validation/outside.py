@@ -18,7 +18,7 @@ from granular.protocol import Hold
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from validation.exact.problem import Moment, Problem
+from validation.exact.problem import Problem, Snapshot
 
 SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
 ORDERS = {SCIPY: 8, DIFFRAX: 5}
@@ -129,30 +129,30 @@ def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
     return found
 
 
-def solver(name: str) -> Callable[[Problem, int], Moment]:
+def solver(name: str) -> Callable[[Problem, int], Snapshot]:
     """An outside reference at equal steps, to see its order with `validation.order`."""
     solve = _scipy if name == SCIPY else _diffrax
 
-    def fixed(problem: Problem, count: int) -> Moment:
+    def fixed(problem: Problem, count: int) -> Snapshot:
         return solve(problem.scene, problem.time, count, None)
 
     return fixed
 
 
-def adaptive(name: str, scene: Scene, time: float, tolerance: float) -> Moment:
+def adaptive(name: str, scene: Scene, time: float, tolerance: float) -> Snapshot:
     """The grains at a time [s], by an outside reference that chooses its steps by a tolerance."""
     solve = _scipy if name == SCIPY else _diffrax
     return solve(scene, time, None, tolerance)
 
 
-def _moment(state: np.ndarray, scales: Scales, steps: int) -> Moment:
+def _snapshot(state: np.ndarray, scales: Scales, steps: int) -> Snapshot:
     places, velocities = np.split(np.asarray(state), 2)
-    return Moment(
+    return Snapshot(
         places.reshape(-1, 2) * scales.length, velocities.reshape(-1, 2) * scales.velocity, steps
     )
 
 
-def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Moment:
+def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
     from scipy.integrate import DOP853
 
     begin = start(scene)
@@ -170,14 +170,14 @@ def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None
         while run.status == "running":
             run.step()
             steps += 1
-    return _moment(run.y, begin.scales, steps)
+    return _snapshot(run.y, begin.scales, steps)
 
 
 _SOLVES: dict[str, Any] = {}
 """Compiled by JAX, for each set of forces and kind of step."""
 
 
-def _diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Moment:
+def _diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
     begin = start(scene)
     until = time / begin.scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
@@ -185,7 +185,7 @@ def _diffrax(scene: Scene, time: float, count: int | None, tolerance: float | No
         _SOLVES[repr(parts)] = _compiled(scene, equal=count is not None)
     given = tolerance if count is None else until / count
     state, steps = _SOLVES[repr(parts)](begin.state, until, given)
-    return _moment(state, begin.scales, int(steps))
+    return _snapshot(state, begin.scales, int(steps))
 
 
 def _compiled(scene: Scene, *, equal: bool) -> Any:

@@ -10,9 +10,15 @@ from granular.methods import METHODS, Method, method_named
 from granular.methods.named import add_methods, method_setting
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.parts import Part, Piece
+from validation.cost.measuring import candidates
+from validation.cost.section import WORK_PRECISION, work_precision_task
+from validation.energy import ENERGY, energy_task, swing
+from validation.exact import NAMES, exact_problem
+from validation.order import CONVERGENCE, convergence_task, fits, shown_method
 from validation.quantities import quantity_named
 from validation.report import report
+from validation.runner import Task
+from validation.scenes import frictionless_bed
 
 BESIDE = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
 """Built-in methods that are measured with them; they share their compiled code."""
@@ -76,32 +82,25 @@ def method_report(
     add_methods(one for one in methods if isinstance(one, Method) and one.name not in METHODS)
     names = [one.name if isinstance(one, Method) else method_named(one).name for one in methods]
     every = tuple(dict.fromkeys((*names, *BESIDE)))
-    parts = (
-        Part("convergence", lambda full: list(_slopes(every, full))),
-        Part("energy", lambda full: list(_energies((*every, CONTROL)))),
-        Part("work-precision", lambda full: [_cost(every, scene, quantities, until)]),
+    sections = (
+        CONVERGENCE._replace(tasks=lambda full: list(_slopes(every, full))),
+        ENERGY._replace(tasks=lambda _: list(_energies((*every, CONTROL)))),
+        WORK_PRECISION._replace(tasks=lambda _: [_cost(every, scene, quantities, until)]),
     )
-    return report(directory, parts=parts, progress=progress)
+    return report(directory, sections, progress=progress)
 
 
-def _slopes(names: Sequence[str], full: bool) -> Iterator[Piece]:
-    from validation.exact import NAMES, exact_problem
-    from validation.order import fits
-    from validation.programme import convergence_piece, shown_method
-
+def _slopes(names: Sequence[str], full: bool) -> Iterator[Task]:
     for problem in NAMES:
         for name in names:
             if fits(exact_problem(problem), name):
-                yield convergence_piece(shown_method(name), problem, full, **_table(name))
+                yield convergence_task(shown_method(name), problem, full, **_table(name))
 
 
-def _energies(names: Sequence[str]) -> Iterator[Piece]:
-    from validation.energy import swing
-    from validation.programme import energy_piece
-
+def _energies(names: Sequence[str]) -> Iterator[Task]:
     for name in names:
         if not method_named(name).variable:
-            yield energy_piece(swing(name, PERIODS), **_table(name))
+            yield energy_task(swing(name, PERIODS), **_table(name))
 
 
 def _cost(
@@ -109,10 +108,7 @@ def _cost(
     scene: Scene | None,
     quantities: Sequence[str] | None,
     until: float | None,
-) -> Piece:
-    from validation.choice import candidates
-    from validation.programme import frictionless_bed, work_precision_piece
-
+) -> Task:
     if scene is None:
         scene, until = frictionless_bed(), HORIZON if until is None else until
         quantities = quantities or ("energy", "positions")
@@ -120,7 +116,7 @@ def _cost(
     if not settings:
         raise InputError(f"none of {', '.join(names)} can run {scene.name!r}; give another scene")
     tables = {name: table for name in names for table in _table(name).values()}
-    return work_precision_piece(
+    return work_precision_task(
         scene, tuple(quantities or ("energy",)), settings, {"until": until}, tables=tables
     )
 

@@ -7,107 +7,97 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.scene.scene import Scene
 from granular.shared.files import make_directory, write_json
 from granular.shared.html import Page
-from validation.glance import glance_part
-from validation.outcomes import Outcome
-from validation.parts import FAILED, Part, Plain, machine, measured
-from validation.programme import PARTS, part_named
-from validation.sections.common import Shown, sound
-from validation.sections.convergence import CONVERGENCE
-from validation.sections.cost import WORK_PRECISION
-from validation.sections.energy import ENERGY
-from validation.sections.glance import GLANCE, glance_section
-from validation.sections.source import SOURCE
-from validation.sections.stability import STABILITY
+from validation.cost.section import WORK_PRECISION
+from validation.depaula import DEPAULA
+from validation.energy import ENERGY
+from validation.order import CONVERGENCE
+from validation.overview import OVERVIEW, hard_table
+from validation.runner import FAILED, Plain, Section, machine, measure
+from validation.stability import STABILITY
+from validation.table import tabulate
 
 Results = Mapping[str, Sequence[Plain]]
 
-ALL = tuple(part.name for part in PARTS)
-"""Names of all parts."""
-
-SHOWN: Mapping[str, Shown] = {
-    "glance": GLANCE,
-    "convergence": CONVERGENCE,
-    "source-experiment": SOURCE,
-    "energy": ENERGY,
-    "work-precision": WORK_PRECISION,
-    "stability": STABILITY,
+SECTIONS = {
+    one.name: one for one in (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
 }
 
 
 def report(
-    directory: str | Path,
+    directory: str | Path | None,
+    sections: Sequence[Section] = tuple(SECTIONS.values()),
     *,
     full: bool = False,
-    parts: Sequence[str | Part] = ALL,
-    scenes: Sequence[Scene] = (),
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Measure the parts, and write ``report.html`` and ``report.json``.
+    """Measure sections, and write ``report.html`` and ``report.json``.
 
     What was measured before with the same sources is read from ``directory``/pieces.
 
     Parameters
     ----------
-    directory : str or Path
+    directory : str, Path or None
+        Nothing is written where it is None.
+    sections : sequence of Section
+        Some of `SECTIONS`, or such with other tasks.
     full : bool
         Everything, which takes an hour or so; without, what fits into a few minutes.
-    parts : sequence of str or Part
-        Which ones: of the programme by name, or others, which have a name of the programme's.
-    scenes : sequence of Scene
-        Scenes of the user's own: then the first screen alone is made, for these.
     progress : bool
         Show a progress bar on standard error.
 
     Returns
     -------
     dict
-        What the JSON file holds: the parts' results, a verdict each, and the machine.
+        What the JSON file holds: the sections' results, a verdict each, and the machine.
 
     Raises
     ------
     InputError
         If the directory cannot be written.
     """
-    where = Path(directory)
-    make_directory(where)
-    wanted = [part_named(part) if isinstance(part, str) else part for part in parts]
-    if scenes:
-        wanted = [glance_part(scenes, hard=True)]
+    where = None if directory is None else Path(directory)
+    if where is not None:
+        make_directory(where)
     results: dict[str, Sequence[Plain]] = {
-        part.name: measured(part, where, full=full, progress=progress) for part in wanted
+        one.name: measure(one.name, one.tasks(full), where, progress=progress) for one in sections
     }
-    found = summary(results) | {"full": full, "machine": machine(), "parts": results}
-    page(results, full=full).save(where / "report.html")
-    write_json(where / "report.json", found)
-    return found
+    plain = summary(results) | {"full": full, "machine": machine(), "parts": results}
+    if where is not None:
+        page(results, full=full).save(where / "report.html")
+        write_json(where / "report.json", plain)
+    return plain
 
 
 def page(results: Results, *, full: bool) -> Page:
-    """The report as a page."""
-    found = summary(results)
-    wrong = [name for name, held in found["held"].items() if not held]
+    """Return the report as a page."""
+    read = {SECTIONS[name]: _read(name, ones) for name, ones in results.items()}
+    verdicts = summary(results)
+    wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
     shown = Page("Proof of the numbers", lead)
-    if "glance" in results:
-        stable = [Outcome.from_plain(one) for one in sound(results.get("stability", ()))]
-        glance_section(shown, results["glance"], stable)
+    if OVERVIEW in read:
+        _show(shown, OVERVIEW, read[OVERVIEW], results)
+        if STABILITY in read:
+            shown.section("Hard cases at a glance")
+            tabulate(shown, hard_table(read[STABILITY]))
     shown.section("What holds")
     words = {True: "yes", False: "NO"}
     shown.table(
         ("part", "holds", "what was found"),
-        [(name, words[found["held"][name]], one) for name, one in found["verdicts"].items()],
+        [(name, words[verdicts["held"][name]], one) for name, one in verdicts["verdicts"].items()],
     )
-    below = {name: ones for name, ones in results.items() if name != "glance"}
-    for name, ones in below.items():
-        SHOWN[name].section(shown, ones)
-    if below:
+    below = {section: ones for section, ones in read.items() if section is not OVERVIEW}
+    for section, ones in below.items():
+        _show(shown, section, ones, results)
+    if any(section.behind for section in below):
         shown.section("All measurements")
-        for name, one in SHOWN.items():
-            if one.measurements is not None and (ones := sound(below.get(name, ()))):
-                one.measurements(shown, ones)
+    for section, ones in below.items():
+        if section.behind and ones:
+            for title, table in section.tables(ones):
+                shown.text(title)
+                tabulate(shown, table)
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if full else "quick"
     shown.footer(
@@ -116,19 +106,48 @@ def page(results: Results, *, full: bool) -> Page:
     return shown
 
 
+def _read(name: str, results: Sequence[Plain]) -> list[Any]:
+    """The results that did not fail."""
+    return [SECTIONS[name].read(one) for one in results if FAILED not in one]
+
+
+def _show(page: Page, section: Section, ones: Sequence[Any], results: Results) -> None:
+    """A section's texts and figures, its tables unless they stand behind, and what failed."""
+    if section.title:
+        page.section(section.title)
+    if ones:
+        section.show(page, ones)
+    if ones and not section.behind:
+        for _, table in section.tables(ones):
+            tabulate(page, table)
+    for line in _failures(results[section.name]):
+        page.note(line)
+
+
+def _failures(results: Sequence[Plain]) -> list[str]:
+    return [f"{one['label']} failed: {one[FAILED]}" for one in results if FAILED in one]
+
+
 def summary(results: Results) -> dict[str, Any]:
-    """A verdict for each part, whether it holds, and whether all of them do."""
+    """Return a verdict for each section, whether it holds, and whether all of them do."""
     verdicts, held = {}, {}
     for name, ones in results.items():
-        verdicts[name], right = SHOWN[name].verdict(sound(ones))
-        failed = sum(FAILED in one for one in ones)
+        verdicts[name], right = SECTIONS[name].verdict(_read(name, ones))
+        failed = len(_failures(ones))
         if failed:
             verdicts[name] += f" ({failed} could not be measured)"
         held[name] = right and not failed
     return {"verdicts": verdicts, "held": held, "holds": all(held.values())}
 
 
-def part_text(name: str, results: Sequence[Plain]) -> str:
-    """The tables of a part for the console, and what failed."""
-    failed = [f"{one['label']} failed: {one[FAILED]}" for one in results if FAILED in one]
-    return "\n".join([SHOWN[name].text(sound(results)), *failed, ""])
+def report_text(plain: Mapping[str, Any]) -> str:
+    """Return the tables of a report for the console, what failed, and the verdicts."""
+    lines = [section_text(name, ones) for name, ones in plain["parts"].items()]
+    return "\n".join([*lines, *(f"{name}: {one}" for name, one in plain["verdicts"].items())])
+
+
+def section_text(name: str, results: Sequence[Plain]) -> str:
+    """Return the tables of a section for the console, and what failed."""
+    tables = SECTIONS[name].tables(_read(name, results))
+    texts = [f"{title}\n{table.text()}\n" for title, table in tables]
+    return "\n".join([*texts, *_failures(results)])

@@ -1,11 +1,22 @@
-"""A table for people: on the console and on a page."""
+"""Tables and figures for people: on the console and on a page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from granular.shared.tables import in_columns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from granular.shared.html import Page
+
+WIDTH = 5.6
+"""Of a figure [inch]: narrow enough for its letters to be read on a phone."""
+
+LONGEST_NUMBER = 16
+"""Letters of a number with its unit; what is longer is words."""
 
 
 class TextTable(NamedTuple):
@@ -20,5 +31,23 @@ class TextTable(NamedTuple):
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextTable:
-    """A table of anything that can be written."""
+    """Return a table of anything that can be written."""
     return TextTable(tuple(header), tuple(tuple(map(str, row)) for row in rows))
+
+
+def tabulate(page: Page, shown: TextTable) -> None:
+    """Add a table whose numbers are not broken to a page."""
+    page.table(shown.header, [tuple(map(unbroken, row)) for row in shown.rows])
+
+
+def unbroken(cell: str) -> str:
+    """Keep a number and its unit on one line: 1e-06 is not broken at its sign."""
+    if "," in cell or len(cell) > LONGEST_NUMBER or not cell.lstrip("+-")[:1].isdigit():
+        return cell
+    return cell.replace("-", "\u2011").replace(" ", "\u00a0")
+
+
+def legend(axes: Axes, columns: int = 2) -> None:
+    """Draw a legend below the axes."""
+    # Below the axes, so that a narrow page leaves the figure wide enough to be read.
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)

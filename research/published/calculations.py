@@ -80,9 +80,9 @@ def final_heights(_: bool) -> Numbers:
 
 def single_particle(full: bool) -> Numbers:
     """De Paula's test of its method; its finest steps only in full."""
-    from validation.source_experiment import COMPENSATED, PLAIN, source_experiment
+    from validation.depaula import COMPENSATED, PLAIN, depaula_experiment
 
-    found = source_experiment(full=full)
+    found = depaula_experiment(full=full)
     finest = found.of(PLAIN)[-1]
     clean = found.of(COMPENSATED)[-1]
     assert finest.peak_difference is not None

@@ -60,7 +60,7 @@ class Entry:
     Attributes
     ----------
     key : str
-        Where it stands in ``values.toml``: ``"section.name[place]"``.
+        Where it stands in ``published.toml``: ``"section.name[place]"``.
     what : str
     measure : callable
         Ours from the results; None where the runs it needs are not there.

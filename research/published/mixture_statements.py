@@ -20,7 +20,7 @@ from research.published.statement import (
     StatementCheck,
     mean_course,
 )
-from validation.published.values import published_value
+from validation.published import published_value
 
 ALIKE = 0.2
 """Correlation of neighbours' forces up to which they are called independent."""

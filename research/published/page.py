@@ -50,7 +50,7 @@ SECTIONS = {
     "Constants and the method": ("default_grain", "walls", "single_particle", "final_height",
                                  "oscillator"),
 }  # fmt: skip
-"""Sections of the report, with those of ``values.toml`` that they show."""
+"""Sections of the report, with those of ``published.toml`` that they show."""
 
 
 def page(shown: Results, quick: Results | None = None) -> Page:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from research.published.protocols import PUBLISHED, QUICK, Protocol
 from research.published.series import Series, fall, mixture, mono, pressed
-from validation.published.values import duration
+from validation.published import duration
 
 SIZES = (92, 184, 276, 368, 460, 552, 644, 736)
 LISTED = (368, 460, 552, 644, 736)

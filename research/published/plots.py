@@ -27,7 +27,7 @@ from research.published.plan import (
     mixture_name,
 )
 from research.published.results import Results
-from validation.published.values import published_value
+from validation.published import published_value
 
 WIDTH = 6.4
 _PUBLISHED = {"marker": "x", "linestyle": "none", "markersize": 7.0, "markeredgewidth": 1.6}

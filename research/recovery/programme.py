@@ -27,7 +27,7 @@ from research.recovery.systems import (
     law_of_system,
     made_record,
 )
-from validation.parts import KEY_LENGTH, machine
+from validation.runner import KEY_LENGTH, machine
 
 _QUICK = (0.01,)
 _PEER_STARTS = 3

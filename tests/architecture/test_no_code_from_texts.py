@@ -33,7 +33,6 @@ ALLOWED = {
     ("granular/effects/registry.py", "import_module"): "the files of the package itself",
     ("granular/compiled/cache.py", "pickle.loads"):
         "compiled code that was sealed, in a folder that belongs to the user alone",
-    ("validation/exact/__init__.py", "import_module"): "names from a table in the source",
     ("benchmarks/others.py", "import_module"): "names from a table in the source",
     ("validation/console_script.py", "import_module"): "the three packages' own names",
 }  # fmt: skip

@@ -12,7 +12,7 @@ from benchmarks import prices as module
 from benchmarks.prices import Priced, priced_scenes, prices, prices_text, rounded
 from granular import Scene
 from granular.run import prices as stored
-from validation.parts import Plain
+from validation.runner import Plain
 
 NAMES = ("piston force", "energy")
 

@@ -10,9 +10,8 @@ import pytest
 from granular.methods import METHODS
 from granular.schema.scales import Scales
 from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
-from validation.exact import NAMES, Moment, Problem, bounce, exact_problem
-from validation.order import Solver, convergence, fits, fitted_slope
-from validation.programme import shown_method
+from validation.exact import NAMES, Problem, Snapshot, bounce, exact_problem
+from validation.order import Solver, convergence, fits, fitted_slope, shown_method
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
 
@@ -53,7 +52,7 @@ def test_an_error_that_stays_has_no_order() -> None:
 def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
     """Verlet in plain Python for one grain over the wall or with drag; with slips on demand."""
 
-    def solve(problem: Problem, count: int) -> Moment:
+    def solve(problem: Problem, count: int) -> Snapshot:
         scales, effects = Scales.of(problem.scene.grains), problem.scene.effects
         weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
         rate = effects.drag.decay_rate(scales) if effects.drag else 0.0
@@ -75,7 +74,7 @@ def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
             v = kick(v, x)
             x = x + h * v
             v = kick(v, x)
-        return Moment(x[None] * scales.length, v[None] * scales.velocity)
+        return Snapshot(x[None] * scales.length, v[None] * scales.velocity)
 
     return solve
 

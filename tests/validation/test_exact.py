@@ -13,9 +13,9 @@ from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from validation.exact import NAMES, Problem, exact_problem, oscillation
 from validation.exact.bounce import bounce_period, bounce_scene, well
-from validation.exact.constants import natural_units
+from validation.exact.closed_forms import stopping_time
+from validation.exact.problem import natural_units
 from validation.exact.quadrature import place_from_top, speed
-from validation.exact.sliding import stopping_time
 
 Force = Callable[[float, np.ndarray, np.ndarray, Problem, Scales], np.ndarray]
 

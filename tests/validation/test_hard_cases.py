@@ -6,8 +6,10 @@ import pytest
 
 from granular import simulate
 from granular.shared.errors import EnergyError
-from validation.hard_cases import COSTLY, catalogue, near_limit, verlet_swing
-from validation.outcomes import CRASHED, SILENT, HardCase, outcome
+from validation.hard_cases import COSTLY, catalogue, near_limit
+from validation.hard_cases.case import HardCase
+from validation.hard_cases.motions import verlet_swing
+from validation.stability import CRASHED, SILENT, outcome
 
 CASES = catalogue()
 

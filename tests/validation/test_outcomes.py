@@ -11,13 +11,13 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene
 from granular.shared.errors import EnergyError, SceneError
-from validation.outcomes import (
+from validation.hard_cases.case import HardCase, Measure
+from validation.stability import (
     ACCURATE,
     CRASHED,
     DEGRADED,
     SILENT,
     STOPPED,
-    HardCase,
     Outcome,
     outcome,
 )
@@ -54,7 +54,9 @@ def case(
     made: Callable[[], Scene] = scene,
     **options: object,
 ) -> HardCase:
-    return HardCase("case", "what", made, measure, "error", 0.1, 0.001, 0.001, dt=1e-4, **options)
+    return HardCase(
+        "case", "what", made, 0.001, 0.001, Measure("error", measure), 0.1, dt=1e-4, **options
+    )
 
 
 @pytest.mark.parametrize(

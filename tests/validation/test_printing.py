@@ -8,12 +8,13 @@ import math
 import pytest
 
 from validation.convergence_result import ConvergenceResult, Slope
-from validation.cost import Point, Setting, WorkPrecision
+from validation.cost.point import Point, SolverSettings
+from validation.cost.study import WorkPrecision
+from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaExperiment, DepaulaRun
 from validation.energy import EnergyStudy
-from validation.outcomes import ACCURATE, Outcome
-from validation.parts import FAILED, Plain
-from validation.report import part_text
-from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExperiment, SourceRun
+from validation.report import section_text
+from validation.runner import FAILED, Plain
+from validation.stability import ACCURATE, Outcome
 from validation.trend import Trend
 
 ORDER = ConvergenceResult(
@@ -27,12 +28,13 @@ ENERGY = EnergyStudy(
 )  # fmt: skip
 COST = WorkPrecision(
     "damper", "period", "1", None,
-    (Point(Setting("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5),), 1e-4, "finer",
+    (Point(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5),), 1e-4,
+    "finer",
 )  # fmt: skip
 CASE = Outcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
-SOURCE = SourceExperiment(
+SOURCE = DepaulaExperiment(
     tuple(
-        SourceRun(form, h, 0.1 + 1e4 * h * h, 1e4 * h * h, 1.0)
+        DepaulaRun(form, h, 0.1 + 1e4 * h * h, 1e4 * h * h, 1.0)
         for form in (PLAIN, COMPENSATED, TOOLKIT)
         for h in (4e-6, 2e-6, 1e-6)
     )
@@ -43,18 +45,18 @@ SOURCE = SourceExperiment(
     ("part", "plain", "said"),
     [
         ("convergence", ORDER.to_plain(), ("bounce", "pefrl", "4.0100")),
-        ("source-experiment", SOURCE.to_plain(), ("4e-06", "1.60e-07")),
+        ("depaula", SOURCE.to_plain(), ("4e-06", "1.60e-07")),
         ("energy", ENERGY.to_plain(), ("swing", "explicit-euler", "gains")),
         ("work-precision", {"studies": [COST.to_plain()]}, ("period of damper", "auto*8", "1.5")),
         ("stability", CASE.to_plain(), ("drop", "auto", "2.0e-02")),
-        ("glance", {"studies": [COST.to_plain()], "fresh": [], "starts": 5},
+        ("overview", {"studies": [COST.to_plain()], "fresh": [], "starts": 5},
          ("damper: what accuracy costs", "auto*8: 1.5 s")),
-        ("glance", {"outcomes": [CASE.to_plain()]}, ("1",)),
+        ("overview", {"outcomes": [CASE.to_plain()]}, ("1",)),
     ],
 )  # fmt: skip
 def test_a_parts_figures_are_said(part: str, plain: Plain, said: tuple[str, ...]) -> None:
     kept = json.loads(json.dumps(plain))  # as it comes back from a file
-    text = part_text(part, [kept, {"label": "the next", FAILED: "RunError: off"}])
+    text = section_text(part, [kept, {"label": "the next", FAILED: "RunError: off"}])
     assert all(words in text for words in said), text
     assert "the next failed: RunError: off" in text
     assert str(math.nan) not in text

@@ -9,15 +9,15 @@ import pytest
 
 from granular import Scene, Trajectory, damper, load_scene, simulate
 from granular.run.accuracy import accurate, asked
-from validation import Setting, cheapest
+from validation import SolverSettings, recommend_settings
 from validation.cost.measuring import starts_of, truths
-from validation.programme import compression_scene
 from validation.quantities import QUANTITIES
+from validation.scenes import compression_scene
 
 FRESH = 5
 FIRST = 1001
 """Seed of the first fresh start: no study has seen it."""
-REFERENCE = Setting("stormer-verlet", "auto/4")
+REFERENCE = SolverSettings("stormer-verlet", "auto/4")
 KNOWN_STARTS = 12
 
 
@@ -62,7 +62,7 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
 def test_the_cheapest_setting_keeps_its_tolerance(
     scene: Scene, quantity: str, tolerance: float
 ) -> None:
-    choice = cheapest(scene, quantity, tolerance)
+    choice = recommend_settings(scene, quantity, tolerance)
     print(choice)
     if choice.below_floor:
         assert choice.starts > 1

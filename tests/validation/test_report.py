@@ -1,4 +1,4 @@
-"""The report: pieces kept on disk, sections, verdicts, and the command line."""
+"""The report: results kept on disk, sections, verdicts, and the command line."""
 
 from __future__ import annotations
 
@@ -12,47 +12,46 @@ import pytest
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
 from validation.energy import EnergyRun, energy_runs, energy_study
-from validation.parts import FAILED, Part, Piece, Plain, measured
-from validation.programme import PARTS
-from validation.report import page, summary
+from validation.report import SECTIONS, page, summary
+from validation.runner import FAILED, Plain, Task, measure
 from validation.trend import Trend
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def part(measure: Callable[[], Plain], key: str = "a") -> Part:
-    return Part("part", lambda _: [Piece("piece", {"key": key}, measure)])
+def measured(made: Callable[[], Plain], directory: Path | None, key: str = "a") -> list[Plain]:
+    return measure("section", [Task("task", {"key": key}, made)], directory, progress=False)
 
 
 def test_finished_pieces_are_found_again(tmp_path: Path) -> None:
     calls: list[int] = []
 
-    def measure() -> Plain:
+    def made() -> Plain:
         calls.append(1)
         return {"value": 0.1}
 
     for _ in range(2):
-        assert measured(part(measure), tmp_path, progress=False) == [{"value": 0.1}]
+        assert measured(made, tmp_path) == [{"value": 0.1}]
     assert len(calls) == 1
-    measured(part(measure, "b"), tmp_path, progress=False)
-    assert len(calls) == 2  # another content is another piece
-    measured(part(measure), None, progress=False)
+    measured(made, tmp_path, "b")
+    assert len(calls) == 2  # another content is another task
+    measured(made, None)
     assert len(calls) == 3  # nothing is kept without a directory
 
 
 def test_a_cut_piece_is_measured_again(tmp_path: Path) -> None:
-    measured(part(lambda: {"value": 1}), tmp_path, progress=False)
+    measured(lambda: {"value": 1}, tmp_path)
     (kept,) = (tmp_path / "pieces").iterdir()
     kept.write_text(kept.read_text(encoding="utf-8")[:-3], encoding="utf-8")
     with pytest.warns(UserWarning, match="damaged; what it held is made anew"):
-        assert measured(part(lambda: {"value": 2}), tmp_path, progress=False) == [{"value": 2}]
+        assert measured(lambda: {"value": 2}, tmp_path) == [{"value": 2}]
 
 
 def test_a_failure_is_a_result(tmp_path: Path) -> None:
     def fails() -> Plain:
         raise SceneError("a value, a limit, a remedy")
 
-    (result,) = measured(part(fails), tmp_path, progress=False)
+    (result,) = measured(fails, tmp_path)
     assert result[FAILED] == "SceneError: a value, a limit, a remedy"
     results = {"convergence": [result]}
     assert summary(results)["holds"] is False
@@ -62,13 +61,13 @@ def test_a_failure_is_a_result(tmp_path: Path) -> None:
 def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(InputError, match="give another place"):
-        measured(part(dict), tmp_path / "file", progress=False)
+        measured(dict, tmp_path / "file")
 
 
-def test_pieces_have_keys_of_their_own() -> None:
-    for one in PARTS:
+def test_tasks_have_keys_of_their_own() -> None:
+    for one in SECTIONS.values():
         for full in (False, True):
-            keys = [json.dumps(piece.key, sort_keys=True) for piece in one.pieces(full)]
+            keys = [json.dumps(task.key, sort_keys=True) for task in one.tasks(full)]
             assert len(set(keys)) == len(keys), one.name
             assert keys
 

@@ -8,14 +8,19 @@ import math
 import pytest
 
 from granular.shared.html import Page
-from validation.convergence_result import ConvergenceResult, Slope
-from validation.cost import USUAL, Point, Setting, WorkPrecision
-from validation.outcomes import ACCURATE, DEGRADED, STOPPED, Outcome
-from validation.sections.convergence import convergence_holds, slopes
-from validation.sections.cost import choices
-from validation.sections.source import source_section
-from validation.sections.stability import stability_matrix
-from validation.source_experiment import COMPENSATED, PLAIN, TOOLKIT, SourceExperiment, SourceRun
+from validation.convergence_result import ConvergenceResult, Slope, convergence_holds, slopes
+from validation.cost.point import USUAL, Point, SolverSettings
+from validation.cost.section import choices
+from validation.cost.study import WorkPrecision
+from validation.depaula import (
+    COMPENSATED,
+    PLAIN,
+    TOOLKIT,
+    DepaulaExperiment,
+    DepaulaRun,
+    show_depaula,
+)
+from validation.stability import ACCURATE, DEGRADED, STOPPED, Outcome, stability_matrix
 
 
 def result(
@@ -98,8 +103,8 @@ def test_outcomes_stand_in_a_row_a_case() -> None:
 
 
 def test_choices_say_their_share_of_the_default_time() -> None:
-    coarse = Point(Setting("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
-    usual = Point(Setting(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
+    coarse = Point(SolverSettings("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
+    usual = Point(SolverSettings(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
     study = WorkPrecision("bed", "energy", "1", None, (coarse, usual), 0.0, "the value 0")
     good, _, none = choices([study]).rows
     assert good[2:] == ("1 %", "stormer-verlet", "auto*4", "0.005", "1", "1", "0.25")
@@ -110,19 +115,19 @@ def test_choices_say_their_share_of_the_default_time() -> None:
     assert below[3:] == ("any: starts scatter by 0.001", "auto", "0", "4", "16", "4")
 
 
-def test_source_section_tells_slope_scatter_and_peaks() -> None:
+def test_the_section_of_de_paula_tells_slope_scatter_and_peaks() -> None:
     """Errors of h^2 without rounding: relative to the finest of 4, 2, 1 they are 15 and 3."""
     runs = [
-        SourceRun(form, h, 0.1 + error * h * h, error * h * h, 1.0, (1e-9, -2e-9), (0.2, 0.1, 0.2))
+        DepaulaRun(form, h, 0.1 + error * h * h, error * h * h, 1.0, (1e-9, -2e-9), (0.2, 0.1, 0.2))
         for form, error in ((PLAIN, 1e4), (COMPENSATED, 1e3), (TOOLKIT, 1e3))
         for h in (4e-6, 2e-6, 1e-6)
     ]
-    one = SourceExperiment(tuple(runs))
+    one = DepaulaExperiment(tuple(runs))
     assert one.slope(COMPENSATED) == pytest.approx(2.0)
     assert one.slope_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
     assert one.scatter_to_finest(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
     page = Page("page")
-    source_section(page, [one.to_plain()])
+    show_depaula(page, [DepaulaExperiment.from_plain(one.to_plain())])
     assert "slope 2.0000" in page.render()
     assert "makes a slope of 2.322" in page.render()
     assert "difference of two peaks is 3.0e-09 m" in page.render()

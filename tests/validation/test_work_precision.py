@@ -13,26 +13,25 @@ from granular import load_scene, simulate
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
-from validation.choice import candidates, cheapest, choice
-from validation.cost import (
-    LEVELS,
-    Point,
-    Setting,
-    WorkPrecision,
+from validation.cost.measuring import (
+    candidates,
+    deviation,
     varies,
     work_precision,
     work_precisions,
 )
-from validation.cost.measuring import deviation
+from validation.cost.point import Point, SolverSettings
+from validation.cost.study import LEVELS, WorkPrecision
 from validation.exact import bounce
 from validation.quantities import QUANTITIES, MeasuredQuantity, small_swing
+from validation.recommendation import recommend_settings, recommendation
 
 
 def point(method: str, steps: int, error: float, seconds: float) -> Point:
-    return Point(Setting(method, f"auto*{1 / steps}"), error, seconds, steps)
+    return Point(SolverSettings(method, f"auto*{1 / steps}"), error, seconds, steps)
 
 
-FAILED = Point(Setting("verlet", "auto*8"), math.nan, math.nan, 0, "EnergyError: off")
+FAILED = Point(SolverSettings("verlet", "auto*8"), math.nan, math.nan, 0, "EnergyError: off")
 
 
 def study(*points: Point, floor: float = 0.0) -> WorkPrecision:
@@ -57,7 +56,7 @@ def test_a_setting_accurate_by_luck_is_not_chosen() -> None:
     assert found.cheapest(1e-1) == lucky
     assert found.cheapest(1e-9) is None
     with pytest.raises(InputError, match="least error is 1e-05"):
-        choice(found, 1e-9)
+        recommendation(found, 1e-9)
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -67,7 +66,7 @@ def test_picture_names_what_cheapest_chooses(level: str) -> None:
         point("a", 10, 5e-3, 1.0), point("a", 100, 5e-5, 10.0), point("a", 1000, 5e-7, 100.0),
         point("b", 10, 2e-2, 2.0), point("b", 20, 1e-8, 4.0), FAILED,
     )  # fmt: skip
-    outside = Point(Setting("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
+    outside = Point(SolverSettings("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
     found = study(*points, outside)
     wanted = {"1 %": points[0], "0.1 %": points[4], "1e-6": points[4]}[level]
     assert found.cheapest(LEVELS[level]) == wanted
@@ -88,7 +87,7 @@ def test_outside_references_are_shown_and_never_chosen() -> None:
     """The lone grain: SciPy's position is measured like the toolkit's, its energy is not."""
     problem = bounce.problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
-    settings = [Setting("stormer-verlet", "auto"), Setting("SciPy DOP853", 1e-10)]
+    settings = [SolverSettings("stormer-verlet", "auto"), SolverSettings("SciPy DOP853", 1e-10)]
     energy, positions = work_precisions(
         problem.scene, ["energy", "positions"], settings, references=[0.0, exact], until=0.3
     )
@@ -101,8 +100,8 @@ def test_outside_references_are_shown_and_never_chosen() -> None:
 
 
 def test_choice_is_a_command_and_keywords() -> None:
-    setting = Setting("stormer-verlet", "auto*2", {"effects.friction.scheme": "velocity"})
-    found = choice(study(Point(setting, 1e-3, 1.0, 10)), 1e-2)
+    setting = SolverSettings("stormer-verlet", "auto*2", {"effects.friction.scheme": "velocity"})
+    found = recommendation(study(Point(setting, 1e-3, 1.0, 10)), 1e-2)
     assert found.keywords == {"dt": "auto*2", "method": "stormer-verlet"}
     assert found.changes == {"effects.friction.scheme": "velocity"}
     assert found.command == (
@@ -124,12 +123,12 @@ def test_study_of_the_lone_grain() -> None:
     """Errors against the exact motion fall with the step, and a choice can be run again."""
     problem = bounce.problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
-    settings = [Setting("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
-    settings.append(Setting("stormer-verlet", 1.0))  # a step longer than the run
+    settings = [SolverSettings("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
+    settings.append(SolverSettings("stormer-verlet", 1.0))  # a step longer than the run
     found = work_precision(problem.scene, "positions", settings, reference=exact, until=0.3)
     errors = [one.error for one in found.points[:3]]
     assert errors[0] > 8.0 * errors[1] > 64.0 * errors[2]
-    best = choice(found, 0.05)
+    best = recommendation(found, 0.05)
     run = simulate(
         problem.scene.replace(**best.changes), t_end=0.3, progress=False, **best.keywords
     )
@@ -142,7 +141,7 @@ def test_study_of_the_lone_grain() -> None:
 def test_methods_of_many_force_calls_are_tried_where_they_may_pay(
     tolerance: float, tried: bool
 ) -> None:
-    found = cheapest(bounce.problem(time=0.3).scene, "energy", tolerance, until=0.3)
+    found = recommend_settings(bounce.problem(time=0.3).scene, "energy", tolerance, until=0.3)
     families = {one.setting.family for one in found.study.points}
     assert "stormer-verlet" in families
     assert ("blanes-moan-6" in families) is tried
@@ -154,7 +153,7 @@ SEED = MeasuredQuantity("seed", "1", lambda run: float(run.scene.arrangement.see
 def test_floor_is_the_scatter_over_starts_and_the_error_a_mean() -> None:
     """Every setting is run from the same starts; a bias has a standard error."""
     bed = load_scene("bed").replace(**{"grains.count": 2})
-    verlet = Setting("stormer-verlet", 1e-4)
+    verlet = SolverSettings("stormer-verlet", 1e-4)
     found = work_precision(bed, SEED, [verlet], reference=verlet, until=0.001, seeds=3)
     assert found.floor == pytest.approx(np.std([1.0, 2.0, 3.0, 4.0], ddof=1) / 2.5)
     assert (found.points[0].error, found.points[0].doubt, found.points[0].starts) == (0.0, 0.0, 4)
@@ -167,15 +166,17 @@ def test_a_scene_without_random_starts_is_run_once() -> None:
     assert not varies(load_scene("single-particle"))
     assert varies(load_scene("damper"))
     once = work_precision(
-        load_scene("single-particle"), SEED, [Setting("stormer-verlet", 1e-4)], reference=1.0,
-        until=0.001, seeds=3,
+        load_scene("single-particle"), SEED, [SolverSettings("stormer-verlet", 1e-4)],
+        reference=1.0, until=0.001, seeds=3,
     )  # fmt: skip
     assert once.points[0].starts == 1
     assert once.floor == 0.0
 
 
 def scattered(starts: int, error: float, doubt: float, steps: int) -> Point:
-    return Point(Setting("a", f"auto*{1 / steps}"), error, 0.1 * steps, steps, None, doubt, starts)
+    return Point(
+        SolverSettings("a", f"auto*{1 / steps}"), error, 0.1 * steps, steps, None, doubt, starts
+    )
 
 
 def test_below_three_floors_the_answer_is_more_starts() -> None:
@@ -197,7 +198,7 @@ def test_below_three_floors_the_answer_is_more_starts() -> None:
     )
     assert found.cheapest(1e-2) is None
     assert found.cheapest(2e-2) == points[0]
-    chosen = choice(found, 1e-3)
+    chosen = recommendation(found, 1e-3)
     assert chosen.starts == 100
     assert "any of these" in str(chosen)
     json.dumps(chosen.to_plain(), allow_nan=False)
@@ -224,7 +225,7 @@ def made_study(
             bias = coarsest * 2.0 ** (-order * k) * random.choice([-1.0, 1.0])
             values = 1.0 + bias + random.normal(0.0, floor, starts)
             error, doubt = deviation(MADE, list(values), list(reference))
-            setting, seconds = Setting(method, f"auto/{2**k}"), price * 2.0**k
+            setting, seconds = SolverSettings(method, f"auto/{2**k}"), price * 2.0**k
             points.append(Point(setting, error, seconds, 2**k, None, doubt, starts))
             truth[f"{method} {setting.dt}"] = abs(bias), seconds
     scatter = float(np.std(reference, ddof=1))
@@ -265,7 +266,7 @@ def test_a_lucky_point_alone_is_chosen_by_what_was_there_before() -> None:
 
 def test_unknown_quantity_is_named() -> None:
     with pytest.raises(InputError, match="did you mean 'energy'"):
-        work_precision(load_scene("damper"), "enrgy", [Setting("stormer-verlet", "auto")])
+        work_precision(load_scene("damper"), "enrgy", [SolverSettings("stormer-verlet", "auto")])
     with pytest.raises(InputError, match="no settings"):
         work_precision(load_scene("damper"), "energy", [])
 

@@ -7,18 +7,8 @@ fails stays in the picture as a failure. Positions may also be computed by outsi
 (`validation.outside`); these are shown and never chosen.
 """
 
-from validation.cost.advice import FLOORS, Advice
-from validation.cost.measuring import (
-    Reference,
-    finest,
-    varies,
-    work_precision,
-    work_precisions,
-)
-from validation.cost.point import USUAL, Point, Setting
-from validation.cost.study import LEVELS, WorkPrecision
+from validation.cost.measuring import work_precision
+from validation.cost.point import SolverSettings
+from validation.cost.study import WorkPrecision
 
-__all__ = [
-    "FLOORS", "LEVELS", "USUAL", "Advice", "Point", "Reference", "Setting", "WorkPrecision",
-    "finest", "varies", "work_precision", "work_precisions",
-]  # fmt: skip
+__all__ = ["SolverSettings", "WorkPrecision", "work_precision"]

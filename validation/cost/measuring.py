@@ -16,7 +16,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import GranularError, InputError
-from validation.cost.point import Point, Setting
+from validation.cost.point import Point, SolverSettings
 from validation.cost.study import WorkPrecision
 from validation.outside import adaptive
 from validation.quantities import MeasuredQuantity, quantity_named
@@ -26,24 +26,23 @@ LONG = 1.0
 """A run of this length is timed well enough, and not repeated [s]."""
 
 Value = float | np.ndarray
-Reference = Setting | float | np.ndarray | None
+Reference = SolverSettings | float | np.ndarray | None
 """A setting to take the true value from, the value, or None for `finest` or the exact one."""
 
 
 class Truth(NamedTuple):
-    """What a quantity is measured against.
+    """Values that a quantity is measured against.
 
     Attributes
     ----------
-    told : str
-        In words.
+    words : str
     values : tuple of float or ndarray
         One for each start.
     floor : float
         How far the quantity scatters over the starts, as an error.
     """
 
-    told: str
+    words: str
     values: tuple[Value, ...]
     floor: float
 
@@ -51,7 +50,7 @@ class Truth(NamedTuple):
 def work_precision(
     scene: Scene,
     quantity: str | MeasuredQuantity,
-    settings: Iterable[Setting],
+    settings: Iterable[SolverSettings],
     *,
     reference: Reference = None,
     until: float | None = None,
@@ -65,8 +64,8 @@ def work_precision(
     scene : Scene
     quantity : str or MeasuredQuantity
         One of `validation.quantities.QUANTITIES`, or one's own.
-    settings : iterable of Setting
-    reference : Setting or float or ndarray, optional
+    settings : iterable of SolverSettings
+    reference : SolverSettings or float or ndarray, optional
         A setting to take the true value from, or the value; without, the quantity's exact value,
         or what `finest` gives.
     until : float, optional
@@ -94,7 +93,7 @@ def work_precision(
 def work_precisions(
     scene: Scene,
     quantities: Sequence[str | MeasuredQuantity],
-    settings: Iterable[Setting],
+    settings: Iterable[SolverSettings],
     *,
     references: Sequence[Reference] | None = None,
     until: float | None = None,
@@ -111,13 +110,38 @@ def work_precisions(
     rows = [points(scenes, chosen, one, truth, until, repeats) for one in wanted if not one.outside]
     outside = [one for one in wanted if one.outside]
     return tuple(
-        WorkPrecision(
-            scene.name, one.name, "1" if one.relative else one.unit, until,
-            (*(row[k] for row in rows), *_outside_points(scene, one, outside, truth[k], until)),
-            truth[k].floor, truth[k].told,
+        study_of(
+            scene, one, until,
+            [*(row[k] for row in rows), *_outside_points(scene, one, outside, truth[k], until)],
+            truth[k],
         )
         for k, one in enumerate(chosen)
     )  # fmt: skip
+
+
+def study_of(
+    scene: Scene,
+    quantity: MeasuredQuantity,
+    until: float | None,
+    points: Iterable[Point],
+    truth: Truth,
+) -> WorkPrecision:
+    """Return the study that points against a truth make."""
+    unit = "1" if quantity.relative else quantity.unit
+    return WorkPrecision(
+        scene.name, quantity.name, unit, until, tuple(points), truth.floor, truth.words
+    )
+
+
+STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
+CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
+
+
+def candidates(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
+    """Return the settings that are tried: methods and steps, and never another law."""
+    return tuple(
+        SolverSettings(name, dt) for name in methods for dt in STEPS if is_allowed(scene, dt, name)
+    )
 
 
 def starts_of(scene: Scene, seeds: int) -> tuple[Scene, ...]:
@@ -145,34 +169,34 @@ def truths(
     given: Sequence[Reference],
     until: float | None,
 ) -> list[Truth]:
-    """What each quantity is measured against; no run is made twice."""
+    """Return what each quantity is measured against; no run is made twice."""
     runs: dict[str, list[Trajectory]] = {}
-    found = []
-    for quantity, one in zip(quantities, given, strict=True):
-        wanted = one
+    truth = []
+    for quantity, reference in zip(quantities, given, strict=True):
+        wanted = reference
         if wanted is None:
             wanted = finest(scenes[0]) if quantity.exact is None else quantity.exact
-        if isinstance(wanted, Setting):
-            told = f"{wanted.family}, dt = {wanted.dt}"
-            if told not in runs:
-                runs[told] = [run(scene, wanted, until) for scene in scenes]
-            values = tuple(quantity.measure(each) for each in runs[told])
-            found.append(Truth(told, values, _floor(quantity, values)))
+        if isinstance(wanted, SolverSettings):
+            words = f"{wanted.family}, dt = {wanted.dt}"
+            if words not in runs:
+                runs[words] = [run(scene, wanted, until) for scene in scenes]
+            values = tuple(quantity.measure(each) for each in runs[words])
+            truth.append(Truth(words, values, _floor(quantity, values)))
         else:
-            told = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
-            found.append(Truth(told, (wanted,) * len(scenes), 0.0))
-    return found
+            words = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
+            truth.append(Truth(words, (wanted,) * len(scenes), 0.0))
+    return truth
 
 
-def finest(scene: Scene) -> Setting:
+def finest(scene: Scene) -> SolverSettings:
     """A setting far more accurate than any that is worth while: order six where it can run."""
-    best = Setting("blanes-moan-6", "auto/2")
+    best = SolverSettings("blanes-moan-6", "auto/2")
     if is_allowed(scene, best.dt, best.method):
         return best
-    return Setting("stormer-verlet", "auto/16")
+    return SolverSettings("stormer-verlet", "auto/16")
 
 
-def run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:
+def run(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
     """The run of a setting, without its warnings: its error is measured, and shown."""
     from granular.run.simulation import simulate
 
@@ -187,7 +211,7 @@ def run(scene: Scene, setting: Setting, until: float | None) -> Trajectory:
 def points(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
-    setting: Setting,
+    setting: SolverSettings,
     truth: Sequence[Truth],
     until: float | None,
     repeats: int,
@@ -201,17 +225,17 @@ def points(
     except GranularError as stop:
         return [_failed(setting, stop)] * len(quantities)
     steps = round(float(np.mean([one.settings()["steps"] for one in runs])))
-    found = []
+    measured = []
     for quantity, one in zip(quantities, truth, strict=True):
         try:
             values = [quantity.measure(each) for each in runs]
             error, doubt = deviation(quantity, values, one.values)
-            found.append(
+            measured.append(
                 Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
             )
         except GranularError as stop:
-            found.append(_failed(setting, stop))
-    return found
+            measured.append(_failed(setting, stop))
+    return measured
 
 
 def deviation(
@@ -238,32 +262,32 @@ def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
     """Standard deviation of a quantity over starts, as an error."""
     if len(values) < 2 or quantity.of_start:
         return 0.0
-    all_of_them = np.array([np.asarray(one) for one in values])
-    spread = float(all_of_them.std(axis=0, ddof=1).max())
+    series = np.array([np.asarray(one) for one in values])
+    spread = float(series.std(axis=0, ddof=1).max())
     if not quantity.relative:
         return spread
-    return spread / float(np.abs(all_of_them.mean(axis=0)).max())
+    return spread / float(np.abs(series.mean(axis=0)).max())
 
 
 def _timed(
-    scene: Scene, setting: Setting, until: float | None, repeats: int
+    scene: Scene, setting: SolverSettings, until: float | None, repeats: int
 ) -> tuple[Trajectory, float]:
     """A run, and the least time of its repeats [s]."""
     seconds = math.inf
     for _ in range(repeats):
-        begun = time.perf_counter()
-        found = run(scene, setting, until)
-        seconds = min(seconds, time.perf_counter() - begun)
+        start = time.perf_counter()
+        done = run(scene, setting, until)
+        seconds = min(seconds, time.perf_counter() - start)
         if seconds > LONG:
             break
-    return found, seconds
+    return done, seconds
 
 
-def _failed(setting: Setting, stop: GranularError) -> Point:
+def _failed(setting: SolverSettings, stop: GranularError) -> Point:
     return Point(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
 
 
-def _warm(scene: Scene, setting: Setting) -> None:
+def _warm(scene: Scene, setting: SolverSettings) -> None:
     """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
     with contextlib.suppress(GranularError):
         run(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
@@ -272,7 +296,7 @@ def _warm(scene: Scene, setting: Setting) -> None:
 def _outside_points(
     scene: Scene,
     quantity: MeasuredQuantity,
-    settings: Sequence[Setting],
+    settings: Sequence[SolverSettings],
     truth: Truth,
     until: float | None,
 ) -> list[Point]:

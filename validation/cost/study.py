@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from validation.cost.advice import Advice, advice
-from validation.cost.point import USUAL, Point, Setting, cost, families
+from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new
+from validation.cost.point import (
+    USUAL,
+    Advice,
+    Point,
+    SolverSettings,
+    advice,
+    cost,
+    families,
+)
 from validation.table import TextTable, table
 
 if TYPE_CHECKING:
@@ -100,12 +108,9 @@ class WorkPrecision:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
-        from granular.shared.plotting import axes_or_new
-        from validation.cost.picture import draw
-
         axes = axes_or_new(ax)
         levels = {words: self.advice(level) for words, level in LEVELS.items()}
-        draw(axes, self.points, self.front(), self.floor, levels)
+        _draw(axes, self.points, self.front(), self.floor, levels)
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
         return axes
@@ -123,7 +128,7 @@ class WorkPrecision:
         """The result from what `to_plain` made, also by way of JSON."""
         points = tuple(
             Point(**{
-                **row, "setting": Setting(**row["setting"]), "error": _number(row["error"]),
+                **row, "setting": SolverSettings(**row["setting"]), "error": _number(row["error"]),
                 "seconds": _number(row["seconds"]),
             })
             for row in plain["points"]
@@ -137,3 +142,73 @@ def _finite(value: float) -> float | None:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+# Picture ----------------------------------------------------------------------------------------
+
+
+def _draw(
+    axes: Axes, points: Sequence[Point], front: Sequence[Point], floor: float,
+    levels: Mapping[str, Advice],
+) -> None:  # fmt: skip
+    """Draw error over seconds, a line a family, with the bounds of the errors as thin bars.
+
+    A family's label says how many of its settings failed.
+    """
+    for k, (name, ones) in enumerate(families(points).items()):
+        _draw_family(axes, name, ones, k)
+    best = [one for one in front if one.error > 0.0]
+    axes.loglog(
+        [one.seconds for one in best], [one.error for one in best],
+        color=GREY, linewidth=5.0, alpha=0.35, zorder=0, label="best of all",
+    )  # fmt: skip
+    for words, advised in levels.items():
+        axes.axhline(advised.tolerance, color="#333333", linewidth=0.6, linestyle=":")
+        _mark(axes, words, advised)
+    if floor > 0.0:
+        low, high = axes.get_ylim()
+        axes.axhspan(low, floor, color=GREY, alpha=0.2, linewidth=0.0)
+        axes.set_ylim(low, max(high, 1.2 * floor))
+    plain_numbers(axes)
+    axes.set_xlabel("wall time [s]")
+
+
+def _draw_family(axes: Axes, name: str, points: Sequence[Point], k: int) -> None:
+    done = [one for one in points if not one.failed and one.error > 0.0]
+    failed = sum(one.failed for one in points)
+    outside = points[0].setting.outside
+    seconds, errors = [one.seconds for one in done], [one.error for one in done]
+    colour = COLOURS[k % len(COLOURS)]
+    axes.loglog(
+        seconds, errors,
+        marker="x" if outside else "o", markersize=3.5, color=colour,
+        linestyle=":" if outside else STYLES[k // len(COLOURS) % len(STYLES)],
+        linewidth=0.9 if outside else 1.5, label=f"{name} ({failed} failed)" if failed else name,
+    )  # fmt: skip
+    if any(one.doubt > 0.0 for one in done):
+        axes.vlines(seconds, errors, [one.bound for one in done], color=colour, linewidth=0.9)
+
+
+def _mark(axes: Axes, words: str, advised: Advice) -> None:
+    """Ring the setting to take for a level, and name it at the level's line."""
+    best = advised.point
+    if best is not None and not advised.below_floor and best.error > 0.0:
+        axes.plot(best.seconds, best.error, "o", markersize=11.0, color="#333333",
+                  markerfacecolor="none", markeredgewidth=1.4)  # fmt: skip
+    said = f"{advised.starts:.2g} starts" if advised.below_floor else str(advised)
+    axes.annotate(
+        f"{words}: {said}", (0.99, advised.tolerance), xycoords=("axes fraction", "data"),
+        xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+    )  # fmt: skip
+
+
+def plain_numbers(axes: Axes) -> None:
+    """Label seconds as they are read: 0.02, 0.05, 0.1; fewer of them over many decades."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_xlim()
+    subs = (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=subs))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())

@@ -1,26 +1,30 @@
-"""Problems whose motion is known to thirty digits, one a file."""
+"""Problems whose motion is known to thirty digits."""
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Callable
 
-from validation.exact.problem import Moment, Problem
+from granular.schema.sections import unknown
+from granular.shared.errors import InputError
+from validation.exact import bounce, closed_forms, driven_piston, oscillation, scattering
+from validation.exact.problem import Problem, Snapshot
 
-NAMES = (
-    "free-fall",
-    "bounce",
-    "oscillation",
-    "scattering",
-    "drag",
-    "sliding",
-    "driven-piston",
-)
+__all__ = ["NAMES", "Problem", "Snapshot", "exact_problem"]
 
-__all__ = ["NAMES", "Moment", "Problem", "exact_problem", "exact_problems"]
+_PROBLEMS: dict[str, Callable[[], Problem]] = {
+    "free-fall": closed_forms.free_fall,
+    "bounce": bounce.problem,
+    "oscillation": oscillation.problem,
+    "scattering": scattering.problem,
+    "drag": closed_forms.drag,
+    "sliding": closed_forms.sliding,
+    "driven-piston": driven_piston.problem,
+}
+NAMES = tuple(_PROBLEMS)
 
 
 def exact_problem(name: str) -> Problem:
-    """The exact problem of that name.
+    """Return the exact problem of that name.
 
     Raises
     ------
@@ -33,23 +37,6 @@ def exact_problem(name: str) -> Problem:
     >>> exact_problem("bounce").name
     'bounce'
     """
-    from granular.schema.sections import unknown
-    from granular.shared.errors import InputError
-
     if name not in NAMES:
         raise InputError(unknown(name, NAMES, "exact problem"))
-    module = importlib.import_module(f"validation.exact.{name.replace('-', '_')}")
-    found: Problem = module.problem()
-    return found
-
-
-def exact_problems() -> tuple[Problem, ...]:
-    """All exact problems, in the order of `NAMES`.
-
-    Examples
-    --------
-    >>> from validation import exact_problems
-    >>> [problem.name for problem in exact_problems()][:3]
-    ['free-fall', 'bounce', 'oscillation']
-    """
-    return tuple(exact_problem(name) for name in NAMES)
+    return _PROBLEMS[name]()

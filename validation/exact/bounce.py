@@ -12,13 +12,22 @@ taken by quadrature (see `validation.exact.quadrature`). a is the other root of 
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.constants import DIGITS, Number, natural_units
-from validation.exact.problem import BOTTOM_ONLY, Moment, Problem, lone_scene
+from validation.exact.problem import (
+    BOTTOM_ONLY,
+    DIGITS,
+    Number,
+    Problem,
+    Snapshot,
+    lone_scene,
+    natural_units,
+    start_of,
+)
 from validation.exact.quadrature import Potential, period, place_from_top, speed
 
 START = 40
@@ -57,13 +66,9 @@ def problem(start: float = START, time: float = TIME) -> Problem:
     """The bounce from a height [D], compared after a time [s]."""
     scene = bounce_scene(start, time)
     return Problem(
-        "bounce",
-        "a grain bouncing on the magnetic wall",
-        scene,
-        time,
-        lambda t: moment(scene, t),
+        "bounce", "a grain bouncing on the magnetic wall", scene, time, partial(snapshot, scene),
         fewest=round(2000 * time / TIME),
-    )
+    )  # fmt: skip
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
@@ -79,13 +84,12 @@ def well(scene: Scene) -> Well:
 
     units = natural_units(scene.grains)
     assert scene.effects.gravity is not None
-    assert scene.arrangement.positions is not None
     weight = mpf(scene.effects.gravity.acceleration) / units.acceleration
 
     def potential(y: Number) -> Number:
         return y ** mpf(-2.5) / 5 + weight * y
 
-    start = mpf(scene.arrangement.positions[0][1]) / units.length
+    start = mpf(start_of(scene)[0][1]) / units.length
     rest = (1 / (2 * weight)) ** (mpf(2) / 7)
     # The other turning point lies as far beyond the place of rest, to first order.
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
@@ -103,11 +107,10 @@ def bounce_period(scene: Scene) -> Number:
         return period(one.potential, one.low, one.high) * one.time
 
 
-def moment(scene: Scene, time: float) -> Moment:
+def snapshot(scene: Scene, time: float) -> Snapshot:
     """Place and velocity at a time [s], for a start at the upper turning point."""
     from mpmath import floor, mpf, workdps
 
-    assert scene.arrangement.positions is not None
     with workdps(DIGITS):
         one = well(scene)
         late = mpf(time) / one.time
@@ -116,7 +119,7 @@ def moment(scene: Scene, time: float) -> Moment:
         half = period(one.potential, one.low, one.high) / 2
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
-        return Moment(
-            np.array([[scene.arrangement.positions[0][0], float(place * one.length)]]),
+        return Snapshot(
+            np.array([[start_of(scene)[0][0], float(place * one.length)]]),
             np.array([[0.0, float(velocity * one.velocity)]]),
         )

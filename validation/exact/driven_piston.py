@@ -8,11 +8,19 @@ the change of frame y = H_0 - V t - w. The piston does work on the grain: its en
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.constants import DIGITS, natural_units
-from validation.exact.problem import Moment, Problem, lone_scene
+from validation.exact.problem import (
+    DIGITS,
+    Problem,
+    Snapshot,
+    lone_scene,
+    natural_units,
+    start_of,
+)
 from validation.exact.quadrature import place_after_turning, time_from_turning
 
 TIME = 0.05
@@ -35,17 +43,12 @@ def problem(speed: float = SPEED, time: float = TIME) -> Problem:
                    "duration": time}],
     )  # fmt: skip
     return Problem(
-        "driven-piston",
-        "a piston driven against a grain",
-        scene,
-        time,
-        lambda t: moment(scene, t),
-        fewest=24,
-        conservative=False,
-    )
+        "driven-piston", "a piston driven against a grain", scene, time,
+        partial(snapshot, scene), fewest=24, conservative=False,
+    )  # fmt: skip
 
 
-def moment(scene: Scene, time: float) -> Moment:
+def snapshot(scene: Scene, time: float) -> Snapshot:
     """Place and velocity at a time [s] within the stage."""
     from mpmath import findroot, mpf, sqrt, workdps
 
@@ -53,12 +56,11 @@ def moment(scene: Scene, time: float) -> Moment:
 
     move = scene.protocol[0]
     assert scene.piston is not None
-    assert scene.arrangement.positions is not None
     assert isinstance(move, Move)
     assert move.duration is not None
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        height, (x, y) = mpf(scene.piston.height), scene.arrangement.positions[0]
+        height, (x, y) = mpf(scene.piston.height), start_of(scene)[0]
         down = (height - mpf(move.to)) / mpf(move.duration)
         start, speed = (height - mpf(y)) / units.length, down / units.velocity
 
@@ -71,7 +73,7 @@ def moment(scene: Scene, time: float) -> Moment:
         gap = place_after_turning(potential, turning, late)
         opening = sqrt(2 * abs(energy - potential(gap))) * (1 if late > 0 else -1)
         place = height - down * mpf(time) - gap * units.length
-        return Moment(
+        return Snapshot(
             np.array([[x, float(place)]]),
             np.array([[0.0, float(-down - opening * units.velocity)]]),
         )

@@ -12,12 +12,13 @@ compared with is that of `validation.exact.bounce`, by quadrature, at every ampl
 
 from __future__ import annotations
 
-from granular.scene.scene import Scene
-from validation.exact.bounce import bounce_scene, moment
-from validation.exact.constants import DIGITS, Number, natural_units
-from validation.exact.problem import Problem
+from functools import partial
 
-__all__ = ["harmonic_period", "problem", "rest_height"]
+from granular.scene.scene import Scene
+from validation.exact.bounce import bounce_scene, snapshot
+from validation.exact.problem import DIGITS, Number, Problem, natural_units
+
+__all__ = ["harmonic_period", "problem"]
 
 AMPLITUDE = 0.05
 """Start above the place of rest, in units of its height."""
@@ -30,13 +31,9 @@ def problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Problem:
     height = float(rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
     scene = bounce_scene(height, time, "oscillation")
     return Problem(
-        "oscillation",
-        "small oscillation above the wall",
-        scene,
-        time,
-        lambda t: moment(scene, t),
+        "oscillation", "small oscillation above the wall", scene, time, partial(snapshot, scene),
         fewest=12,
-    )
+    )  # fmt: skip
 
 
 def rest_height(scene: Scene) -> Number:

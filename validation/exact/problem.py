@@ -1,17 +1,60 @@
-"""What an exact problem is: a scene, a time, and the state of its grains then."""
+"""An exact problem: a scene, a time, and the state of its grains then.
+
+Natural units stand here once more, in high precision and from the grains' material, not by way of
+the engine: m = rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*)
+[D, 2.2], with the source's mu0 = 4 pi 1e-7 H/m. A slip in the engine's own conversion would show as
+an error that no step makes smaller.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.scene.scene import Scene
+from granular.schema.parts import Grains
+
+DIGITS = 50
+"""Working precision; the results keep more than thirty digits of it."""
+
+Number = Any
+"""A number of mpmath, which has no types of its own."""
 
 
-class Moment(NamedTuple):
+class Units(NamedTuple):
+    """Sizes of the natural units in SI, for grains of the first species."""
+
+    length: Number
+    mass: Number
+    force: Number
+    time: Number
+
+    @property
+    def velocity(self) -> Number:
+        return self.length / self.time
+
+    @property
+    def acceleration(self) -> Number:
+        return self.force / self.mass
+
+
+def natural_units(grains: Grains) -> Units:
+    """The natural units; to be called within mpmath's working precision."""
+    from mpmath import mpf, pi, sqrt
+
+    diameter = mpf(grains.species[0].diameter)
+    permeability = 4 * pi / 10**7
+    volume = pi * mpf(grains.thickness) * diameter**2 / 4
+    moment = mpf(grains.remanence) * volume / permeability
+    force = permeability * moment**2 / (pi * diameter**4)
+    mass = mpf(grains.density) * volume
+    return Units(diameter, mass, force, sqrt(mass * diameter / force))
+
+
+class Snapshot(NamedTuple):
     """The grains at one time.
 
     Attributes
@@ -52,7 +95,7 @@ class Problem:
     title: str
     scene: Scene
     time: float
-    exact: Callable[[float], Moment]
+    exact: Callable[[float], Snapshot]
     fewest: int
     conservative: bool = True
     smooth: bool = True
@@ -87,8 +130,6 @@ def lone_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) ->
     **parts
         Further keys of the scene; ``arrangement`` must be among them.
     """
-    from granular.scene.scene import Scene
-
     count = len(parts["arrangement"]["positions"])
     plain: dict[str, Any] = {
         "name": name,
@@ -104,3 +145,11 @@ def lone_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) ->
 
 BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
 """Walls of a scene where only the bottom repels."""
+
+
+def start_of(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
+    """Position [m] and velocity [m/s] that a grain starts with."""
+    plan = scene.arrangement
+    assert plan.positions is not None
+    velocity = (0.0, 0.0) if plan.velocities is None else plan.velocities[grain]
+    return plan.positions[grain], velocity

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from validation.exact.constants import Number
+from validation.exact.problem import Number
 
 Potential = Callable[[Number], Number]
 

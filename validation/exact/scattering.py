@@ -11,13 +11,21 @@ angle swept is the integral of l/r^2 dt along it (Landau and Lifshitz, Mechanics
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.constants import DIGITS, Number, natural_units
-from validation.exact.problem import Moment, Problem, lone_scene
+from validation.exact.problem import (
+    DIGITS,
+    Number,
+    Problem,
+    Snapshot,
+    lone_scene,
+    natural_units,
+    start_of,
+)
 from validation.exact.quadrature import (
     Potential,
     integral,
@@ -64,12 +72,7 @@ def problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> P
     }  # fmt: skip
     scene = lone_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
     return Problem(
-        "scattering",
-        "two grains that scatter",
-        scene,
-        time,
-        lambda t: moment(scene, t),
-        fewest=32,
+        "scattering", "two grains that scatter", scene, time, partial(snapshot, scene), fewest=32
     )
 
 
@@ -78,10 +81,7 @@ def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)
-    assert scene.arrangement.positions is not None
-    assert scene.arrangement.velocities is not None
-    first, second = scene.arrangement.positions
-    slow, fast = scene.arrangement.velocities
+    (first, slow), (second, fast) = start_of(scene, 0), start_of(scene, 1)
     x, y = ((mpf(b) - mpf(a)) / units.length for a, b in zip(first, second, strict=True))
     vx, vy = ((mpf(b) - mpf(a)) / units.velocity for a, b in zip(slow, fast, strict=True))
     momentum = x * vy - y * vx
@@ -109,7 +109,7 @@ def _angle(one: Orbit, distance: Number) -> Number:
     )
 
 
-def moment(scene: Scene, time: float) -> Moment:
+def snapshot(scene: Scene, time: float) -> Snapshot:
     """Places and velocities at a time [s]."""
     from mpmath import cos, mpf, sin, sqrt, workdps
 
@@ -130,24 +130,19 @@ def moment(scene: Scene, time: float) -> Moment:
 
 
 def _grains(
-    scene: Scene,
-    length: Number,
-    speed: Number,
-    place: list[Number],
-    velocity: list[Number],
+    scene: Scene, length: Number, speed: Number, place: list[Number], velocity: list[Number],
     time: float,
-) -> Moment:
+) -> Snapshot:  # fmt: skip
     """Both grains from the relative motion and that of their centre."""
     from mpmath import mpf
 
-    assert scene.arrangement.positions is not None
-    assert scene.arrangement.velocities is not None
     positions, velocities = np.empty((2, 2)), np.empty((2, 2))
+    starts = [start_of(scene, grain) for grain in (0, 1)]
     for axis in range(2):
-        start = sum(mpf(row[axis]) for row in scene.arrangement.positions) / 2
-        drift = sum(mpf(row[axis]) for row in scene.arrangement.velocities) / 2
+        start = sum(mpf(position[axis]) for position, _ in starts) / 2
+        drift = sum(mpf(velocity[axis]) for _, velocity in starts) / 2
         for grain, sign in ((0, -1), (1, 1)):
             where = start + drift * mpf(time) + sign * place[axis] * length / 2
             positions[grain, axis] = float(where)
             velocities[grain, axis] = float(drift + sign * velocity[axis] * speed / 2)
-    return Moment(positions, velocities)
+    return Snapshot(positions, velocities)

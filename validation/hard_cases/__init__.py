@@ -8,22 +8,25 @@ settings.
 
 from __future__ import annotations
 
-from validation.hard_cases.collisions import collision_cases, head_on
-from validation.hard_cases.damping import damping_cases
-from validation.hard_cases.extremes import (
+from validation.hard_cases.beds import piston_cases, size_cases, sum_cases
+from validation.hard_cases.case import HardCase, energy_change
+from validation.hard_cases.friction import friction_cases
+from validation.hard_cases.motions import (
+    collision_cases,
+    damping_cases,
+    head_on,
+    mass_cases,
+    near_limit,
+    start_cases,
+    step_cases,
+    verlet_swing,
+)
+from validation.hard_cases.numbers import (
     count_cases,
     extreme_cases,
     injection_cases,
     unheard_cases,
 )
-from validation.hard_cases.friction import friction_cases
-from validation.hard_cases.measures import energy_change
-from validation.hard_cases.pistons import piston_cases
-from validation.hard_cases.sizes import size_cases
-from validation.hard_cases.starts import start_cases
-from validation.hard_cases.steps import near_limit, step_cases, verlet_swing
-from validation.hard_cases.sums import sum_cases
-from validation.outcomes import HardCase
 
 __all__ = ["COSTLY", "catalogue", "energy_change", "head_on", "near_limit", "verlet_swing"]
 
@@ -45,6 +48,6 @@ def catalogue() -> tuple[HardCase, ...]:
     """
     return (
         *piston_cases(), *collision_cases(), *start_cases(), *friction_cases(), *damping_cases(),
-        *size_cases(), *step_cases(), *count_cases(), *sum_cases(), *extreme_cases(),
-        *unheard_cases(), *injection_cases(),
+        *mass_cases(), *size_cases(), *step_cases(), *count_cases(), *sum_cases(),
+        *extreme_cases(), *unheard_cases(), *injection_cases(),
     )  # fmt: skip

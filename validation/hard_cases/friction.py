@@ -6,11 +6,16 @@ from typing import Any
 
 from granular.scene.beds import mono_bed
 from granular.scene.scene import Scene
-from validation.exact import sliding
+from validation.exact import closed_forms
 from validation.exact.problem import lone_scene
-from validation.hard_cases.measures import FAIR, LEDGER, distance_to, greatest_way, ledger
-from validation.hard_cases.small_beds import few_grains
-from validation.outcomes import BROKEN, HardCase
+from validation.hard_cases.case import (
+    BROKEN,
+    HardCase,
+    Measure,
+    distance_to,
+    few_grains,
+    greatest_displacement,
+)
 
 
 def _loaded(load: float) -> Scene:
@@ -32,7 +37,7 @@ def _strong() -> Scene:
 
 
 def _listed() -> Scene:
-    """De Paula's own way: regularised friction, and its list of pairs."""
+    """De Paula's scheme: regularised friction, and its list of pairs."""
     return few_grains(
         "bed",
         **{
@@ -45,49 +50,47 @@ def _listed() -> Scene:
 
 def friction_cases() -> tuple[HardCase, ...]:
     """Thresholds that a step may jump over."""
-    problem = sliding.problem()
+    problem = closed_forms.sliding()
+    distance = Measure("distance from the exact place [D]", distance_to(problem))
     limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem
+    rubbing = {"effects.drag": None, "effects.friction": {}}
     return (
         HardCase(
             "friction below the threshold", "the weight is 0.7 of what static friction holds",
-            lambda: _loaded(0.01), greatest_way, "way [D]", 0.0, 0.5, 5.0,
+            lambda: _loaded(0.01), 0.5, 5.0,
+            Measure("displacement [D]", greatest_displacement), 0.0,
         ),
         HardCase(
             "sliding friction", "a grain slides and stops",
-            lambda: problem.scene, distance_to(problem), "distance from the exact place [D]",
-            1e-2, problem.time, problem.time, dt=1e-3,
+            lambda: problem.scene, problem.time, problem.time, distance, 1e-2, dt=1e-3,
         ),
         HardCase(
             "friction, step 100 times too large", "a step of a fifth of the time to the stop",
             lambda: problem.scene.replace(**{"output.scalars": 1e-2, "output.frames": 1e-2}),
-            distance_to(problem), "distance from the exact place [D]",
-            limit, problem.time, problem.time, dt=1e-2, may_degrade=True,
+            problem.time, problem.time, distance, limit, dt=1e-2, may_degrade=True,
         ),
         HardCase(
             "bed with dry friction", "many grains stick and slip",
-            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {}}),
-            ledger, LEDGER, 1e-2, 0.2, 2.0,
+            lambda: few_grains("bed", **rubbing), 0.2, 2.0, limit=1e-2,
         ),
         HardCase(
             "bed with dry friction, step 100 times too large", "far beyond the stability limit",
-            lambda: few_grains("bed", **{"effects.drag": None, "effects.friction": {},
-                                         "output.scalars": 2e-3}),
-            ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, dt=2e-3, may_degrade=True,
+            lambda: few_grains("bed", **rubbing, **{"output.scalars": 2e-3}),
+            0.2, 2.0, limit=1e-2, errors=BROKEN, dt=2e-3, may_degrade=True,
         ),
         HardCase(
             "slow compression with friction of 0.8",
             "static and dynamic friction alike, the torque to second order, de Paula's protocol",
-            _strong, ledger, LEDGER, FAIR, 0.5, 30.0,
+            _strong, 0.5, 30.0,
         ),
         HardCase(
             "1e6 steps of compression under dry friction",
             "what a step loses by rounding adds up; 1e5 steps in the quick catalogue",
-            lambda: _slow(**{"output.scalars": 1e-3, "output.frames": 0.1}),
-            ledger, LEDGER, FAIR, 0.2, 2.0, dt=2e-6,
+            lambda: _slow(**{"output.scalars": 1e-3, "output.frames": 0.1}), 0.2, 2.0, dt=2e-6,
         ),
         HardCase(
             "regularised friction with de Paula's list",
             "forces jump where a list takes pairs in, and friction chatters", _listed,
-            ledger, LEDGER, 1e-2, 0.2, 2.0, errors=BROKEN, may_degrade=True,
+            0.2, 2.0, limit=1e-2, errors=BROKEN, may_degrade=True,
         ),
     )  # fmt: skip

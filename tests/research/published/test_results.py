@@ -26,7 +26,7 @@ from research.published.plan import (
 )
 from research.published.programme import summary
 from research.published.results import EMPTY, Results, committed, counted, read
-from validation.published.values import published_value
+from validation.published import published_value
 
 
 def series(

@@ -10,7 +10,7 @@ import pytest
 from granular.shared.errors import InputError
 from research.published.catalogue import entries
 from research.published.page import SECTIONS
-from validation.published.values import LABELS, keys, published_value, values
+from validation.published import LABELS, keys, published_value, values
 
 GIVEN = Path(__file__).parents[2] / "data" / "published_values.toml"
 

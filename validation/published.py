@@ -1,4 +1,8 @@
-"""The published values, from ``values.toml``, and the duration of the published compression."""
+"""Numbers that de Paula (2025) prints, from ``published.toml``, and the duration of a compression.
+
+>>> from validation.published import published_value
+>>> alpha = published_value("damper.van_der_pol_like.alpha")
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,9 @@ from typing import Any
 from granular.scene.beds import END, LOWEST_START, REFERENCE_COUNT, START
 from granular.shared.errors import InputError
 
-PATH = Path(__file__).parent / "values.toml"
+__all__ = ["duration", "published_value"]
+
+PATH = Path(__file__).parent / "published.toml"
 
 LABELS = ("source", "n", "aspect_ratio", "aspect", "steps")
 """Keys that say what the other values of a section belong to."""

@@ -8,9 +8,7 @@ from typing import Any
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from validation.hard_cases.measures import FAIR, LEDGER, ledger
-from validation.hard_cases.small_beds import few_grains
-from validation.outcomes import HardCase
+from validation.hard_cases.case import HardCase, few_grains
 
 
 def _count(number: int) -> Scene:
@@ -33,13 +31,9 @@ def _bouncing(**changes: Any) -> Scene:
 def count_cases() -> tuple[HardCase, ...]:
     """Beds of no grain and of few."""
     return tuple(
-        HardCase(
-            f"{words}", "sums over grains or pairs are empty",
-            partial(_count, number),
-            ledger, LEDGER, FAIR, 0.05, 1.0,
-        )
+        HardCase(words, "sums over grains or pairs are empty", partial(_count, number), 0.05, 1.0)
         for number, words in ((0, "no grain"), (1, "one grain"), (2, "two grains"))
-    )  # fmt: skip
+    )
 
 
 def extreme_cases() -> tuple[HardCase, ...]:
@@ -51,17 +45,21 @@ def extreme_cases() -> tuple[HardCase, ...]:
         "density of 1e6 kg/m^3": {"grains.density": 1e6},
         "gravity of 1e4 m/s^2": {"effects.gravity.acceleration": 1e4},
         "no gravity": {"effects.gravity.acceleration": 0.0},
-    }
-    same = tuple(_extreme(name, 0.5, 2.0, changes) for name, changes in cases.items())
-    giants = {
-        "grains.species": [{"name": "grain", "diameter": 10.0}],
-        "arrangement.positions": [["30 D", "40 D"]],
-        "cell.width": "60 D",
-        "output.scalars": 0.1,
-        "output.frames": 1.0,
+        "grains of 10 m": {
+            "grains.species": [{"name": "grain", "diameter": 10.0}],
+            "arrangement.positions": [["30 D", "40 D"]],
+            "cell.width": "60 D",
+            "output.scalars": 0.1,
+            "output.frames": 1.0,
+        },
     }
     # A fall of 400 m takes nine seconds.
-    return (*same, _extreme("grains of 10 m", 20.0, 100.0, giants))
+    times = {"grains of 10 m": (20.0, 100.0)}
+    return tuple(
+        HardCase(f"extreme: {name}", "extreme but finite", partial(_bouncing, **changes),
+                 *times.get(name, (0.5, 2.0)))
+        for name, changes in cases.items()
+    )  # fmt: skip
 
 
 def unheard_cases() -> tuple[HardCase, ...]:
@@ -72,32 +70,19 @@ def unheard_cases() -> tuple[HardCase, ...]:
         "remanence of 1e30 T": {"grains.remanence": 1e30},
         "records every 1e-29 s": {"output.scalars": 1e-29, "output.frames": 1e-29},
     }
-    found = [
-        HardCase(
-            f"unheard of: {name}", "its steps cannot be counted", partial(_bouncing, **changes),
-            ledger, LEDGER, FAIR, 0.1, 0.1, errors=errors,
-        )
-        for name, changes in cases.items()
-    ]  # fmt: skip
-    found.append(
-        HardCase(
-            "unheard of: a step of 1e10 s", "it is longer than the run", _bouncing,
-            ledger, LEDGER, FAIR, 0.1, 0.1, errors=("InputError",), dt=1e10,
-        )
-    )  # fmt: skip
-    return tuple(found)
-
-
-def _extreme(name: str, quick: float, full: float, changes: dict[str, Any]) -> HardCase:
-    return HardCase(
-        f"extreme: {name}", "extreme but finite", partial(_bouncing, **changes),
-        ledger, LEDGER, 1e-4, quick, full,
+    return (
+        *(
+            HardCase(f"unheard of: {name}", "its steps cannot be counted",
+                     partial(_bouncing, **changes), 0.1, 0.1, errors=errors)
+            for name, changes in cases.items()
+        ),
+        HardCase("unheard of: a step of 1e10 s", "it is longer than the run", _bouncing, 0.1, 0.1,
+                 errors=("InputError",), dt=1e10),
     )  # fmt: skip
 
 
 def injection_cases() -> tuple[HardCase, ...]:
     """A number that is none, in a scene's every kind of number, and as the step."""
-    errors = ("SceneError", "FieldError", "InputError")
     keys = {
         "a position": "arrangement.positions",
         "a velocity": "arrangement.velocities",
@@ -105,19 +90,15 @@ def injection_cases() -> tuple[HardCase, ...]:
         "the drag": "effects.drag.coefficient",
         "a duration": "protocol",
     }
-    found = []
+    case = partial(
+        HardCase, what="a number that is none", quick=0.1, full=0.1,
+        errors=("SceneError", "FieldError", "InputError"),
+    )  # fmt: skip
+    cases = []
     for value in (math.nan, math.inf):
-        found += [
-            HardCase(
-                f"injected {value}: {words}", "a number that is none",
-                partial(_injected, key, value), ledger, LEDGER, FAIR, 0.1, 0.1, errors=errors,
-            )
+        cases += [
+            case(name=f"injected {value}: {words}", scene=partial(_injected, key, value))
             for words, key in keys.items()
-        ]  # fmt: skip
-        found.append(
-            HardCase(
-                f"injected {value}: the step", "a number that is none", _bouncing,
-                ledger, LEDGER, FAIR, 0.1, 0.1, errors=errors, dt=value,
-            )
-        )  # fmt: skip
-    return tuple(found)
+        ]
+        cases.append(case(name=f"injected {value}: the step", scene=_bouncing, dt=value))
+    return tuple(cases)

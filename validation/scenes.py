@@ -1,4 +1,4 @@
-"""A bed of many grains that starts from a disturbed lattice."""
+"""Scenes that the report measures beside those of the package."""
 
 from __future__ import annotations
 
@@ -8,6 +8,32 @@ import numpy as np
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
+
+
+def compression_scene() -> Scene:
+    """A quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
+    return load_scene("bed").replace(
+        **{
+            "name": "compression",
+            "grains.count": 92,
+            "cell.width": "30 D",
+            "piston.height": "45 D",
+            "arrangement.height": "40 D",
+            "effects.drag": None,
+            "effects.friction": {},
+            "protocol": [
+                {"kind": "hold", "name": "relax", "duration": 1.0},
+                {"kind": "move", "name": "compress", "to": "10 D", "speed": "33 mm/s"},
+            ],
+            "output.scalars": 0.01,
+            "output.frames": 1.0,
+        }
+    )
+
+
+def frictionless_bed() -> Scene:
+    """The packaged bed without drag: it keeps its energy."""
+    return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
 def lattice(count: int) -> Scene:

@@ -1,4 +1,4 @@
-"""The cheapest setting that reaches a tolerance, ready for `simulate` and for the command line."""
+"""Settings that reach a tolerance in the least time, for `simulate` and for the command line."""
 
 from __future__ import annotations
 
@@ -9,16 +9,30 @@ from collections.abc import Sequence
 from typing import Any
 
 from granular.methods import METHODS
-from granular.run.options import is_allowed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.cost import FLOORS, Advice, Point, Setting, WorkPrecision, finest
-from validation.cost.advice import advice, duration, holding, unbiased
-from validation.cost.measuring import REPEATS, points, starts_of, truths
+from validation.cost.measuring import (
+    REPEATS,
+    STEPS,
+    candidates,
+    finest,
+    points,
+    starts_of,
+    study_of,
+    truths,
+)
+from validation.cost.point import (
+    FLOORS,
+    Advice,
+    Point,
+    SolverSettings,
+    advice,
+    duration,
+    holding,
+    unbiased,
+)
+from validation.cost.study import WorkPrecision
 from validation.quantities import MeasuredQuantity, quantity_named
-
-STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
-CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
 
 SEEDS = 4
 """Further starts of a scene that has random ones: five show a scatter to a third of itself."""
@@ -37,7 +51,7 @@ APART = 2
 
 
 @dataclasses.dataclass(frozen=True)
-class Choice:
+class Recommendation:
     """A setting that reaches a tolerance, by one run or by many starts.
 
     Attributes
@@ -48,7 +62,7 @@ class Choice:
     seconds : float
         What one run takes.
     keywords : dict
-        For ``simulate(scene.replace(**choice.changes), **choice.keywords)``.
+        For ``simulate(scene.replace(**found.changes), **found.keywords)``.
     changes : dict
         Keys of the scene.
     study : WorkPrecision
@@ -98,29 +112,22 @@ class Choice:
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """The choice as plain data, with its command."""
+        """Return the recommendation as plain data, with its command."""
         plain = dataclasses.asdict(self) | {
             "command": self.command, "floor": self.study.floor, "below_floor": self.below_floor,
         }  # fmt: skip
         return plain | {"study": self.study.to_plain()}
 
 
-def candidates(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[Setting, ...]:
-    """The settings that `cheapest` tries: methods and steps, and never another law."""
-    return tuple(
-        Setting(name, dt) for name in methods for dt in STEPS if is_allowed(scene, dt, name)
-    )
-
-
-def cheapest(
+def recommend_settings(
     scene: Scene,
     quantity: str | MeasuredQuantity,
     tolerance: float,
     until: float | None = None,
     seeds: int = SEEDS,
     progress: bool = False,
-) -> Choice:
-    """The setting that gives a quantity to a tolerance in the least time.
+) -> Recommendation:
+    """Return the setting that gives a quantity to a tolerance in the least time.
 
     Each method is tried from long steps to short ones, until two in turn are accurate, or the next
     would cost far more than what was found. Where the scene has random starts, each setting is run
@@ -160,7 +167,7 @@ def cheapest(
     else:
         reference = None if chosen.exact is not None else finest(scene)
         study = _study(scenes, chosen, candidates(scene), reference, tolerance, until, progress)
-    return choice(study, tolerance)
+    return recommendation(study, tolerance)
 
 
 def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
@@ -188,7 +195,7 @@ def _by_halving(
         if not any(one.method == REFERENCE for one in settings):
             continue
         study = _study(
-            scenes, quantity, settings, Setting(REFERENCE, dt), tolerance, until, progress
+            scenes, quantity, settings, SolverSettings(REFERENCE, dt), tolerance, until, progress
         )
         own = [one for one in study.points if one.setting.method == REFERENCE]
         if _settled(own, study.floor, tolerance, 1):
@@ -204,8 +211,8 @@ def _by_halving(
 def _study(
     scenes: Sequence[Scene],
     quantity: MeasuredQuantity,
-    settings: Sequence[Setting],
-    reference: Setting | None,
+    settings: Sequence[SolverSettings],
+    reference: SolverSettings | None,
     tolerance: float,
     until: float | None,
     progress: bool,
@@ -224,14 +231,11 @@ def _study(
                     break
                 if not own and _hopeless(setting, tried, best):
                     break
-                bar.set_description(f"{family}, {setting.dt}, against {truth.told}")
+                bar.set_description(f"{family}, {setting.dt}, against {truth.words}")
                 own += points(scenes, [quantity], setting, [truth], until, REPEATS)
                 bar.update()
             tried += own
-    return WorkPrecision(
-        scenes[0].name, quantity.name, "1" if quantity.relative else quantity.unit, until,
-        tuple(tried), truth.floor, truth.told,
-    )  # fmt: skip
+    return study_of(scenes[0], quantity, until, tried, truth)
 
 
 def _settled(points: Sequence[Point], floor: float, tolerance: float, count: int = 2) -> bool:
@@ -250,7 +254,7 @@ def _too_dear(points: Sequence[Point], best: Advice) -> bool:
     return 2.0 * done[-1].seconds > HOPELESS * best.point.seconds
 
 
-def _hopeless(setting: Setting, tried: Sequence[Point], best: Advice) -> bool:
+def _hopeless(setting: SolverSettings, tried: Sequence[Point], best: Advice) -> bool:
     """Whether already a family's longest step must cost far more than the best one so far.
 
     By its force calls: a run's time is that of its steps times those of each.
@@ -265,25 +269,25 @@ def _hopeless(setting: Setting, tried: Sequence[Point], best: Advice) -> bool:
     return seconds > HOPELESS * best.point.seconds
 
 
-def choice(study: WorkPrecision, tolerance: float) -> Choice:
-    """The choice that a study answers.
+def recommendation(study: WorkPrecision, tolerance: float) -> Recommendation:
+    """Return what a study recommends for a tolerance.
 
     Raises
     ------
     InputError
         If no setting of the study reaches the tolerance.
     """
-    found = study.advice(tolerance)
-    if found.point is None:
+    advised = study.advice(tolerance)
+    if advised.point is None:
         front = study.front()
         best = f"{front[-1].error:.2g}" if front else "none"
         raise InputError(
             f"tolerance = {tolerance:g} for the {study.quantity} is reached by no setting tried; "
             f"the least error is {best}: give a larger tolerance or other settings"
         )
-    setting = found.point.setting
-    return Choice(
-        study.scene, study.quantity, tolerance, found.point.error, found.point.seconds,
+    setting = advised.point.setting
+    return Recommendation(
+        study.scene, study.quantity, tolerance, advised.point.error, advised.point.seconds,
         {"dt": setting.dt, "method": setting.method}, dict(setting.changes), study,
-        found.point.doubt, found.starts,
+        advised.point.doubt, advised.starts,
     )  # fmt: skip

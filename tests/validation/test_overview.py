@@ -10,19 +10,26 @@ import pytest
 
 from granular import Scene
 from granular.shared.html import Page
-from validation import glance
-from validation.cost import Point, Setting, WorkPrecision
+from validation import overview
+from validation.cost.point import Point, SolverSettings
+from validation.cost.study import WorkPrecision
 from validation.effect_costs import NOTHING, agree, effect_costs
-from validation.glance import glance_part, planned, quantities_of
-from validation.parts import Part, measured
-from validation.report import page, part_text, summary
-from validation.sections.glance import advice_table, effect_table, glance_section
+from validation.overview import (
+    advice_table,
+    effect_table,
+    overview_tasks,
+    planned,
+    quantities_of,
+    show_overview,
+)
+from validation.report import page, section_text, summary
+from validation.runner import measure
 
 
 def study(floor: float) -> WorkPrecision:
     points = (
-        Point(Setting("stormer-verlet", "auto*8"), 2e-3, 1.0, 100, None, 1e-4, 5),
-        Point(Setting("stormer-verlet", "auto*4"), 5e-4, 2.0, 200, None, 1e-5, 5),
+        Point(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.0, 100, None, 1e-4, 5),
+        Point(SolverSettings("stormer-verlet", "auto*4"), 5e-4, 2.0, 200, None, 1e-5, 5),
     )
     return WorkPrecision("damper", "period", "1", None, points, floor, "finer")
 
@@ -51,10 +58,10 @@ def test_advice_is_a_row_a_quantity() -> None:
 
 
 def test_a_fresh_start_that_misses_fails_the_report() -> None:
-    assert summary({"glance": result(True)})["holds"] is True
-    bad = {"glance": result(False)}
+    assert summary({"overview": result(True)})["holds"] is True
+    bad = {"overview": result(False)}
     assert summary(bad)["holds"] is False
-    assert "Not all holds: glance." in page(bad, full=False).render()
+    assert "Not all holds: overview." in page(bad, full=False).render()
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
@@ -69,7 +76,7 @@ def test_prices_that_differ_by_more_than_a_fifth_both_stand(
     assert shown.rows[0][3] == ("yes" if alike else "no")
     assert shown.rows[1][1] == "cannot be run"
     drawn = Page("page")
-    glance_section(drawn, [{"effects": plain}])
+    show_overview(drawn, [{"effects": plain}])
     assert "direct 3 microseconds" in drawn.render()
 
 
@@ -97,14 +104,13 @@ def test_first_screen_of_a_small_bed(
     small_bed: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Measured, advised, followed by a fresh start, and said on the page and the console."""
-    monkeypatch.setattr(glance, "QUICK_SECONDS", 1e-3)
-    monkeypatch.setattr(glance, "STEPS", ("auto*8", "auto*4", "auto*2"))
-    monkeypatch.setattr(glance, "OTHERS", ())
+    monkeypatch.setattr(overview, "QUICK_SECONDS", 1e-3)
+    monkeypatch.setattr(overview, "STEPS", ("auto*8", "auto*4", "auto*2"))
+    monkeypatch.setattr(overview, "OTHERS", ())
     settle = {"kind": "hold", "name": "settle", "duration": "0.01 s"}
     scene = small_bed.replace(name="bed of 23", protocol=[settle])
-    wanted = glance_part([scene], hard=False)
-    part = Part("glance", lambda full: wanted.pieces(full)[:1])
-    found = measured(part, tmp_path, progress=False)
+    tasks = overview_tasks([scene], full=False, hard=False)[:1]
+    found = measure("overview", tasks, tmp_path, progress=False)
     (one,) = found
     assert [each["quantity"] for each in one["studies"]] == [
         "piston force", "mean distance", "energy",
@@ -112,6 +118,6 @@ def test_first_screen_of_a_small_bed(
     assert one["starts"] > 1
     assert "mean distance" in {each["quantity"] for each in one["fresh"]}
     assert all(math.isfinite(each["error"]) for each in one["fresh"])
-    text = part_text("glance", found)
+    text = section_text("overview", found)
     assert "bed of 23: what accuracy costs" in text
-    assert "bed of 23" in page({"glance": found}, full=False).render()
+    assert "bed of 23" in page({"overview": found}, full=False).render()

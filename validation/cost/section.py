@@ -1,0 +1,202 @@
+"""Error against time in the report: pictures, and which setting to take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.schema.scales import Scales
+from granular.shared.plotting import figure
+from validation.cost.measuring import candidates, work_precisions
+from validation.cost.point import USUAL, SolverSettings
+from validation.cost.study import LEVELS, WorkPrecision
+from validation.exact import exact_problem
+from validation.outside import ORDERS
+from validation.runner import Plain, Section, Task
+from validation.scenes import compression_scene, frictionless_bed, lattice
+from validation.table import WIDTH, TextTable, legend, table, tabulate
+
+if TYPE_CHECKING:
+    from granular.shared.html import Page
+
+Studies = list[WorkPrecision]
+"""Those of one task: a quantity each."""
+
+
+def studies_of(plain: Mapping[str, Any]) -> Studies:
+    """Return the studies of a result."""
+    return [WorkPrecision.from_plain(one) for one in plain["studies"]]
+
+
+def joined(results: Sequence[Studies]) -> Studies:
+    """Return the studies of all tasks."""
+    return list(chain.from_iterable(results))
+
+
+OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+"""Of the outside references; for the bed the first and the third, which take seconds."""
+
+DAMPER_STEPS = {
+    "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
+    "blanes-moan-4": ("auto*8", "auto*4", "auto*2"),
+}
+"""Fewer than for the others: the damper's runs are long, and soon within the scatter of starts."""
+
+
+def work_precision_tasks(full: bool) -> list[Task]:
+    """What accuracy costs: grain, frictionless bed and compression; in full also the damper."""
+    grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
+    kept = ("energy", "positions")
+    many = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
+    few = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES[:3:2]]
+    wanted: list[tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]] = [
+        (grain, kept, [*candidates(grain), *many], {"until": 1.0, "references": _exact_grain()}),
+        (bed, kept, [*candidates(bed), *few], {"until": 0.02}),
+        (squeezed, ("piston force", "mean distance"), candidates(squeezed), {"seeds": 4}),
+    ]
+    if full:
+        damper = [SolverSettings(name, dt) for name, steps in DAMPER_STEPS.items() for dt in steps]
+        quantities = ("rest height", "period", "damping ratio")
+        options: dict[str, Any] = {
+            "seeds": 4,
+            "repeats": 1,
+            "references": [SolverSettings("stormer-verlet", "auto/8")] * len(quantities),
+        }
+        wanted.append((load_scene("damper"), quantities, damper, options))
+        wanted.append(_pair_sums())
+    return [work_precision_task(*one) for one in wanted]
+
+
+def work_precision_task(
+    scene: Scene,
+    quantities: Sequence[str],
+    settings: Sequence[SolverSettings],
+    options: dict[str, Any],
+    **more: Any,
+) -> Task:
+    """A scene with many settings; ``more`` tells it from others with methods of the names."""
+    key = {
+        "scene": scene.digest(), "quantities": quantities, "settings": str(settings),
+        "options": str(options), **more,
+    }  # fmt: skip
+    return Task(scene.name, key, partial(_weigh, scene, quantities, settings, options))
+
+
+SUMS: tuple[dict[str, Any], ...] = (
+    {"pairs.method": "direct"},
+    *({"pairs.method": "mesh", "pairs.tolerance": one} for one in (3e-3, 3e-4, 3e-5)),
+    {"pairs.method": "mesh", "pairs.far_every": 1},
+    *({"pairs.method": "cut-off", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
+    *({"pairs.method": "verlet-list", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
+)
+"""Ways of summing pairs, and the radii of de Paula's list about its own 11.26 D [D, 5.2]."""
+
+
+def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]:
+    """The piston's force on 1472 grains as they settle, by ways of summing pairs."""
+    scene = lattice(1472).replace(name="1472 grains, by sum over pairs")
+    settings = [SolverSettings("stormer-verlet", "auto", sums) for sums in SUMS]
+    exact = SolverSettings("stormer-verlet", "auto/2", SUMS[0])
+    return scene, ("piston force",), settings, {"until": 0.3, "references": [exact], "repeats": 1}
+
+
+def _exact_grain() -> list[Any]:
+    """The lone grain's exact energy error and position [D] after 1 s."""
+    problem = exact_problem("bounce")
+    return [0.0, problem.exact(1.0).positions / Scales.of(problem.scene.grains).length]
+
+
+def _weigh(
+    scene: Scene,
+    quantities: Sequence[str],
+    settings: Sequence[SolverSettings],
+    options: dict[str, Any],
+) -> Plain:
+    studies = work_precisions(scene, quantities, settings, **options)
+    return {"studies": [one.to_plain() for one in studies]}
+
+
+# In the report ----------------------------------------------------------------------------------
+
+
+def show_studies(page: Page, results: Sequence[Studies]) -> None:
+    """Show a picture and a table a quantity, and which setting to take."""
+    studies = joined(results)
+    page.text(
+        "Error over wall time, warm, the least of the repeats. The broad line joins the settings "
+        "that none beats in both. Where several starts were run, the error is the mean deviation "
+        "over them and a thin bar ends at its bound. What to take for each level is ringed, and "
+        "named at the dotted lines: the fastest setting whose bound is within it, and behind which "
+        "no shorter step is clearly above it. The shaded band is the scatter over random starts; "
+        "below three times that any setting will do, and the mean of more starts is the price. The "
+        "toolkit's seconds hold its records, ledger and start-up; those of SciPy and diffrax "
+        "(thin, dotted) the bare integration. The last column is the time over that of the default "
+        "setting, stormer-verlet at dt = auto."
+    )
+    tabulate(page, choices(studies))
+    for one in studies:
+        with figure(width=WIDTH, height=5.0) as (drawing, axes):
+            one.plot(axes)
+            legend(axes)
+            until = "" if one.horizon is None else f" over {one.horizon:g} s"
+            page.figure(drawing, f"{one.quantity} of {one.scene}{until}, against {one.reference}.")
+
+
+def choices(studies: Sequence[WorkPrecision]) -> TextTable:
+    """Which setting to take for each level, and what it takes beside the default one."""
+    rows = []
+    for one in studies:
+        usual = one.usual()
+        seconds = math.nan if usual is None else usual.seconds
+        rows += [
+            (one.scene, one.quantity, words, *_chosen(one, level, seconds))
+            for words, level in LEVELS.items()
+        ]
+    header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds",
+              "of the default's")  # fmt: skip
+    return table(header, rows)
+
+
+def _chosen(one: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
+    advice = one.advice(level)
+    best = advice.point
+    if best is None:
+        return (str(advice), "", "", "", "", "")
+    take = best.setting.family
+    if advice.below_floor:
+        take = f"any: starts scatter by {advice.floor:.2g}"
+    ratio = advice.seconds / usual
+    return (
+        take, best.setting.fineness, f"{best.error:.2g}", f"{advice.starts:.3g}",
+        f"{advice.seconds:.3g}", "" if math.isnan(ratio) else f"{ratio:.3g}",
+    )  # fmt: skip
+
+
+def _tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
+    title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
+    return [
+        *((title.format(one), one.table()) for one in joined(results)),
+        ("What to take.", choices(joined(results))),
+    ]
+
+
+def _verdict(results: Sequence[Studies]) -> tuple[str, bool]:
+    studies = joined(results)
+    usual = [one for one in studies if any(each.setting[:2] == USUAL for each in one.points)]
+    right = sum(one.usual() is not None for one in usual)
+    words = (
+        f"cost of accuracy shown for {len(studies)} quantities; the default setting runs in "
+        f"{right} of {len(usual)}"
+    )
+    return words, right == len(usual)
+
+
+WORK_PRECISION = Section(
+    "work-precision", "What accuracy costs", work_precision_tasks, studies_of, _tables, _verdict,
+    show_studies,
+)  # fmt: skip

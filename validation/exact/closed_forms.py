@@ -1,0 +1,138 @@
+"""Motions of one grain in closed form: free fall, viscous drag, Coulomb friction."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+
+from granular.scene.scene import Scene
+from validation.exact.problem import (
+    DIGITS,
+    Problem,
+    Snapshot,
+    lone_scene,
+    natural_units,
+    start_of,
+)
+
+# Free fall --------------------------------------------------------------------------------------
+
+
+def free_fall(time: float = 0.25) -> Problem:
+    """A grain thrown upwards and sideways: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2).
+
+    Every method of order two or more is exact here, so only rounding is left; a method of order one
+    misses by g t h/2, the controls' slope.
+    """
+    arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
+    scene = lone_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
+    return Problem("free-fall", "free fall", scene, time, partial(_fallen, scene), fewest=16)
+
+
+def _fallen(scene: Scene, time: float) -> Snapshot:
+    """The grain at a time [s]."""
+    from mpmath import mpf, workdps
+
+    assert scene.effects.gravity is not None
+    with workdps(DIGITS):
+        t, g = mpf(time), mpf(scene.effects.gravity.acceleration)
+        (x, y), (vx, vy) = start_of(scene)
+        return Snapshot(
+            np.array([[float(mpf(x) + mpf(vx) * t), float(mpf(y) + mpf(vy) * t - g * t * t / 2)]]),
+            np.array([[vx, float(mpf(vy) - g * t)]]),
+        )
+
+
+# Viscous drag -----------------------------------------------------------------------------------
+
+COEFFICIENT = 0.02
+"""gamma [kg/s]: the velocity falls to a hundredth."""
+
+
+def drag(time: float = 0.1) -> Problem:
+    """Viscous drag alone: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m.
+
+    The velocity is exact in every method that takes drag by its flow; the place is not, because the
+    drift between two half-steps of drag goes at the speed of their middle. So the order shows.
+    """
+    arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[2.0, 1.0]]}
+    effects = {"drag": {"coefficient": COEFFICIENT}}
+    scene = lone_scene("drag", time, effects, arrangement=arrangement)
+    return Problem(
+        "drag", "viscous drag alone", scene, time, partial(_dragged, scene), fewest=8,
+        conservative=False,
+    )  # fmt: skip
+
+
+def _dragged(scene: Scene, time: float) -> Snapshot:
+    """The grain at a time [s]."""
+    from mpmath import exp, expm1, mpf, workdps
+
+    assert scene.effects.drag is not None
+    with workdps(DIGITS):
+        rate = mpf(scene.effects.drag.coefficient) / natural_units(scene.grains).mass
+        factor = -expm1(-rate * mpf(time)) / rate
+        left = exp(-rate * mpf(time))
+        start, speed = start_of(scene)
+        places = [mpf(q) + mpf(v) * factor for q, v in zip(start, speed, strict=True)]
+        return Snapshot(
+            np.array([[float(q) for q in places]]),
+            np.array([[float(mpf(v) * left) for v in speed]]),
+        )
+
+
+# Coulomb friction -------------------------------------------------------------------------------
+
+SLIDING_TIME = 0.078
+"""Over the time to the stop this is close to the golden ratio, so that neighbouring numbers of
+steps let the stop fall everywhere in its step."""
+
+LOAD = 0.01
+"""N [N]: the grain of 0.43 g loses 10.4 m/s^2, a little more than its weight would give it."""
+
+
+def sliding(time: float = SLIDING_TIME) -> Problem:
+    """A grain stopped by Coulomb friction under a constant normal load N.
+
+    It loses a = mu_d N/m of its speed per time until it stops at t_s = v0/a, after v0^2/(2 a). A
+    method of order two is exact while the grain slides; the step within which it stops is cut into
+    kicks and drifts whatever the order, and misses the place by a part of a h^2/8 that depends on
+    where in the step the stop falls. So the worst error falls like h^2, and no method of higher
+    order gains here.
+    """
+    arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
+    scene = lone_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
+    return Problem(
+        "sliding", "a grain stopped by dry friction", scene, time, partial(_slid, scene),
+        fewest=256, conservative=False, smooth=False,
+    )  # fmt: skip
+
+
+def _slid(scene: Scene, time: float) -> Snapshot:
+    """The grain at a time [s]."""
+    from mpmath import mpf, sqrt, workdps
+
+    friction = scene.effects.friction
+    assert friction is not None
+    with workdps(DIGITS):
+        loss = mpf(friction.dynamic) * mpf(friction.load) / natural_units(scene.grains).mass
+        start, velocity = start_of(scene)
+        speed = sqrt(sum(mpf(v) ** 2 for v in velocity))
+        late = min(mpf(time), speed / loss)
+        distance = (speed - loss * late / 2) * late
+        left = speed - loss * late
+        along = [mpf(v) / speed for v in velocity]
+        places = [mpf(q) + e * distance for q, e in zip(start, along, strict=True)]
+        return Snapshot(
+            np.array([[float(q) for q in places]]), np.array([[float(e * left) for e in along]])
+        )
+
+
+def stopping_time(scene: Scene) -> float:
+    """Time at which a sliding grain stops, t_s [s]."""
+    assert scene.effects.friction is not None
+    law = scene.effects.friction
+    speed = math.hypot(*start_of(scene)[1])
+    return speed * float(natural_units(scene.grains).mass) / (law.dynamic * law.load)

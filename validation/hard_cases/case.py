@@ -1,0 +1,146 @@
+"""A hard case, and the errors that are measured in hard cases."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.schema.scales import Scales
+from validation.exact import Problem
+
+FAIR = 1e-4
+"""Residual of the ledger beyond which the engine itself calls a run degraded."""
+
+BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
+"""Errors that a step that is too long may end in."""
+
+
+class Measure(NamedTuple):
+    """An error of a finished run.
+
+    Attributes
+    ----------
+    words : str
+        What it is the error of, with its unit.
+    error : callable
+    """
+
+    words: str
+    error: Callable[[Trajectory], float]
+
+
+LEDGER = Measure(
+    "residual of the energy ledger over the energy turned over",
+    lambda run: float(run.settings()["ledger_residual"]),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class HardCase:
+    """One entry of the catalogue.
+
+    Attributes
+    ----------
+    name, what : str
+        ``what`` says what is hard about it.
+    scene : callable
+        Makes the scene; it may raise a typed error, which counts as a stop.
+    quick, full : float
+        Times up to which it runs [s].
+    measure : Measure
+    limit : float
+        The error up to which the run is accurate.
+    errors : tuple of str
+        Names of the errors that may end it.
+    dt : float or str
+        The step it is run with.
+    may_degrade : bool
+        Whether a warning may take the place of accuracy.
+    """
+
+    name: str
+    what: str
+    scene: Callable[[], Scene]
+    quick: float
+    full: float
+    measure: Measure = LEDGER
+    limit: float = FAIR
+    errors: tuple[str, ...] = ()
+    dt: float | str = "auto"
+    may_degrade: bool = False
+
+
+_ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
+
+
+def energy_change(run: Trajectory) -> float:
+    """Energy at the end over that at the start, minus one (no losses, no work)."""
+    data = run.dataset
+    parts = [data[f"{one}_energy"].values for one in _ENERGIES if f"{one}_energy" in data]
+    total = np.sum(parts, axis=0)
+    return float(abs(total[-1] / total[0] - 1.0))
+
+
+def distance_to(problem: Problem) -> Callable[[Trajectory], float]:
+    """Distance from the exact place at the run's end [D]."""
+
+    def measure(run: Trajectory) -> float:
+        data = run.dataset
+        exact = problem.exact(float(data["frame_time"][-1])).positions
+        off = data["position"].values[-1] - exact
+        return float(np.abs(off).max()) / Scales.of(run.scene.grains).length
+
+    return measure
+
+
+def greatest_displacement(run: Trajectory) -> float:
+    """Greatest displacement of any grain along an axis [D]."""
+    place = run.dataset["position"].values
+    return float(np.abs(place - place[0]).max()) / Scales.of(run.scene.grains).length
+
+
+def terminal_fall(run: Trajectory) -> float:
+    """Relative error of an overdamped grain's fall, y = y0 - v t + (v/c)(1 - e^(-c t)), v = g/c."""
+    drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
+    assert drag is not None
+    assert gravity is not None
+    rate = drag.coefficient / Scales.of(run.scene.grains).mass
+    data = run.dataset
+    t = float(data["frame_time"][-1])
+    speed = gravity.acceleration / rate
+    fallen = speed * t + speed / rate * math.expm1(-rate * t)
+    velocity = float(data["velocity"].values[-1, 0, 1])
+    place = data["position"].values[:, 0, 1]
+    # A fall of less than the place's last digits can only be told by its speed.
+    by_place = abs(place[0] - place[-1] - fallen) - 4.0 * np.spacing(place[0])
+    by_speed = abs(velocity / (speed * math.expm1(-rate * t)) - 1.0)
+    return float(max(by_speed, by_place / fallen))
+
+
+def momentum_change(run: Trajectory) -> float:
+    """Change of energy or momentum over what there is of it (no walls)."""
+    charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
+    momenta = charge[:, None] * run.dataset["velocity"].values
+    scale = np.abs(momenta[0]).sum()
+    lost = np.abs(momenta[-1].sum(axis=0) - momenta[0].sum(axis=0)).max() / scale
+    return max(float(lost), energy_change(run))
+
+
+def few_grains(name: str, **changes: Any) -> Scene:
+    """A packaged scene cut down to 23 grains."""
+    size = {
+        "grains.count": 23,
+        "cell.width": "15 D",
+        "piston.height": "6 D",
+        "arrangement.height": "5.5 D",
+    }
+    if name == "damper":
+        size["piston.mass"] = 1.0
+    return load_scene(name).replace(**{**size, **changes})

@@ -1,0 +1,255 @@
+"""Hard cases of one grain and of two: collisions, starts, drags that end a motion, long steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from granular.run.trajectory import Trajectory
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.schema.scales import Scales
+from validation.exact import Problem
+from validation.exact.problem import BOTTOM_ONLY, lone_scene
+from validation.hard_cases.case import (
+    BROKEN,
+    HardCase,
+    Measure,
+    distance_to,
+    energy_change,
+    few_grains,
+    greatest_displacement,
+    momentum_change,
+    terminal_fall,
+)
+
+ENERGY = Measure("relative change of the energy", energy_change)
+
+# Collisions -------------------------------------------------------------------------------------
+
+
+def head_on(closest: float) -> Problem:
+    """Two grains head-on at the speed that brings them to a distance [D], from 6 D apart."""
+    from validation.exact.scattering import APART, problem
+
+    scales = Scales.of(load_scene("single-particle").grains)
+    natural = math.sqrt(0.25 / closest**3 - 0.25 / APART**3)
+    time = 1.1 * APART / natural * scales.time
+    return problem(natural * scales.velocity, 0.0, time)
+
+
+def _shot(speed: float) -> Scene:
+    """A grain shot at the bottom wall from 20 D [D/tau], and away again."""
+    scales = Scales.of(load_scene("single-particle").grains)
+    arrangement = {
+        "positions": [["30 D", "20 D"]],
+        "velocities": [[0.1 * speed * scales.velocity, -speed * scales.velocity]],
+    }
+    effects = {"gravity": {}, "walls": BOTTOM_ONLY}
+    time = 40.0 / speed * scales.time
+    return lone_scene("shot", time, effects, arrangement=arrangement, cell={"width": "60 D"})
+
+
+def collision_cases() -> tuple[HardCase, ...]:
+    """Forces that rise steeply within a step."""
+    cases = []
+    for closest in (0.5, 0.1, 0.02):
+        problem = head_on(closest)
+        name, time = f"head-on to {closest:g} D", problem.time
+        place = Measure("distance from the exact place afterwards [D]", distance_to(problem))
+        energy = Measure("relative change of the energy afterwards", energy_change)
+        cases += [
+            HardCase(name, "the pair's stiffness grows like r^-5", partial(_same, problem.scene),
+                     time, time, place, 1e-2),
+            HardCase(f"{name}, energy", "the same, judged by its energy",
+                     partial(_same, problem.scene), time, time, energy, 1e-6),
+        ]  # fmt: skip
+    for speed in (1.0, 10.0, 100.0):
+        scene = _shot(speed)
+        time = scene.protocol[0].span(0.0)
+        assert time is not None
+        cases.append(
+            HardCase(f"shot at the wall with {speed:g} D/tau",
+                     "the wall's stiffness grows like w^-4.5", partial(_same, scene), time, time,
+                     Measure("relative change of the energy afterwards", energy_change), 1e-5)
+        )  # fmt: skip
+    return tuple(cases)
+
+
+def _same(scene: Scene) -> Scene:
+    return scene
+
+
+def _unequal(ratio: float) -> Scene:
+    """A light grain shot at a heavy one of that many times its mass."""
+    small = 5e-3 / math.sqrt(ratio)
+    speed, apart = 0.5, 0.02
+    grains = {
+        "count": 2,
+        "species": [
+            {"name": "heavy", "diameter": 5e-3, "share": 0.5},
+            {"name": "light", "diameter": small, "share": 0.5},
+        ],
+    }
+    plan = {
+        "positions": [["30 D", "30 D"], [0.15 + apart, 0.1502]],
+        "velocities": [[0.0, 0.0], [-speed, 0.0]],
+    }
+    scene = lone_scene("unequal", 2.0 * apart / speed, {"dipole": {}}, arrangement=plan)
+    return scene.replace(**{"grains": grains})
+
+
+def mass_cases() -> tuple[HardCase, ...]:
+    """Grains of very different masses."""
+    measure = Measure("relative change of energy or momentum", momentum_change)
+    return tuple(
+        HardCase(
+            f"mass ratio {ratio:g}", "a light grain bounces off a heavy one",
+            partial(_unequal, ratio), 0.08, 0.08, measure, 1e-5,
+        )
+        for ratio in (1e2, 1e4, 1e6)
+    )  # fmt: skip
+
+
+# Starts -----------------------------------------------------------------------------------------
+
+
+def _pair(gap: str, **effects: Any) -> Scene:
+    """Two grains of 5 mm at rest, at a distance."""
+    return lone_scene(
+        "pair",
+        0.01,
+        {"dipole": {}, **effects},
+        arrangement={"positions": [["30 D", "30 D"], [f"{30.0 + float(gap)!r} D", "30 D"]]},
+    )
+
+
+def start_cases() -> tuple[HardCase, ...]:
+    """Starts that are none, and one that contact bears."""
+    refused = {
+        "coincident grains": ("two grains at one place", "0.0"),
+        "nearly coincident grains": ("two grains 1e-9 D apart", "1e-9"),
+        "overlapping start": ("two grains 0.8 D apart, without contact", "0.8"),
+    }
+    return (
+        *(
+            HardCase(name, what, partial(_pair, gap), 0.01, 0.01, ENERGY, 1e-6, ("SceneError",))
+            for name, (what, gap) in refused.items()
+        ),
+        HardCase(
+            "overlapping start with contact", "two grains 0.999 D apart, with contact",
+            lambda: _pair("0.999", contact={"modulus": 1e8}), 0.002, 0.01,
+        ),
+    )  # fmt: skip
+
+
+# Drags ------------------------------------------------------------------------------------------
+
+
+def _overdamped(ratio: float) -> Scene:
+    """A drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
+    mass = Scales.of(load_scene("single-particle").grains).mass
+    effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
+    scene = lone_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
+    return scene.replace(**{"output.scalars": 1e-3, "output.frames": 0.1})
+
+
+def _hardly_swinging(drag: float) -> Scene:
+    """A small damper, released above its place of rest."""
+    return few_grains("damper", **{"effects.drag.coefficient": drag})
+
+
+def damping_cases() -> tuple[HardCase, ...]:
+    """Drags from weak to overwhelming, and beds that hardly swing."""
+    fall = Measure("relative error of the fall", terminal_fall)
+    near_one = tuple(
+        HardCase(
+            f"damping ratio near 1: drag of {drag:g} kg/s",
+            "a piston that just swings, or just does not", partial(_hardly_swinging, drag),
+            0.2, 3.0,
+        )
+        for drag in (2.0, 2.7, 4.0)
+    )  # fmt: skip
+    return near_one + tuple(
+        HardCase(
+            f"drag with gamma h/m = {ratio:g}", "the velocity decays within a step",
+            partial(_overdamped, ratio), 0.1, 1.0, fall,
+        )
+        for ratio in (1.0, 1e3, 1e6)
+    )  # fmt: skip
+
+
+# Steps ------------------------------------------------------------------------------------------
+
+LINEAR = 1e-6
+"""Swing of the grain near the stability limit, over its height of rest: as wide as the motion is
+linear to rounding, and its energy below what the ledger judges."""
+
+
+def near_limit(share: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
+    """A grain where the wall carries it, and that share of the longest stable step, 2/omega.
+
+    Parameters
+    ----------
+    share : float
+    amplitude : float
+        Start above the place of rest, in units of its height.
+    """
+    from validation.exact.oscillation import harmonic_period, problem
+
+    scene = problem(amplitude).scene
+    step = share * harmonic_period(scene) / math.pi
+    return (lambda: scene.replace(**{"output.scalars": step * 8, "output.frames": step * 64})), step
+
+
+def verlet_swing(share: float, step: float) -> Callable[[Trajectory], float]:
+    """Distance from Verlet's own swing in a linear mode, over its amplitude.
+
+    At a step of that share of 2/omega the places are x_n = A cos(n theta), with cos(theta) =
+    1 - 2 share^2: bounded for ever up to a share of one (Hairer, Lubich and Wanner 2003, section
+    5.1).
+    """
+    angle = math.acos(1.0 - 2.0 * share * share)
+
+    def measure(run: Trajectory) -> float:
+        place = run.dataset["position"].values[:, 0, 1]
+        count = np.rint(run.dataset["frame_time"].values / step)
+        rest = place[0] / (1.0 + LINEAR)
+        swing = place[0] - rest
+        return float(np.abs(place - rest - swing * np.cos(count * angle)).max() / swing)
+
+    return measure
+
+
+def _recorded_rarely() -> Scene:
+    return load_scene("single-particle").replace(**{"output.scalars": 0.01, "output.frames": 1.0})
+
+
+def step_cases() -> tuple[HardCase, ...]:
+    """Long steps, and many."""
+    below, short = near_limit(0.95)
+    beyond, long = near_limit(1.05)
+    swing = Measure("distance from Verlet's exact swing over its width", verlet_swing(0.95, short))
+    return (
+        HardCase(
+            "step at 0.95 of the stability limit",
+            "a grain 5e-6 D off its place of rest swings for ever as Verlet's mode does; the "
+            "energy of a wide swing goes up and down tenfold, by 1/(1 - 0.95^2), which the ledger "
+            "stops",
+            below, 384 * short, 3840 * short, swing, 1e-3, dt=short,
+        ),
+        HardCase(
+            "step at 1.05 of the stability limit",
+            "the same grain's displacement nearly doubles in each step, until the ledger stops it",
+            beyond, 20.0, 200.0, Measure("displacement [D]", greatest_displacement), 2e-5, BROKEN,
+            dt=long,
+        ),
+        HardCase(
+            "many steps", "1e6 steps of the bouncing grain; 1e8 in the full catalogue",
+            _recorded_rarely, 1.0, 100.0, limit=1e-6, dt=1e-6,
+        ),
+    )  # fmt: skip

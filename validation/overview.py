@@ -1,0 +1,363 @@
+"""Overview: the first screen of the report.
+
+It answers three questions of a user: what accuracy costs in a scene, what its effects cost, and how
+hard cases end.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from granular.methods import METHODS
+from granular.run.options import is_allowed
+from granular.scene.loading import load_scene
+from granular.scene.scene import Scene
+from granular.shared.errors import GranularError
+from granular.shared.files import finite
+from granular.shared.plotting import COLOURS, GREY, STYLES, figure
+from validation.cost.measuring import (
+    STEPS,
+    finest,
+    points,
+    run,
+    starts_of,
+    study_of,
+    truths,
+    varies,
+)
+from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration
+from validation.cost.section import studies_of
+from validation.cost.study import LEVELS, WorkPrecision, plain_numbers
+from validation.effect_costs import agree, effect_costs
+from validation.hard_cases import COSTLY, catalogue
+from validation.quantities import QUANTITIES, MeasuredQuantity
+from validation.runner import Plain, Section, Task
+from validation.scenes import compression_scene
+from validation.stability import ACCURATE, DEGRADED, STOPPED, Outcome, outcome, stability_verdict
+from validation.table import WIDTH, TextTable, legend, table, tabulate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from granular.shared.html import Page
+    from validation.cost.measuring import Truth
+
+QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
+"""What the runs of one scene may take [s]."""
+
+MANY_STARTS, FEW_STARTS = 8, 3
+"""Starts of a scene whose runs are short, and of one whose are long."""
+
+OTHERS = ("blanes-moan-4",)
+"""Methods beside Verlet's, in steps as long as their share of the time allows."""
+
+SHARE = 0.25
+"""Of the time, for each other method."""
+
+SINGLE = 0.3
+"""Length of a run without a piston [s]: positions mean something over a short time only."""
+
+
+def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[Task]:
+    """Tasks for these scenes; ``hard`` adds the quick ones of the hard cases."""
+    seconds = FULL_SECONDS if full else QUICK_SECONDS
+    tasks = []
+    for scene in scenes:
+        key = {"scene": scene.digest(), "name": scene.name}
+        tasks += [
+            Task(f"{scene.name}: accuracy", {**key, "seconds": seconds},
+                 partial(_accuracy, scene, seconds)),
+            Task(f"{scene.name}: effects", {**key, "what": "effects"},
+                 lambda scene=scene: {"effects": finite(effect_costs(scene))}),
+        ]  # fmt: skip
+    return [*tasks, Task("hard cases", {"what": "hard cases"}, _hard)] if hard else tasks
+
+
+def _hard() -> Plain:
+    light = [one for one in catalogue() if not any(word in one.name for word in COSTLY)]
+    return {"outcomes": [outcome(one).to_plain() for one in light]}
+
+
+def quantities_of(scene: Scene) -> tuple[str, ...]:
+    """What a scene is made for, by its piston and its stages."""
+    if scene.piston is None:
+        return ("energy", "positions")
+    rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
+    swings = scene.output.record is not None
+    found = ("rest height",) if rests else ("piston force", "mean distance")
+    return (*found, *(("period", "damping ratio") if swings else ()), "energy")
+
+
+def _accuracy(scene: Scene, seconds: float) -> Plain:
+    """Studies of a scene's quantities, and how one fresh start met what they advise."""
+    until = SINGLE if scene.piston is None else None
+    chosen = [QUANTITIES[name] for name in quantities_of(scene)]
+    ladder, scenes, reference = planned(scene, until, seconds)
+    given = [None if one.exact is not None else reference for one in chosen]
+    truth = truths(scenes, chosen, given, until)
+    rows = [points(scenes, chosen, one, truth, until, 1) for one in ladder]
+    studies = [
+        study_of(scene, one, until, [row[k] for row in rows], truth[k])
+        for k, one in enumerate(chosen)
+    ]
+    fresh = _fresh(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
+    return {"studies": [one.to_plain() for one in studies], "fresh": fresh, "starts": len(scenes)}
+
+
+def planned(
+    scene: Scene, until: float | None, seconds: float
+) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
+    """Settings, starts and a reference whose runs fit into a time.
+
+    Steps are halved from the longest one on, each at twice the time of the one before.
+    """
+    steps = [dt for dt in STEPS if is_allowed(scene, dt, "stormer-verlet")]
+    took = _seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
+    random = varies(scene)
+    many = random and MANY_STARTS * took * 2.0**6 <= seconds
+    starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
+    rungs = math.floor(math.log2(seconds / (starts * took) + 1.0)) - 1
+    rungs = min(max(rungs, 2), len(steps) - 1)
+    ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:rungs]]
+    for name in OTHERS:
+        calls = METHODS[name].force_calls
+        runs = seconds * SHARE / (starts * took * calls)
+        more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
+        ladder += [
+            SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)
+        ]  # fmt: skip
+    reference = SolverSettings("stormer-verlet", steps[rungs]) if random else finest(scene)
+    return ladder, starts_of(scene, starts - 1), reference
+
+
+def _seconds(scene: Scene, setting: SolverSettings, until: float | None) -> float:
+    """Time of a run, compiled before [s]."""
+    run(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
+    start = time.perf_counter()
+    run(scene, setting, until)
+    return time.perf_counter() - start
+
+
+def _fresh(
+    scenes: Sequence[Scene],
+    quantities: Sequence[MeasuredQuantity],
+    truth: Sequence[Truth],
+    studies: Sequence[WorkPrecision],
+    until: float | None,
+) -> list[dict[str, Any]]:
+    """One more start, run with each setting that a single run is advised of.
+
+    Its value is compared with the mean of the reference over the other starts, or with the exact
+    one.
+    """
+    last = scenes[-1].arrangement.seed
+    other = scenes[0].replace(**{"arrangement.seed": last + 1})
+    runs: dict[str, Any] = {}
+    found = []
+    for quantity, one, study in zip(quantities, truth, studies, strict=True):
+        if quantity.of_start and quantity.exact is None:
+            continue
+        for words, level in LEVELS.items():
+            best = study.cheapest(level)
+            if best is None:
+                continue
+            label = f"{best.setting.family}, {best.setting.dt}"
+            if label not in runs:
+                runs[label] = run(other, best.setting, until)
+            mean = sum(one.values) / len(one.values)
+            error = _error(quantity, runs[label], mean)
+            found.append({"scene": other.name, "quantity": quantity.name, "level": words,
+                          "setting": label, "error": error, "holds": error <= level})  # fmt: skip
+    return found
+
+
+def _error(quantity: MeasuredQuantity, one: Any, reference: Any) -> float:
+    try:
+        return quantity.error(quantity.measure(one), reference)
+    except GranularError:
+        return math.inf
+
+
+def digit(study: WorkPrecision, best: Point | None) -> str:
+    """What a digit more costs: how many times the time."""
+    measured = study.digit()
+    if measured is not None:
+        return f"{measured:.2g} times"
+    order = METHODS[best.setting.method].order if best is not None else 2
+    return f"{10.0 ** (1.0 / order):.2g} times, by the order"
+
+
+# In the report ----------------------------------------------------------------------------------
+
+
+def show_overview(page: Page, results: Sequence[Plain]) -> None:
+    """Show the answers for each scene, and the row of the hard cases."""
+    for one in results:
+        if "studies" in one:
+            _show_accuracy(page, one)
+        elif "effects" in one:
+            _show_effects(page, one["effects"])
+    if outcomes := _outcomes(results):
+        page.section("Hard cases at a glance")
+        tabulate(page, hard_table(outcomes))
+
+
+def _outcomes(results: Sequence[Plain]) -> list[Outcome]:
+    return [Outcome.from_plain(row) for one in results for row in one.get("outcomes", ())]
+
+
+def _show_accuracy(page: Page, plain: Plain) -> None:
+    studies = studies_of(plain)
+    first, starts = studies[0], plain["starts"]
+    page.section(f"{first.scene}: what accuracy costs")
+    if starts > 1:
+        page.text(
+            f"Errors are means over {starts} starts, against a finer step from the same starts; "
+            "bars end at the bound that the starts allow. Dashed: how far the starts themselves "
+            f"scatter. One run cannot be trusted below {FLOORS:g} times that, whatever its step; "
+            "the mean of more starts can, at their price. Where no method is named it is "
+            f"{USUAL[0]}."
+        )
+    with figure(width=WIDTH, height=4.2) as (drawing, axes):
+        plot(axes, studies)
+        legend(axes)
+        until = "" if first.horizon is None else f" over {first.horizon:g} s"
+        page.figure(drawing, f"{first.scene}{until}: error over the time of a run.")
+    tabulate(page, advice_table(studies))
+
+
+def plot(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
+    """Error over seconds: a colour a quantity, a line a method, the floor dashed."""
+    for k, study in enumerate(studies):
+        colour = COLOURS[k % len(COLOURS)]
+        for j, (name, family) in enumerate(study.families().items()):
+            done = [one for one in family if not one.failed and one.error > 0.0]
+            seconds = [one.seconds for one in done]
+            words = study.quantity if j == 0 else f"{study.quantity}, {name}"
+            axes.loglog(
+                seconds, [one.error for one in done], marker="os^vD"[j % 5], markersize=3.5,
+                color=colour, linestyle=STYLES[j % len(STYLES)], linewidth=1.2, label=words,
+            )  # fmt: skip
+            axes.vlines(seconds, [one.error for one in done], [one.bound for one in done],
+                        color=colour, linewidth=0.8)  # fmt: skip
+        if study.floor > 0.0:
+            axes.axhline(study.floor, color=colour, linestyle=(0, (6, 3)), linewidth=0.9)
+    for level in LEVELS.values():
+        axes.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
+    plain_numbers(axes)
+    axes.set_xlabel("time of a run [s]")
+    axes.set_ylabel("error")
+
+
+def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
+    """A quantity a row: what to take for each level and its price, scatter, price of a digit."""
+    rows = []
+    for one in studies:
+        advised = [one.advice(level) for level in LEVELS.values()]
+        scatter = f"{one.floor:.1g}" if one.floor else "none"
+        rows.append((one.quantity, *map(_take, advised), scatter, digit(one, advised[0].point)))
+    return table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
+
+
+def _take(advice: Advice) -> str:
+    """What to take for a level, and its price."""
+    if advice.point is None:
+        return str(advice)
+    method, price = advice.point.setting.method, duration(advice.seconds)
+    if advice.below_floor:
+        number = f"{advice.starts:d}" if advice.starts < 1000 else f"{advice.starts:.0e}"
+        return f"{number} starts of any step: {price}"
+    named = "" if method == USUAL[0] else f"{method} "
+    return f"{named}{advice.point.setting.fineness}: {price}"
+
+
+# Effects ----------------------------------------------------------------------------------------
+
+
+def _show_effects(page: Page, plain: Mapping[str, Any]) -> None:
+    page.section(f"{plain['scene']}: what its effects cost")
+    page.text(
+        f"Microseconds of a step of {plain['grains']} grains on one core, medians of interleaved "
+        f"runs: {plain['step']:.3g} with all effects, {plain['nothing']:.2g} with none. An effect "
+        "that is added to others may share their work: both prices stand where they differ by "
+        "more than a fifth. What a scene does not name leaves nothing in its step; "
+        '"python -m benchmarks --part absent" times that beside steps written by hand.'
+    )
+    tabulate(page, effect_table(plain))
+    sums = ", ".join(f"{name} {value:.3g}" for name, value in plain["sums"].items())
+    page.text(f"A whole step by the sum over pairs: {sums} microseconds.")
+
+
+def effect_table(plain: Mapping[str, Any]) -> TextTable:
+    """A row an effect: one price, or what it adds first and what it saves last."""
+    rows = []
+    for one in plain["effects"]:
+        first, last = _priced(one, "first"), _priced(one, "last")
+        both = one["first"] is not None and one["last"] is not None
+        told = "yes" if both and agree(one) else "no"
+        rows.append((one["effect"], first, last, told))
+    header = ("effect", "adds when it comes first [us]", "saves when taken away last [us]",
+              "alike within a fifth")  # fmt: skip
+    return table(header, rows)
+
+
+def _priced(one: Mapping[str, Any], which: str) -> str:
+    value, doubt = one[which], one[f"{which}_doubt"]
+    return "cannot be run" if value is None else f"{value:.3g} ± {doubt:.1g}"
+
+
+# Hard cases -------------------------------------------------------------------------------------
+
+
+def hard_table(outcomes: Sequence[Outcome]) -> TextTable:
+    """Return how many cases ended how, in one row."""
+    counts = [sum(one.kind == kind for one in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
+    wrong = [one.case for one in outcomes if not one.allowed]
+    row = (len(outcomes), *counts, ", ".join(wrong) or "none")
+    header = ("hard cases", "accurate", "degraded and said so", "stopped by a typed error",
+              "ended as they must not")  # fmt: skip
+    return table(header, [row])
+
+
+def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
+    tables = []
+    for one in results:
+        if "studies" in one:
+            studies = studies_of(one)
+            tables.append((f"{studies[0].scene}: what accuracy costs", advice_table(studies)))
+        elif "effects" in one:
+            plain = one["effects"]
+            tables.append((f"{plain['scene']}: what its effects cost", effect_table(plain)))
+    if outcomes := _outcomes(results):
+        tables.append(("Hard cases", hard_table(outcomes)))
+    return tables
+
+
+def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
+    fresh = [row for one in results for row in one.get("fresh", ())]
+    hard = _outcomes(results)
+    missed = [f"{row['quantity']} of {row['scene']} to {row['level']} by {row['setting']}"
+              for row in fresh if not row["holds"]]  # fmt: skip
+    words = f"{len(fresh) - len(missed)} of {len(fresh)} advised settings hold for a fresh start"
+    if missed:
+        words += f", not {'; '.join(missed)}"
+    if hard:
+        words += f"; {stability_verdict(hard).rstrip('.')}"
+    return words, not missed and all(one.allowed for one in hard)
+
+
+def overview_of(scenes: Sequence[Scene]) -> Section:
+    """Return the overview for scenes of one's own, with the quick hard cases."""
+    return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
+
+
+def _packaged(full: bool) -> list[Task]:
+    """The packaged damper, and the compression with dry friction."""
+    return overview_tasks([load_scene("damper"), compression_scene()], full, hard=False)
+
+
+OVERVIEW = Section("overview", "", _packaged, dict, _tables, _verdict, show_overview)

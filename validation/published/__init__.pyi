@@ -1,2 +1,0 @@
-from .values import duration as duration
-from .values import published_value as published_value

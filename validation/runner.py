@@ -1,0 +1,170 @@
+"""Sections of the report: their tasks, whose results are kept on disk, and how these are shown.
+
+A result is found again by its content: what it measures, how, with which sources and versions. So a
+report that was interrupted goes on where it stopped, and nothing stale is shown.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from granular.shared.errors import GranularError
+from granular.shared.result_cache import ResultCache, digest
+
+if TYPE_CHECKING:
+    from granular.shared.html import Page
+    from validation.table import TextTable
+
+Plain = dict[str, Any]
+
+
+class Task(NamedTuple):
+    """One measurement.
+
+    Attributes
+    ----------
+    label : str
+    key : dict
+        All that tells it from others, as plain data.
+    measure : callable
+        Makes its result, as plain data.
+    """
+
+    label: str
+    key: Plain
+    measure: Callable[[], Plain]
+
+
+class Section(NamedTuple):
+    """A section of the report.
+
+    Attributes
+    ----------
+    name : str
+    title : str
+        Its heading; none for a section that writes headings of its own.
+    tasks : callable
+        Its tasks; the argument is whether all of the full ones are wanted.
+    read : callable
+        A result as `tables`, `verdict` and `show` take it.
+    tables : callable
+        Tables of the results, by what is said of them: for the console, and for the page.
+    verdict : callable
+        Words on the results, and whether they hold.
+    show : callable
+        Adds texts, tables and figures to a page.
+    behind : bool
+        Whether the tables stand at the end of the page, where few will read them.
+    """
+
+    name: str
+    title: str
+    tasks: Callable[[bool], Sequence[Task]]
+    read: Callable[[Plain], Any]
+    tables: Callable[[Sequence[Any]], Sequence[tuple[str, TextTable]]]
+    verdict: Callable[[Sequence[Any]], tuple[str, bool]]
+    show: Callable[[Page, Sequence[Any]], None]
+    behind: bool = True
+
+
+KEY_LENGTH = 24
+
+FAILED = "failed"
+"""Key of a result of a task that ended in a typed error: a failure is a result."""
+
+
+def measure(
+    name: str, tasks: Sequence[Task], directory: Path | None, *, progress: bool = True
+) -> list[Plain]:
+    """Return the results of tasks, those on disk included.
+
+    Parameters
+    ----------
+    name : str
+        Of the section, or whatever the tasks are part of.
+    tasks : sequence of Task
+    directory : Path or None
+        Where results are kept, below ``pieces``; nowhere without.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be written.
+    """
+    results = []
+    kept = None if directory is None else ResultCache(directory / "pieces")
+    for task in _in_turn(name, tasks, progress):
+        key = _key(name, task)
+        result: Plain | None = None if kept is None else kept.read(key)
+        if result is None:
+            try:
+                result = task.measure()
+            except GranularError as stop:
+                result = {FAILED: f"{type(stop).__name__}: {stop}", "label": task.label}
+            if kept is not None:
+                kept.keep(key, result)
+        results.append(result)
+    return results
+
+
+def _in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
+    from granular.shared.progress import progress_bar
+
+    with progress_bar(
+        total=len(tasks), desc=name, wanted=progress,
+        bar_format="{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}]",
+    ) as bar:  # fmt: skip
+        for task in tasks:
+            bar.set_postfix_str(task.label)
+            yield task
+            bar.update()
+
+
+def _key(name: str, task: Task) -> str:
+    content = {"key": task.key, "part": name, "sources": sources(), "on": machine()}
+    return f"{name}-{digest(content, KEY_LENGTH)}"
+
+
+_SHOWING = ("report.py", "table.py", "html.py", "plotting.py", "published.py")
+"""Files that only show what was measured, or on which no section depends."""
+
+
+@cache
+def sources() -> str:
+    """Digest of all code that a figure may depend on."""
+    import granular
+    import validation
+
+    content = hashlib.sha256()
+    for package in (granular, validation):
+        assert package.__file__ is not None
+        for path in sorted(Path(package.__file__).parent.rglob("*.py")):
+            if path.name not in _SHOWING:
+                content.update(path.read_bytes())
+    return content.hexdigest()
+
+
+def machine() -> dict[str, str]:
+    """The machine, and versions of what it computes with."""
+    import os
+
+    from granular.shared.version import versions
+
+    here = {"processor": _processor(), "cores": str(os.cpu_count()), "system": platform.system()}
+    return here | versions()
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

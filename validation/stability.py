@@ -1,0 +1,268 @@
+"""Endings of hard cases: accurate, degraded and said so, stopped with a typed error, or worse.
+
+The worst is a run that ends as if all were well with figures that are not: a silent failure. An
+error that is not one of the toolkit's own is as bad for a user, and is called a crash.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+import warnings
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any
+
+from granular.methods.method import COMPENSATED
+from granular.shared.errors import GranularError
+from validation.hard_cases import HardCase, catalogue
+from validation.hard_cases.case import BROKEN
+from validation.runner import Section, Task
+from validation.table import TextTable, table, tabulate
+
+if TYPE_CHECKING:
+    from granular.shared.html import Page
+
+ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
+SILENT, CRASHED = "SILENT FAILURE", "CRASH"
+OVERLAP = "less than a diameter"
+"""Part of the warning that two grains overlap where no contact is: physics, not accuracy."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """Ending of a case.
+
+    Attributes
+    ----------
+    case, method, dt : str
+    kind : str
+        `ACCURATE`, `DEGRADED`, `STOPPED`, `SILENT` or `CRASHED`.
+    error : float
+        As measured; NaN where the run did not end.
+    limit : float
+    said : str
+        The typed error's class and message, or the warnings.
+    allowed : bool
+        Whether the case may end like this.
+    seconds : float
+        Wall time, the compilation of a new kind of scene included.
+    measured : str
+        What the error is of, with its unit.
+    """
+
+    case: str
+    method: str
+    dt: str
+    kind: str
+    error: float
+    limit: float
+    said: str
+    allowed: bool
+    seconds: float
+    measured: str = ""
+
+    def to_plain(self) -> dict[str, Any]:
+        """The outcome as plain data; None for an error that was not measured."""
+        error = self.error if math.isfinite(self.error) else None
+        return dataclasses.asdict(self) | {"error": error}
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> Outcome:
+        """The outcome from what `to_plain` made."""
+        return cls(**plain | {"error": math.nan if plain["error"] is None else plain["error"]})
+
+
+def outcome(
+    case: HardCase,
+    method: str = "stormer-verlet",
+    dt: float | str | None = None,
+    *,
+    full: bool = False,
+) -> Outcome:
+    """Run a case and judge how it ended.
+
+    Parameters
+    ----------
+    case : HardCase
+    method : str
+    dt : float or str, optional
+        The case's own step without.
+    full : bool
+        Up to the case's full time instead of the quick one.
+    """
+    dt = case.dt if dt is None else dt
+    begun = time.perf_counter()
+    kind, error, said = _attempt(case, method, dt, case.full if full else case.quick)
+    name = said.split(":", 1)[0]
+    allowed = (
+        kind == ACCURATE
+        or (kind == DEGRADED and case.may_degrade)
+        or (kind == STOPPED and name in case.errors)
+    )
+    return Outcome(
+        case.name, method, str(dt), kind, error, case.limit, said, allowed,
+        time.perf_counter() - begun, case.measure.words,
+    )  # fmt: skip
+
+
+def _attempt(case: HardCase, method: str, dt: float | str, until: float) -> tuple[str, float, str]:
+    from granular import simulate
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            run = simulate(case.scene(), dt=dt, t_end=until, method=method, progress=False)
+            error = float(case.measure.error(run))
+        except GranularError as stop:
+            return STOPPED, math.nan, f"{type(stop).__name__}: {stop}"
+        except Exception as crash:  # whatever it is, it belongs into the table
+            return CRASHED, math.nan, f"{type(crash).__name__}: {crash}"
+    said = "; ".join(str(one.message) for one in caught)
+    doubts = [one for one in caught if OVERLAP not in str(one.message)]
+    if error <= case.limit:
+        return ACCURATE, error, said
+    return (DEGRADED if doubts else SILENT), error, said
+
+
+# In the report ----------------------------------------------------------------------------------
+
+
+def show_outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
+    """Show the outcome of every hard case."""
+    page.text(stability_verdict(outcomes))
+    for one in outcomes:
+        if not one.allowed:
+            page.note(f"{one.case} ({one.method}, dt {one.dt}): {one.kind}. {one.said}")
+    page.text(
+        "Each run's ending and its error, in the unit of the second column; the third says up to "
+        "what the case's own run counts as accurate (ten times that for other methods, sixteen "
+        "for a step four times as long). An InputError says that a method does not suit the scene. "
+        "All measurements are at the end of this page, with the messages."
+    )
+    tabulate(page, stability_matrix(outcomes))
+
+
+def stability_verdict(outcomes: Sequence[Outcome]) -> str:
+    """What the catalogue shows, in two sentences."""
+    accurate = sum(one.kind == ACCURATE for one in outcomes)
+    wrong = sum(not one.allowed for one in outcomes)
+    return (
+        f"{accurate} of {len(outcomes)} runs are accurate to the figure stated for them; "
+        f"{len(outcomes) - accurate - wrong} are degraded and say so, or are stopped with a typed "
+        f"error where that is right. {wrong or 'None'} ended as a case must not."
+    )
+
+
+def stability_matrix(outcomes: Sequence[Outcome]) -> TextTable:
+    """Outcomes: a row a case, a column for its own settings and for each method and step."""
+    own = "its own settings"
+    rows: dict[str, dict[str, str]] = {}
+    columns: dict[str, None] = {own: None}
+    first: dict[str, Outcome] = {}
+    for one in outcomes:
+        new = first.setdefault(one.case, one) is one
+        column = own if new else _column(one)
+        columns[column] = None
+        rows.setdefault(one.case, {})[column] = _ending(one)
+    return table(
+        ("case", "error of what [unit]", "accurate up to", *columns),
+        [
+            (case, _with_unit(first[case].measured), f"{first[case].limit:.0e}",
+             *(row.get(column, "") for column in columns))
+            for case, row in rows.items()
+        ],
+    )  # fmt: skip
+
+
+def _with_unit(words: str) -> str:
+    return words if words.endswith("]") or not words else f"{words} [1]"
+
+
+def _column(one: Outcome) -> str:
+    return f"with {one.method}" if one.dt == "auto" else f"dt = {one.dt}"
+
+
+def _ending(one: Outcome) -> str:
+    wrong = "" if one.allowed else " (!)"
+    if one.kind == STOPPED:
+        return f"stopped: {one.said.split(':', 1)[0]}{wrong}"
+    return f"{one.kind}: {one.error:.1g}{wrong}"
+
+
+def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
+    """One row an outcome."""
+    rows = [
+        (
+            one.case, one.method, one.dt, one.kind if one.allowed else f"{one.kind} (!)",
+            "" if one.error != one.error else f"{one.error:.1e}", f"{one.limit:.1e}",
+            one.said, f"{one.seconds:.2g}",
+        )
+        for one in outcomes
+    ]  # fmt: skip
+    header = ("case", "method", "dt", "outcome", "error", "limit", "said", "seconds")
+    return table(header, rows)
+
+
+def case_table(names: Collection[str]) -> TextTable:
+    """What is hard about each case, and what its error is."""
+    rows = [(one.name, one.what, one.measure.words) for one in catalogue() if one.name in names]
+    return table(("case", "what is hard", "error"), rows)
+
+
+VARIATIONS = (
+    (f"stormer-verlet{COMPENSATED}", "auto", 1.0),
+    ("adaptive-verlet", "auto", 10.0),
+    ("blanes-moan-4", "auto", 10.0),
+    ("stormer-verlet", "auto*4", 16.0),
+    ("stormer-verlet", "auto/4", 1.0),
+)
+"""Other methods and steps for the hard cases, and how many times the case's own error they may
+leave: a step four times as long leaves sixteen times the error, and methods differ in theirs."""
+
+
+def stability_tasks(full: bool) -> list[Task]:
+    """The catalogue at its own settings; in full up to late times, and by methods and steps."""
+
+    def task(case: HardCase, method: str, dt: float | str | None, *, late: bool) -> Task:
+        return Task(
+            case.name,
+            {"case": case.name, "method": method, "dt": str(dt), "full": late},
+            lambda: outcome(case, method, dt, full=late).to_plain(),
+        )
+
+    cases = catalogue()
+    tasks = [task(case, "stormer-verlet", None, late=full) for case in cases]
+    if full:
+        tasks += [
+            task(_varied(case, times), method, dt, late=False)
+            for method, dt, times in VARIATIONS
+            for case in cases
+            if case.dt == "auto"
+        ]
+    return tasks
+
+
+def _varied(case: HardCase, times: float) -> HardCase:
+    """The case with other settings than its own, which may end it, but never silently."""
+    return dataclasses.replace(
+        case, limit=case.limit * times, may_degrade=True,
+        errors=(*case.errors, *BROKEN, "InputError"),
+    )  # fmt: skip
+
+
+def _verdict(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
+    return stability_verdict(outcomes).rstrip("."), all(one.allowed for one in outcomes)
+
+
+def _tables(outcomes: Sequence[Outcome]) -> list[tuple[str, TextTable]]:
+    return [
+        ("Hard cases.", stability_table(outcomes)),
+        ("What is hard, and what is measured.", case_table({one.case for one in outcomes})),
+    ]
+
+
+STABILITY = Section(
+    "stability", "Hard cases", stability_tasks, Outcome.from_plain, _tables,
+    _verdict, show_outcomes,
+)  # fmt: skip
