@@ -72,9 +72,13 @@ def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[T
             Task(f"{scene.name}: accuracy", {**key, "seconds": seconds},
                  partial(_accuracy, scene, seconds)),
             Task(f"{scene.name}: effects", {**key, "what": "effects"},
-                 lambda scene=scene: {"effects": finite(effect_costs(scene))}),
+                 partial(_effects, scene)),
         ]  # fmt: skip
     return [*tasks, Task("hard cases", {"what": "hard cases"}, _hard)] if hard else tasks
+
+
+def _effects(scene: Scene) -> Plain:
+    return {"effects": finite(effect_costs(scene))}
 
 
 def _hard() -> Plain:

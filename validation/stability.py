@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from granular.methods.method import COMPENSATED
 from granular.shared.errors import GranularError
-from validation.hard_cases import HardCase, catalogue
-from validation.hard_cases.case import BROKEN
+from validation.hard_cases import catalogue
+from validation.hard_cases.case import BROKEN, HardCase
 from validation.runner import Section, Task
 from validation.table import TextTable, table, tabulate
 

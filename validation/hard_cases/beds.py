@@ -57,7 +57,7 @@ def _slabs(**bottom: Any) -> Scene:
 def piston_cases() -> tuple[HardCase, ...]:
     """What a piston may do to a bed."""
     gap = {"gap_start": "5 D", "gap_end": "10 D"}
-    rubbing = {"effects.drag": None, "effects.friction": {}}
+    rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
         HardCase(
             "full-height drop", "the piston falls 55 D before it meets the bed",

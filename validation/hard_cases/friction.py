@@ -53,7 +53,7 @@ def friction_cases() -> tuple[HardCase, ...]:
     problem = closed_forms.sliding()
     distance = Measure("distance from the exact place [D]", distance_to(problem))
     limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem
-    rubbing = {"effects.drag": None, "effects.friction": {}}
+    rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
         HardCase(
             "friction below the threshold", "the weight is 0.7 of what static friction holds",

@@ -70,11 +70,11 @@ def collision_cases() -> tuple[HardCase, ...]:
         ]  # fmt: skip
     for speed in (1.0, 10.0, 100.0):
         scene = _shot(speed)
-        time = scene.protocol[0].span(0.0)
-        assert time is not None
+        length = scene.protocol[0].span(0.0)
+        assert length is not None
         cases.append(
             HardCase(f"shot at the wall with {speed:g} D/tau",
-                     "the wall's stiffness grows like w^-4.5", partial(_same, scene), time, time,
+                     "the wall's stiffness grows like w^-4.5", partial(_same, scene), length, length,
                      Measure("relative change of the energy afterwards", energy_change), 1e-5)
         )  # fmt: skip
     return tuple(cases)
