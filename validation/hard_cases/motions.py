@@ -28,6 +28,7 @@ from validation.hard_cases.case import (
 )
 
 ENERGY = Measure("relative change of the energy", energy_change)
+ENERGY_AFTERWARDS = Measure("relative change of the energy afterwards", energy_change)
 
 # Collisions -------------------------------------------------------------------------------------
 
@@ -61,12 +62,11 @@ def collision_cases() -> tuple[HardCase, ...]:
         problem = head_on(closest)
         name, time = f"head-on to {closest:g} D", problem.time
         place = Measure("distance from the exact place afterwards [D]", distance_to(problem))
-        energy = Measure("relative change of the energy afterwards", energy_change)
         cases += [
             HardCase(name, "the pair's stiffness grows like r^-5", partial(_same, problem.scene),
                      time, time, place, 1e-2),
             HardCase(f"{name}, energy", "the same, judged by its energy",
-                     partial(_same, problem.scene), time, time, energy, 1e-6),
+                     partial(_same, problem.scene), time, time, ENERGY_AFTERWARDS, 1e-6),
         ]  # fmt: skip
     for speed in (1.0, 10.0, 100.0):
         scene = _shot(speed)
@@ -74,8 +74,8 @@ def collision_cases() -> tuple[HardCase, ...]:
         assert length is not None
         cases.append(
             HardCase(f"shot at the wall with {speed:g} D/tau",
-                     "the wall's stiffness grows like w^-4.5", partial(_same, scene), length, length,
-                     Measure("relative change of the energy afterwards", energy_change), 1e-5)
+                     "the wall's stiffness grows like w^-4.5", partial(_same, scene), length,
+                     length, ENERGY_AFTERWARDS, 1e-5)
         )  # fmt: skip
     return tuple(cases)
 
