@@ -213,3 +213,22 @@ def test_a_checkpoint_of_an_earlier_time_is_noticed(runs: Runs, tmp_path: Path) 
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
     with pytest.raises(StoreError, match=r"/c/1 is damaged, or not what the run wrote there"):
         load_trajectory(place).dataset.load()
+
+
+@pytest.mark.parametrize(("length", "noticed"), [(b"7", False), (b"07", True), (b"-7", True)])
+def test_a_length_in_metadata_is_a_number_or_noticed(
+    runs: Runs, tmp_path: Path, length: bytes, noticed: bool
+) -> None:
+    """It is for other programs: how much is complete stands in the checkpoint."""
+    place = copied(runs, tmp_path / "run")
+    for name in ("zarr.json", "time/zarr.json"):
+        file = place / "trajectory.zarr" / name
+        count = str(runs.data.sizes["time"]).encode()
+        content = file.read_bytes()
+        assert content.count(b" " + count + b"\n")
+        file.write_bytes(content.replace(b" " + count + b"\n", b" " + length + b"\n"))
+    if noticed:
+        with pytest.raises(StoreError, match=r"zarr\.json is not what the run wrote"):
+            load_trajectory(place)
+    else:
+        assert load_trajectory(place).dataset.load().equals(runs.data)
