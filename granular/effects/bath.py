@@ -109,12 +109,12 @@ class BathLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def glide(law: BathLaw, room: None, place: int, span: float, bed: Bed) -> int:
-        """Half a drift, the Ornstein-Uhlenbeck process over the span, half a drift."""
+    def glide(law: BathLaw, room: None, place: int, dt: float, bed: Bed) -> int:
+        """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift."""
         state, constants = bed.state, bed.constants
-        left = math.exp(-law.rate * span)
-        spread = -math.expm1(-2.0 * law.rate * span) * law.temperature
-        half, step = 0.5 * span, np.uint64(state.clock[STEPS])
+        left = math.exp(-law.rate * dt)
+        spread = -math.expm1(-2.0 * law.rate * dt) * law.temperature
+        half, step = 0.5 * dt, np.uint64(state.clock[STEPS])
         seed = np.uint64(law.seed)
         for i in range(constants.grains):
             mass = value_of(constants.masses, i)

@@ -135,7 +135,7 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def flow(
-        law: ContactLaw, room: ClosePairs, place: int, span: float, bed: Bed, opening: bool
+        law: ContactLaw, room: ClosePairs, place: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Take the dashpots' share of the normal velocities of grains in contact."""
         state, constants = bed.state, bed.constants
@@ -153,7 +153,7 @@ class ContactLaw(NamedTuple):
                 k = spring(law, law.radius[i], law.radius[j])
                 nx, ny = dx / r, dy / r
                 speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
-                left = decay(law, k, overlap, mass, span)
+                left = decay(law, k, overlap, mass, dt)
                 impulse = mass * (left - 1.0) * speed
                 state.vx[i] += impulse / first * nx
                 state.vy[i] += impulse / first * ny
@@ -199,10 +199,10 @@ def _stiffness(k: float, overlap: float) -> float:
 
 
 @compiled
-def decay(law: ContactLaw, k: float, overlap: float, mass: float, span: float) -> float:
-    """Share of the normal velocity that the dashpot leaves after ``span``, for a reduced mass."""
+def decay(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
+    """Share of the normal velocity that the dashpot leaves after ``dt``, for a reduced mass."""
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
-    return math.exp(-rate * span)
+    return math.exp(-rate * dt)
 
 
 @compiled

@@ -57,12 +57,12 @@ class Drag(Effect):
 
 
 class LastFlow(NamedTuple):
-    """The flow over the last span.
+    """The flow over the last ``dt``.
 
     Attributes
     ----------
     values : float64 (7,)
-        The span [tau], what `flow` returned for it, and exp(-c span) - 1.
+        ``dt`` [tau], what `flow` returned for it, and exp(-c dt) - 1.
     """
 
     values: np.ndarray
@@ -85,18 +85,18 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: DragLaw, room: LastFlow, place: int, span: float, bed: Bed, opening: bool) -> int:
+    def kick(law: DragLaw, room: LastFlow, place: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
         _kick(
-            state.rounding, room.values, law.rate, span, state, constants.grains,
+            state.rounding, room.values, law.rate, dt, state, constants.grains,
             constants.masses, LOSSES + place,
         )  # fmt: skip
         return 0
 
     @staticmethod
     @compiled
-    def slow(law: DragLaw, room: LastFlow, place: int, slopes: Array, span: float, bed: Bed) -> int:
+    def slow(law: DragLaw, room: LastFlow, place: int, slopes: Array, dt: float, bed: Bed) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         state, constants = bed.state, bed.constants
         for i in range(constants.grains):
@@ -105,19 +105,19 @@ class DragLaw(NamedTuple):
             slopes[VX, i] -= law.rate * vx
             slopes[VY, i] -= law.rate * vy
             state.scratch[i] = mass * (vx * vx + vy * vy)
-        state.ledger[LOSSES + place] += span * law.rate * lane_sum(state.scratch)
+        state.ledger[LOSSES + place] += dt * law.rate * lane_sum(state.scratch)
         return 0
 
 
 @compiled(inline=True)
 def _kick(
-    rounding: Array | None, last: Array, rate: float, span: float, state: State, count: int,
+    rounding: Array | None, last: Array, rate: float, dt: float, state: State, count: int,
     masses: Array | None, loss_entry: int,
 ) -> None:  # fmt: skip
-    if last[0] != span:
-        last[0] = span
-        last[1], last[2], last[3], last[4], last[5] = flow(rate, span)
-        last[6] = math.expm1(-rate * span)
+    if last[0] != dt:
+        last[0] = dt
+        last[1], last[2], last[3], last[4], last[5] = flow(rate, dt)
+        last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(count):
         mass = 1.0
@@ -136,32 +136,32 @@ def _kick(
 
 
 @entry
-def flow(rate: float, span: float) -> tuple[float, float, float, float, float]:
-    """Coefficients of the exact flow of kick and drag over ``span``.
+def flow(rate: float, dt: float) -> tuple[float, float, float, float, float]:
+    """Coefficients of the exact flow of kick and drag over ``dt``.
 
     Returns
     -------
     tuple of float
         Decay of v, gain of v from a, and A, B, C of the energy lost per mass.
     """
-    z = rate * span
+    z = rate * dt
     decay = math.exp(-z)
-    gain = -math.expm1(-z) / rate if z != 0.0 else span
+    gain = -math.expm1(-z) / rate if z != 0.0 else dt
     a = -0.5 * math.expm1(-2.0 * z)
     b = rate * gain * gain
     if abs(z) < 1e-2:
         # The closed form of C cancels here; this is its series.
         bent = 1.0 / 3.0 - z * (1.0 / 4.0 - z * (7.0 / 60.0 - z * (1.0 / 24.0 - z * 31.0 / 2520.0)))
-        c = rate * span * span * span * bent
+        c = rate * dt * dt * dt * bent
     else:
-        c = (span - 2.0 * gain + a / rate) / rate
+        c = (dt - 2.0 * gain + a / rate) / rate
     return decay, gain, a, b, c
 
 
 @compiled
-def way(rate: float, span: float, gain: float, speed: float, push: float) -> float:
-    """Way in ``span`` from a speed, under drag and an acceleration; ``gain`` as `flow` has it."""
-    bend = (span - gain) / rate if rate * span > 1e-6 else 0.5 * span * span
+def way(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
+    """Way in ``dt`` from a speed, under drag and an acceleration; ``gain`` as `flow` has it."""
+    bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
 
 

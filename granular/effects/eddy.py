@@ -78,13 +78,13 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(law: EddyLaw, room: None, place: int, span: float, bed: Bed, opening: bool) -> int:
+    def flow(law: EddyLaw, room: None, place: int, dt: float, bed: Bed, opening: bool) -> int:
         """Let the velocities decay; enter what is lost."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
         for i in range(constants.grains):
             mass, moment = value_of(masses, i), value_of(moments, i)
-            exponent = -law.rate * moment * moment / mass * span
+            exponent = -law.rate * moment * moment / mass * dt
             vx, vy = state.vx[i], state.vy[i]
             lost -= 0.5 * mass * math.expm1(2.0 * exponent) * (vx * vx + vy * vy)
             left = math.exp(exponent)
@@ -94,7 +94,7 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def slow(law: EddyLaw, room: None, place: int, slopes: Array, span: float, bed: Bed) -> int:
+    def slow(law: EddyLaw, room: None, place: int, slopes: Array, dt: float, bed: Bed) -> int:
         """As a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
@@ -104,5 +104,5 @@ class EddyLaw(NamedTuple):
             slopes[VX, i] -= rate * vx
             slopes[VY, i] -= rate * vy
             lost += mass * rate * (vx * vx + vy * vy)
-        state.ledger[LOSSES + place] += span * lost
+        state.ledger[LOSSES + place] += dt * lost
         return 0

@@ -14,7 +14,7 @@ A **force** has an energy, and is minus its gradient. `granular.effects.gravity`
 ``measure(..., bed, time, stiffness, energies) -> int``
     Enter the energy at ``energies[place]``; add to ``stiffness`` a bound of each grain's stiffness
     over its mass, which the automatic step follows.
-``work(..., span, bed, time) -> int``
+``work(..., dt, bed, time) -> int``
     Enter in ``state.ledger[WORK]`` what a force that depends on time does.
 ``collision(..., speed, constants) -> float``
     Greatest stiffness over mass that a grain of this speed meets.
@@ -23,13 +23,13 @@ A **flow** takes energy: the velocities after a duration, solved exactly while p
 As a force it would cost the second order. What it takes is entered in
 ``state.ledger[LOSSES + place]``. `granular.effects.eddy` is one.
 
-``flow(..., span, bed, opening) -> int``
-    Velocities after ``span`` under this effect alone; forward behind the kick that opens a step,
+``flow(..., dt, bed, opening) -> int``
+    Velocities after ``dt`` under this effect alone; forward behind the kick that opens a step,
     backward before the one that closes it.
-``kick(..., span, bed, opening) -> int``
-    Velocities after ``span`` under all forces, instead of the plain kick, for what must be solved
+``kick(..., dt, bed, opening) -> int``
+    Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
     together with them; the last effect that has one gives it, and must take along what others do.
-``slow(..., slopes, span, bed) -> int``
+``slow(..., slopes, dt, bed) -> int``
     The same as a force, for Runge-Kutta methods.
 
 A **frame** acts on everything, the piston too. `granular.effects.shaking` is one. (A host moves
@@ -37,8 +37,8 @@ grains and piston by their forces, so the loop itself moves it: `granular.engine
 
 ``lift(..., time) -> float``
     Upward acceleration of all that has a mass.
-``glide(..., span, bed) -> int``
-    Places after ``span``, instead of the plain drift, and velocities that change in its middle, as
+``glide(..., dt, bed) -> int``
+    Places after ``dt``, instead of the plain drift, and velocities that change in its middle, as
     a heat bath wants it; for Störmer-Verlet's coefficients alone.
 
 ``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``;

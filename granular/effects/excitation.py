@@ -219,14 +219,14 @@ def excitation_at(drive: Drive, time: float) -> float:
 
 
 @compiled
-def excitation_over(drive: Drive, time: float, span: float, opening: bool) -> float:
+def excitation_over(drive: Drive, time: float, dt: float, opening: bool) -> float:
     """`excitation_at`, for a kick that begins at ``time`` or, where it closes a step, ends there.
 
     Begin and end, where the drive may jump, fall within a kick: it then counts for its share of it.
     All of the kick, or nothing, would cost a step the second order.
     """
     t = time - drive.start
-    other = t + span if opening else t - span
+    other = t + dt if opening else t - dt
     first, last = min(t, other), max(t, other)
     if first >= 0.0 and last <= drive.duration:
         return _while_it_acts(drive, t)

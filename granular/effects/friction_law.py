@@ -41,9 +41,9 @@ class FrictionLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: FrictionLaw, room: None, place: int, span: float, bed: Bed, opening: bool) -> int:
+    def kick(law: FrictionLaw, room: None, place: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
-        _dry_kick(law.threshold, law, drag.rate_of(law.rate), span, bed, opening)
+        _dry_kick(law.threshold, law, drag.rate_of(law.rate), dt, bed, opening)
         return 0
 
 
@@ -63,7 +63,7 @@ def sliding(speed: float, loss: float) -> float:
     return 1.0 - loss / speed if speed > loss else 0.0
 
 
-# Kicks: velocities after a span of time, while all positions stand still. Force and drag are solved
+# Kicks: velocities after a time ``dt``, while all positions stand still. Force and drag are solved
 # together, exactly, and friction exactly after or before them, in opposite order in the kick that
 # opens a step and in the one that closes it. On grains that friction would stop within a few such
 # kicks it acts together with force and drag, along one mean direction.
@@ -94,7 +94,7 @@ def _push_grain(
 
 @compiled
 def _start_grain(
-    law: FrictionLaw, rate: float, span: float, flow: Flow, state: State, i: int, mass: float,
+    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float,
     load: float,
 ) -> None:  # fmt: skip
     """A grain at rest: it stays, or starts to slide along the force on it."""
@@ -103,7 +103,7 @@ def _start_grain(
         return
     share = 1.0 - law.dynamic * load / force
     _push_grain(law.drag, flow, share, state, i, mass)
-    way = drag.way(rate, span, flow[1], 0.0, share * force / mass)
+    way = drag.way(rate, dt, flow[1], 0.0, share * force / mass)
     state.ledger[law.entry] += law.dynamic * load * way
 
 
@@ -137,7 +137,7 @@ def _fast_grain(
 
 @compiled
 def _slide_grain(
-    law: FrictionLaw, rate: float, span: float, flow: Flow, state: State, i: int, mass: float,
+    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float,
     load: float,
 ) -> None:  # fmt: skip
     """Force, drag and friction together, friction against the mean direction of the motion.
@@ -151,45 +151,45 @@ def _slide_grain(
     ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
     length = _length(ux, uy)
     if length == 0.0:
-        _turn_grain(law, rate, span, state, i, mass, load)
+        _turn_grain(law, rate, dt, state, i, mass, load)
         return
     ux, uy = ux / length, uy / length
     if vx * ux + vy * uy < 0.0:
-        _turn_grain(law, rate, span, state, i, mass, load)
+        _turn_grain(law, rate, dt, state, i, mass, load)
         return
     brake = law.dynamic * load / mass
     ax, ay = ax - brake * ux, ay - brake * uy
     wx, wy = decay * vx + gain * ax, decay * vy + gain * ay
     if wx * ux + wy * uy <= 0.0:
-        _turn_grain(law, rate, span, state, i, mass, load)
+        _turn_grain(law, rate, dt, state, i, mass, load)
         return
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     drag.enter(law.drag, state, mass * lost)
-    way = drag.way(rate, span, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+    way = drag.way(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
     state.ledger[law.entry] += law.dynamic * load * way
 
 
 @compiled
 def _turn_grain(
-    law: FrictionLaw, rate: float, span: float, state: State, i: int, mass: float, load: float
+    law: FrictionLaw, rate: float, dt: float, state: State, i: int, mass: float, load: float
 ) -> None:
-    """A grain that comes to rest within the span; the force may set it off for what is left."""
+    """A grain that comes to rest within ``dt``; the force may set it off for what is left."""
     speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
     _stop_grain(law, rate, state, i, mass, load)
-    left = max(span - spent, 0.0)
+    left = max(dt - spent, 0.0)
     _start_grain(law, rate, left, drag.flow(rate, left), state, i, mass, load)
 
 
 @compiled
 def _kick_with_friction(
-    law: FrictionLaw, rate: float, span: float, bed: Bed, masses: Array | None, opening: bool
+    law: FrictionLaw, rate: float, dt: float, bed: Bed, masses: Array | None, opening: bool
 ) -> None:
     state, constants = bed.state, bed.constants
     assert state.load is not None
-    flow = drag.flow(rate, span)
+    flow = drag.flow(rate, dt)
     # Apart from the ledger, where each sum would wait for the one before it.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
@@ -201,30 +201,30 @@ def _kick_with_friction(
         speed = _length(vx, vy)
         against = max(-(vx * fx + vy * fy), 0.0)
         friction = law.dynamic * load
-        if (speed * mass - 2.0 * span * friction) * speed > span * against:
+        if (speed * mass - 2.0 * dt * friction) * speed > dt * against:
             # The force and twice the friction would not stop it. (Else they must act together, or
             # a grain that is pushed on would be stopped for good by the greater static friction.)
-            loss = friction * span / mass
+            loss = friction * dt / mass
             state.vx[i], state.vy[i], by_drag, by_friction = _fast_grain(
                 flow, loss, vx, vy, fx / mass, fy / mass, opening
             )
             dragged += mass * by_drag
             rubbed += mass * by_friction
         elif speed == 0.0:
-            _start_grain(law, rate, span, flow, state, i, mass, load)
-        elif _sticks(law, span, speed, state, i, mass, load):
+            _start_grain(law, rate, dt, flow, state, i, mass, load)
+        elif _sticks(law, dt, speed, state, i, mass, load):
             _stop_grain(law, rate, state, i, mass, load)
         else:
-            _slide_grain(law, rate, span, flow, state, i, mass, load)
+            _slide_grain(law, rate, dt, flow, state, i, mass, load)
     drag.enter(law.drag, state, dragged)
     state.ledger[law.entry] += rubbed
 
 
 @compiled(inline=True)
 def _sticks(
-    law: FrictionLaw, span: float, speed: float, state: State, i: int, mass: float, load: float
+    law: FrictionLaw, dt: float, speed: float, state: State, i: int, mass: float, load: float
 ) -> bool:
-    """Whether the force, and friction with it, stop the grain in the span, and friction holds it.
+    """Whether the force, and friction with it, stop the grain within ``dt``, and friction holds it.
 
     A grain must not be carried through rest to the other side, where dynamic friction would let go
     of what static friction holds.
@@ -233,7 +233,7 @@ def _sticks(
     against = -(vx * fx + vy * fy)
     if against <= 0.0 or _length(fx, fy) > law.static * load:
         return False
-    return speed * mass <= span * (against / speed + law.dynamic * load)
+    return speed * mass <= dt * (against / speed + law.dynamic * load)
 
 
 @compiled
@@ -252,12 +252,12 @@ def _stop_grain(
 
 @compiled
 def _kick_regularised(
-    law: FrictionLaw, rate: float, span: float, bed: Bed, masses: Array | None, threshold: float
+    law: FrictionLaw, rate: float, dt: float, bed: Bed, masses: Array | None, threshold: float
 ) -> None:
     """De Paula's law: friction as one more force, from the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
-    decay, gain, a, b, c = drag.flow(rate, span)
+    decay, gain, a, b, c = drag.flow(rate, dt)
     for i in range(constants.grains):
         mass = 1.0
         if masses is not None:
@@ -277,15 +277,15 @@ def _kick_regularised(
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
         drag.enter(law.drag, state, mass * lost)
         middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
-        state.ledger[law.entry] -= span * (rx * middle_x + ry * middle_y)
+        state.ledger[law.entry] -= dt * (rx * middle_x + ry * middle_y)
 
 
 @compiled
 def _dry_kick(
-    threshold: float | None, law: FrictionLaw, rate: float, span: float, bed: Bed, opening: bool
+    threshold: float | None, law: FrictionLaw, rate: float, dt: float, bed: Bed, opening: bool
 ) -> None:
     constants = bed.constants
     if threshold is None:
-        _kick_with_friction(law, rate, span, bed, constants.masses, opening)
+        _kick_with_friction(law, rate, dt, bed, constants.masses, opening)
     else:
-        _kick_regularised(law, rate, span, bed, constants.masses, threshold)
+        _kick_regularised(law, rate, dt, bed, constants.masses, threshold)

@@ -33,8 +33,8 @@ reads as it does in SI. There may be, each with what belongs to it:
     A bound of the force's slope, which the automatic step follows.
 ``power(p, grain, time)``
     d(energy)/d(time) at a fixed place, where the energy depends on time: work from outside.
-``flow(p, grain, vx, vy, span) -> (vx, vy)``
-    Velocity after ``span`` under a dissipative effect alone, exactly, for either sign of ``span``.
+``flow(p, grain, vx, vy, dt) -> (vx, vy)``
+    Velocity after ``dt`` under a dissipative effect alone, exactly, for either sign of ``dt``.
     What it takes is entered in the ledger.
 ``pair_energy(p, r, first, second)``, ``pair_force(p, r, first, second)``
     Of two grains at the distance r; the force is positive where they repel each other.

@@ -148,16 +148,16 @@ def _check_pair(definition: Definition, p: Any, r: float, grains: list[Grain]) -
 
 
 def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
-    for vx, vy, span in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
-        wx, wy = _value(definition, "flow", p, grain, vx, vy, span, count=2)
+    for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
+        wx, wy = _value(definition, "flow", p, grain, vx, vy, dt, count=2)
         if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
             raise InputError(
                 f"{definition.title}: 'flow' makes a grain faster; it may only take energy"
             )
-        twice = _value(definition, "flow", p, grain, wx, wy, span, count=2)
-        whole = _value(definition, "flow", p, grain, vx, vy, 2.0 * span, count=2)
+        twice = _value(definition, "flow", p, grain, wx, wy, dt, count=2)
+        whole = _value(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
         if not np.allclose(twice, whole, rtol=1e-9, atol=1e-14):
             raise InputError(
                 f"{definition.title}: 'flow' over two spans is not that over both at once; "
-                "solve it exactly, as v*exp(-rate*span)"
+                "solve it exactly, as v*exp(-rate*dt)"
             )

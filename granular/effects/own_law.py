@@ -62,18 +62,16 @@ class OwnLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def flow(
-        law: OwnLaw, room: Cells | None, place: int, span: float, bed: Bed, opening: bool
+        law: OwnLaw, room: Cells | None, place: int, dt: float, bed: Bed, opening: bool
     ) -> int:
-        _flow(law.kind, law, LOSSES + place, span, bed.state, bed.constants)
+        _flow(law.kind, law, LOSSES + place, dt, bed.state, bed.constants)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(
-        law: OwnLaw, room: Cells | None, place: int, span: float, bed: Bed, time: float
-    ) -> int:
+    def work(law: OwnLaw, room: Cells | None, place: int, dt: float, bed: Bed, time: float) -> int:
         state, constants = bed.state, bed.constants
-        _work(law.kind, law, span, state, constants, time)
+        _work(law.kind, law, dt, state, constants, time)
         return 0
 
 
@@ -147,16 +145,16 @@ def _make_grain_energy(definition: Definition) -> Loop:
 def _make_work(definition: Definition) -> Loop:
     power, values_of = definition.kernels.get("power"), definition.parameters
     if power is None:
-        return lambda kind, law, span, state, constants, time: None
+        return lambda kind, law, dt, state, constants, time: None
 
     def work(
-        kind: Any, law: OwnLaw, span: float, state: State, constants: Constants, time: float
+        kind: Any, law: OwnLaw, dt: float, state: State, constants: Constants, time: float
     ) -> None:
         p, total = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
         for i in range(constants.grains):
             total += value_of(law.factor, i) * power(p, grain_at(state, masses, moments, i), time)
-        state.ledger[WORK] += span * total
+        state.ledger[WORK] += dt * total
 
     return work
 
@@ -164,16 +162,16 @@ def _make_work(definition: Definition) -> Loop:
 def _make_flow(definition: Definition) -> Loop:
     flow, values_of = definition.kernels.get("flow"), definition.parameters
     if flow is None:
-        return lambda kind, law, entry, span, state, constants: None
+        return lambda kind, law, entry, dt, state, constants: None
 
     def slow(
-        kind: Any, law: OwnLaw, entry: int, span: float, state: State, constants: Constants
+        kind: Any, law: OwnLaw, entry: int, dt: float, state: State, constants: Constants
     ) -> None:
         p, lost = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
         for i in range(constants.grains):
             grain, vx, vy = grain_at(state, masses, moments, i), state.vx[i], state.vy[i]
-            wx, wy = flow(p, grain, vx, vy, span)
+            wx, wy = flow(p, grain, vx, vy, dt)
             state.vx[i], state.vy[i] = wx, wy
             lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
         state.ledger[entry] += lost

@@ -84,14 +84,14 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: Swing, room: None, place: int, span: float, bed: Bed, time: float) -> int:
-        """Enter the work that the shaking does on grains and piston in ``span``, at a time."""
+    def work(law: Swing, room: None, place: int, dt: float, bed: Bed, time: float) -> int:
+        """Enter the work that the shaking does on grains and piston in ``dt``, at a time."""
         state, constants = bed.state, bed.constants
         rx, ry = _acceleration_rate(law, time)
         mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)
-        state.ledger[WORK] -= span * (rx * mx + ry * my)
+        state.ledger[WORK] -= dt * (rx * mx + ry * my)
         if constants.piston_mass < math.inf:
-            state.ledger[WORK] -= span * ry * constants.piston_mass * state.piston[HEIGHT]
+            state.ledger[WORK] -= dt * ry * constants.piston_mass * state.piston[HEIGHT]
         return 0
 
     @staticmethod

@@ -96,13 +96,13 @@ class WallFrictionLaw(NamedTuple):
     @staticmethod
     @compiled
     def kick(
-        law: WallFrictionLaw, room: None, place: int, span: float, bed: Bed, opening: bool
+        law: WallFrictionLaw, room: None, place: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
         rate = drag.rate_of(law.rate)
         masses, moments = constants.masses, moments_of(constants)
-        decay, gain, a, b, c = drag.flow(rate, span)
+        decay, gain, a, b, c = drag.flow(rate, dt)
         rubbed, dragged = 0.0, 0.0
         for i in range(constants.grains):
             mass, x = value_of(masses, i), state.x[i]
@@ -111,7 +111,7 @@ class WallFrictionLaw(NamedTuple):
             v, push = state.vx[i], state.fx[i] / mass
             state.vx[i] = decay * v + gain * push
             dragged += mass * (a * v * v + b * v * push + c * push * push)
-            state.vy[i], way = slide(rate, span, state.vy[i], state.fy[i] / mass, hold / mass)
+            state.vy[i], way = slide(rate, dt, state.vy[i], state.fy[i] / mass, hold / mass)
             rubbed += hold * way[0]
             dragged += mass * way[1]
         state.ledger[LOSSES + place] += rubbed
@@ -133,37 +133,37 @@ def _normal(law: Any, w: float) -> float:
 
 
 @compiled
-def _coast(rate: float, span: float, v: float, push: float) -> tuple[float, float, float]:
-    """Velocity after a span under acceleration and drag; the way, and what drag took per mass."""
-    decay, gain, a, b, c = drag.flow(rate, span)
-    way = drag.way(rate, span, gain, abs(v), math.copysign(1.0, v) * push)
+def _coast(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
+    """Velocity after ``dt`` under acceleration and drag; the way, and what drag took per mass."""
+    decay, gain, a, b, c = drag.flow(rate, dt)
+    way = drag.way(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
     return decay * v + gain * push, way, a * v * v + b * v * push + c * push * push
 
 
 @compiled
 def slide(
-    rate: float, span: float, v: float, push: float, hold: float
+    rate: float, dt: float, v: float, push: float, hold: float
 ) -> tuple[float, tuple[float, float]]:
     """Motion along a line under an acceleration, drag, and friction of at most ``hold`` per mass.
 
     Returns
     -------
     tuple
-        Velocity after the span; the way on which friction acted, and what drag took per mass.
+        Velocity after ``dt``; the way on which friction acted, and what drag took per mass.
     """
     way, dragged = 0.0, 0.0
     if v != 0.0:
         sign = math.copysign(1.0, v)
         net = push - sign * hold
-        after, path, lost = _coast(rate, span, v, net)
+        after, path, lost = _coast(rate, dt, v, net)
         if sign * after > 0.0:
             return after, (path, lost)
         brake = -sign * net
         way = drag.stopping_way(rate, abs(v), brake)
         dragged = 0.5 * v * v - brake * way
-        span = max(span - drag.stopping_time(rate, abs(v), brake), 0.0)
+        dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
         v = 0.0
     if abs(push) > hold:
-        v, path, lost = _coast(rate, span, 0.0, push - math.copysign(hold, push))
+        v, path, lost = _coast(rate, dt, 0.0, push - math.copysign(hold, push))
         return v, (way + abs(path), dragged + lost)
     return 0.0, (way, dragged)

@@ -162,21 +162,21 @@ def far_energy(far: FarForces | None) -> float:
 
 
 @compiled
-def kick_by_far_field(far: FarForces | None, span: float, bed: Bed) -> None:
-    """Give the impulse over ``span`` [tau] by which the far field differs from the held one."""
+def kick_by_far_field(far: FarForces | None, dt: float, bed: Bed) -> None:
+    """Give the impulse over ``dt`` [tau] by which the far field differs from the held one."""
     state, constants = bed.state, bed.constants
     if far is not None:
-        _kick(state.rounding, far.held, far, span, state, constants.masses, constants.grains)
+        _kick(state.rounding, far.held, far, dt, state, constants.masses, constants.grains)
 
 
 @compiled
 def _kick(
-    rounding: Array | None, held: Array | None, far: FarForces, span: float, state: State,
+    rounding: Array | None, held: Array | None, far: FarForces, dt: float, state: State,
     masses: Array | None, count: int,
 ) -> None:  # fmt: skip
     if held is not None:
         for i in range(count):
-            gain = span
+            gain = dt
             if masses is not None:
                 gain /= masses[i]
             by_x, by_y = far.fx[i] - held[0, i], far.fy[i] - held[1, i]

@@ -6,11 +6,11 @@ grains in it, and Q = M V + sum m_i (V + v_i) + ... the momentum of the whole, a
 the momenta of grains, piston and bodies over the base, the energy is the kinetic energy of each,
 and a potential of relative places and springs: a separable one, though the velocities v_i in the
 frame are not. So the steps of a symplectic method stay kicks and drifts. A kick leaves all places
-as they are, and changes V by A span with
+as they are, and changes V by A dt with
 
     M A = (spring and outer force on the body) - (force of the body on grains and piston),
 
-and the v_i by (F_i/m_i - A) span; a drift moves the bodies at their velocities, and what is in the
+and the v_i by (F_i/m_i - A) dt; a drift moves the bodies at their velocities, and what is in the
 cell at those in the cell. This is the exact flow of either part, hence symplectic, of the method's
 order, and the momentum of the whole changes by outer forces alone.
 
@@ -53,28 +53,28 @@ from granular.protocol.motion import Motion, outer_force
 
 @compiled(inline=True)
 def kick_host(
-    law: HostLaw, room: HostRoom, span: float, bed: Bed, motion: Motion,
+    law: HostLaw, room: HostRoom, dt: float, bed: Bed, motion: Motion,
     time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     """Kick host, grains and piston."""
     state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
     if apart and not opening:
-        _damp(law, room, span, state)
-    _kick(law, room, span, bed, motion, time, start, opening)
+        _damp(law, room, dt, state)
+    _kick(law, room, dt, bed, motion, time, start, opening)
     if apart and opening:
-        _damp(law, room, span, state)
+        _damp(law, room, dt, state)
 
 
 @compiled(inline=True)
-def drift_host(law: HostLaw | None, room: HostRoom | None, span: float, state: State) -> None:
+def drift_host(law: HostLaw | None, room: HostRoom | None, dt: float, state: State) -> None:
     """Move the bodies, where there is a host."""
     if law is not None and room is not None:
         last = law.chain.masses.size - 1
         for k in range(last):
-            room.kept[0, k] += span * room.kept[1, k]
+            room.kept[0, k] += dt * room.kept[1, k]
         if last >= 0:
-            room.kept[0, last] += span * last_speed(law, room, state)
+            room.kept[0, last] += dt * last_speed(law, room, state)
 
 
 @compiled
@@ -121,7 +121,7 @@ def _power(law: HostLaw, room: HostRoom, state: State) -> float:
 
 @compiled
 def _kick_in_frame(
-    push: float, room: HostRoom, span: float, bed: Bed, motion: Motion,
+    push: float, room: HostRoom, dt: float, bed: Bed, motion: Motion,
     time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     """Kick grains and piston in a frame of the acceleration ``push``."""
@@ -129,8 +129,8 @@ def _kick_in_frame(
     room.present[PUSH] = push
     for i in range(constants.grains):
         state.fy[i] = room.push[i] - value_of(constants.masses, i) * push
-    kick_grains(span, bed, opening)
-    kick_piston(span, bed, motion, time, start, opening)
+    kick_grains(dt, bed, opening)
+    kick_piston(dt, bed, motion, time, start, opening)
     for i in range(constants.grains):
         state.fy[i] = room.push[i]
 
@@ -164,11 +164,11 @@ def _take_back(room: HostRoom, bed: Bed, speed: float) -> None:
 
 @compiled
 def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
-    law: HostLaw, room: HostRoom, span: float, bed: Bed,
+    law: HostLaw, room: HostRoom, dt: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     state, constants = bed.state, bed.constants
-    shake = excitation_over(law.drive, start + time, span, opening)
+    shake = excitation_over(law.drive, start + time, dt, opening)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1
@@ -203,15 +203,15 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         _keep(room, bed)
     before, first = push, 0.0
     for attempt in range(passes):
-        held = _kick_bodies(law.chain, room, span, base, span * (push - base), dashpots)
-        _kick_in_frame(push, room, span, bed, motion, time, start, opening)
+        held = _kick_bodies(law.chain, room, dt, base, dt * (push - base), dashpots)
+        _kick_in_frame(push, room, dt, bed, motion, time, start, opening)
         if attempt == passes - 1:
             break
-        gain = span * (bed_force - law.bed_mass * push) - (bed_momentum(bed) - grains)
+        gain = dt * (bed_force - law.bed_mass * push) - (bed_momentum(bed) - grains)
         if free:
             pull = top + outer + room.present[PULL] - law.piston_mass * push
-            gain += span * pull - law.piston_mass * (state.piston[SPEED] - speed)
-        missing = before + (held + gain / span) / weight - push
+            gain += dt * pull - law.piston_mass * (state.piston[SPEED] - speed)
+        missing = before + (held + gain / dt) / weight - push
         if attempt == 0:
             first = missing
             push += missing
@@ -223,23 +223,23 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         if free:
             taken += law.piston_mass * (state.piston[SPEED] - speed)
         mass = law.frame_mass + law.piston_mass + law.bed_mass
-        change = (span * (chain + held + outer) - taken) / mass - span * base
+        change = (dt * (chain + held + outer) - taken) / mass - dt * base
         room.changes[last] = change
         if dashpots:
-            _enter_dashpots(law, room, span, state)
+            _enter_dashpots(law, room, dt, state)
         for k in range(last + 1):
             room.kept[1, k] += room.changes[k]
-        state.ledger[WORK] += span * outer * 0.5 * (frame + room.kept[1, last])
+        state.ledger[WORK] += dt * outer * 0.5 * (frame + room.kept[1, last])
     power += _power(law, room, state)
     whole += _momentum(law, room, bed_momentum(bed), state.piston[SPEED])
-    state.ledger[WORK] += 0.5 * span * (force * power - base * whole)
+    state.ledger[WORK] += 0.5 * dt * (force * power - base * whole)
 
 
 @compiled
-def _damp(law: HostLaw, room: HostRoom, span: float, state: State) -> None:
-    """Dashpots over a span, alone, of a chain that carries the piston of a free cell."""
+def _damp(law: HostLaw, room: HostRoom, dt: float, state: State) -> None:
+    """Dashpots alone over ``dt``, of a chain that carries the piston of a free cell."""
     chain, count = law.chain, law.chain.masses.size
-    half = 0.5 * span
+    half = 0.5 * dt
     for k in range(count):
         mass = chain.masses[k] if k < count - 1 else law.piston_mass
         above = chain.damping[k + 1] if k + 1 < count else 0.0
@@ -247,7 +247,7 @@ def _damp(law: HostLaw, room: HostRoom, span: float, state: State) -> None:
         if k + 1 < count:
             drag += above * (_speed(law, room, state, k + 1) - _speed(law, room, state, k))
         room.diagonal[k] = mass + half * (chain.damping[k] + above)
-        room.changes[k] = span * drag
+        room.changes[k] = dt * drag
         if k > 0:
             ratio = half * chain.damping[k] / room.diagonal[k - 1]
             room.diagonal[k] -= ratio * half * chain.damping[k]
@@ -260,7 +260,7 @@ def _damp(law: HostLaw, room: HostRoom, span: float, state: State) -> None:
     below = 0.0
     for k in range(count):
         mean = _speed(law, room, state, k) + 0.5 * room.changes[k]
-        state.ledger[law.entry] += span * chain.damping[k] * (mean - below) * (mean - below)
+        state.ledger[law.entry] += dt * chain.damping[k] * (mean - below) * (mean - below)
         below = mean
     for k in range(count - 1):
         room.kept[1, k] += room.changes[k]
@@ -295,19 +295,19 @@ def _chain_forces(chain: Chain, room: HostRoom, force: float) -> float:
 
 @compiled
 def _kick_bodies(
-    chain: Chain, room: HostRoom, span: float, base: float, change: float, dashpots: bool
+    chain: Chain, room: HostRoom, dt: float, base: float, change: float, dashpots: bool
 ) -> float:
     """Fill in what the bodies below the last one gain, where that gains ``change``; its dashpot's
     force, at mean velocities. By elimination from the base upwards.
     """
-    last, half = chain.masses.size - 1, 0.5 * span
+    last, half = chain.masses.size - 1, 0.5 * dt
     for k in range(last):
         own, above = chain.damping[k], chain.damping[k + 1]
         if not dashpots:
             own, above = 0.0, 0.0
         speed, below = room.kept[1, k], room.kept[1, k - 1] if k > 0 else 0.0
         drag = above * (room.kept[1, k + 1] - speed) - own * (speed - below)
-        gain = span * (room.forces[k] - chain.masses[k] * base + drag)
+        gain = dt * (room.forces[k] - chain.masses[k] * base + drag)
         if k == last - 1:
             gain += half * above * change
         room.diagonal[k] = chain.masses[k] + half * (own + above)
@@ -329,10 +329,10 @@ def _kick_bodies(
 
 
 @compiled
-def _enter_dashpots(law: HostLaw, room: HostRoom, span: float, state: State) -> None:
+def _enter_dashpots(law: HostLaw, room: HostRoom, dt: float, state: State) -> None:
     """Enter what the dashpots take at the mean velocities of a kick."""
     below = 0.0
     for k in range(law.chain.masses.size):
         mean = room.kept[1, k] + 0.5 * room.changes[k]
-        state.ledger[law.entry] += span * law.chain.damping[k] * (mean - below) * (mean - below)
+        state.ledger[law.entry] += dt * law.chain.damping[k] * (mean - below) * (mean - below)
         below = mean

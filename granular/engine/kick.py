@@ -1,4 +1,4 @@
-"""Kicks: velocities after a span of time, while all positions stand still.
+"""Kicks: velocities after a time ``dt``, while all positions stand still.
 
 A kick is the forces' change of the velocities, solved together with what an effect wants solved
 with it (drag, dry friction), and then the flows of dissipative effects, each exactly, one after the
@@ -16,32 +16,32 @@ from granular.kernel_data.state import Bed, State
 
 @compiled(inline=True)
 def _kick_freely(
-    rounding: Array | None, span: float, state: State, count: int, masses: Array | None
+    rounding: Array | None, dt: float, state: State, count: int, masses: Array | None
 ) -> None:
     if masses is None:
         for i in range(count):
-            speed_up(rounding, state, i, span * state.fx[i], span * state.fy[i])
+            speed_up(rounding, state, i, dt * state.fx[i], dt * state.fy[i])
     else:
         for i in range(count):
-            gain = span / masses[i]
+            gain = dt / masses[i]
             speed_up(rounding, state, i, gain * state.fx[i], gain * state.fy[i])
 
 
 @compiled(inline=True)
-def _plain_kick(span: float, bed: Bed, opening: bool) -> int:
+def _plain_kick(dt: float, bed: Bed, opening: bool) -> int:
     state, constants = bed.state, bed.constants
-    _kick_freely(state.rounding, span, state, constants.grains, constants.masses)
+    _kick_freely(state.rounding, dt, state, constants.grains, constants.masses)
     return 0
 
 
-_kick = last_with("kick", "span bed opening", _plain_kick)
-_flow = sum_over("flow", "span bed opening")
-_flow_back = sum_over("flow", "span bed opening", backward=True)
+_kick = last_with("kick", "dt bed opening", _plain_kick)
+_flow = sum_over("flow", "dt bed opening")
+_flow_back = sum_over("flow", "dt bed opening", backward=True)
 
 
 @compiled(inline=True)
-def kick_grains(span: float, bed: Bed, opening: bool) -> None:
-    """Change the velocities of the grains by ``span`` [tau] under the present forces.
+def kick_grains(dt: float, bed: Bed, opening: bool) -> None:
+    """Change the velocities of the grains by ``dt`` [tau] under the present forces.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def kick_grains(span: float, bed: Bed, opening: bool) -> None:
     state, constants = bed.state, bed.constants
     laws = constants.acting.laws
     if opening:
-        _kick(laws, state.rooms, span, bed, opening)
-        _flow(laws, state.rooms, span, bed, opening)
+        _kick(laws, state.rooms, dt, bed, opening)
+        _flow(laws, state.rooms, dt, bed, opening)
     else:
-        _flow_back(laws, state.rooms, span, bed, opening)
-        _kick(laws, state.rooms, span, bed, opening)
+        _flow_back(laws, state.rooms, dt, bed, opening)
+        _kick(laws, state.rooms, dt, bed, opening)

@@ -27,8 +27,8 @@ from granular.protocol.motion import TABLE, Motion, outer_force, path
 lift = sum_over("lift", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 
-enter_work = sum_over("work", "span bed time")
-"""Enter the work that forces which depend on time do in ``span``, at a time [tau]."""
+enter_work = sum_over("work", "dt bed time")
+"""Enter the work that forces which depend on time do in ``dt``, at a time [tau]."""
 
 
 @compiled(inline=True)
@@ -61,40 +61,40 @@ def _raise_height(rounding: Array | None, by: float, state: State) -> None:
 
 @compiled(inline=True)
 def _free_kick(
-    resistance: Resistance | None, force: float, span: float, mass: float, state: State,
+    resistance: Resistance | None, force: float, dt: float, mass: float, state: State,
     opening: bool,
 ) -> None:  # fmt: skip
     if resistance is None:
-        _raise_speed(state.rounding, span * force / mass, state)
-    elif _slow(resistance, force, span, mass, state):
-        _slide(resistance, force, span, mass, state)
+        _raise_speed(state.rounding, dt * force / mass, state)
+    elif _slow(resistance, force, dt, mass, state):
+        _slide(resistance, force, dt, mass, state)
     elif opening:
-        _push(resistance, force, span, mass, state)
-        _rub(resistance, span, mass, state)
+        _push(resistance, force, dt, mass, state)
+        _rub(resistance, dt, mass, state)
     else:
-        _rub(resistance, span, mass, state)
-        _push(resistance, force, span, mass, state)
+        _rub(resistance, dt, mass, state)
+        _push(resistance, force, dt, mass, state)
 
 
 @compiled
-def _slow(resistance: Resistance, force: float, span: float, mass: float, state: State) -> bool:
-    """Whether the force and twice the friction would stop the piston in the span."""
+def _slow(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> bool:
+    """Whether the force and twice the friction would stop the piston within ``dt``."""
     v = state.piston[SPEED]
     against = max(-math.copysign(force, force * v), 0.0)
-    return abs(v) * mass < span * (against + 2.0 * resistance.force)
+    return abs(v) * mass < dt * (against + 2.0 * resistance.force)
 
 
 @compiled
-def _push(resistance: Resistance, force: float, span: float, mass: float, state: State) -> None:
+def _push(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> None:
     """Force and drag, exactly."""
-    decay, gain, a, b, c = drag.flow(resistance.rate, span)
+    decay, gain, a, b, c = drag.flow(resistance.rate, dt)
     v, push = state.piston[SPEED], force / mass
     state.piston[SPEED] = decay * v + gain * push
     state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
 
 
 @compiled
-def _slide(resistance: Resistance, force: float, span: float, mass: float, state: State) -> None:
+def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> None:
     """Force, drag and friction together, where friction alone could stop the piston.
 
     As for grains: one after the other, they would stop for good a piston that is pushed on, and
@@ -104,52 +104,52 @@ def _slide(resistance: Resistance, force: float, span: float, mass: float, state
     if v != 0.0:
         sign = math.copysign(1.0, v)
         net = force - sign * friction
-        decay, gain, _, _, _ = drag.flow(rate, span)
+        decay, gain, _, _, _ = drag.flow(rate, dt)
         if sign * (decay * v + gain * net / mass) > 0.0:
-            way = drag.way(rate, span, gain, abs(v), sign * net / mass)
+            way = drag.way(rate, dt, gain, abs(v), sign * net / mass)
             state.ledger[PISTON] += friction * way
-            _push(resistance, net, span, mass, state)
+            _push(resistance, net, dt, mass, state)
             return
         brake = -sign * net / mass
         way = drag.stopping_way(rate, abs(v), brake)
         state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * way
         state.piston[SPEED] = 0.0
-        span = max(span - drag.stopping_time(rate, abs(v), brake), 0.0)
+        dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
     if abs(force) > friction:
         net = force - math.copysign(friction, force)
-        _, gain, _, _, _ = drag.flow(rate, span)
-        state.ledger[PISTON] += friction * drag.way(rate, span, gain, 0.0, abs(net) / mass)
-        _push(resistance, net, span, mass, state)
+        _, gain, _, _, _ = drag.flow(rate, dt)
+        state.ledger[PISTON] += friction * drag.way(rate, dt, gain, 0.0, abs(net) / mass)
+        _push(resistance, net, dt, mass, state)
 
 
 @compiled
-def _rub(resistance: Resistance, span: float, mass: float, state: State) -> None:
+def _rub(resistance: Resistance, dt: float, mass: float, state: State) -> None:
     """A sliding piston loses speed, and stops where it has no more."""
     speed = abs(state.piston[SPEED])
     if speed > 0.0:
-        left = sliding(speed, resistance.force * span / mass)
+        left = sliding(speed, resistance.force * dt / mass)
         state.piston[SPEED] *= left
         state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
 
 @compiled
-def _path_speed(motion: Motion, time: float, span: float, opening: bool) -> float:
+def _path_speed(motion: Motion, time: float, dt: float, opening: bool) -> float:
     """Speed on the path [D/tau].
 
     On a table, whose speed jumps from row to row, it is the mean one over the half step that the
     kick stands for.
     """
     if motion.kind == TABLE:
-        before = time if opening else time - span
-        return (path(motion, before + span)[0] - path(motion, before)[0]) / span
+        before = time if opening else time - dt
+        return (path(motion, before + dt)[0] - path(motion, before)[0]) / dt
     return path(motion, time)[1]
 
 
 @compiled(inline=True)
 def kick_piston(
-    span: float, bed: Bed, motion: Motion, time: float, start: float, opening: bool
+    dt: float, bed: Bed, motion: Motion, time: float, start: float, opening: bool
 ) -> None:
-    """Change the piston's velocity by ``span`` [tau]; enter the work done from outside meanwhile.
+    """Change the piston's velocity by ``dt`` [tau]; enter the work done from outside meanwhile.
 
     Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
     the ledger has the method's order.
@@ -162,21 +162,19 @@ def kick_piston(
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _held_back(state.host, constants)
         before = state.piston[SPEED]
-        _free_kick(constants.resistance, force, span, constants.piston_mass, state, opening)
-        state.ledger[WORK] += 0.5 * span * outer * (before + state.piston[SPEED])
+        _free_kick(constants.resistance, force, dt, constants.piston_mass, state, opening)
+        state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= (
-            span * state.wall_forces[TOP] * _path_speed(motion, time, span, opening)
-        )
-    enter_work(constants.acting.laws, state.rooms, span, bed, start + time)
+        state.ledger[WORK] -= dt * state.wall_forces[TOP] * _path_speed(motion, time, dt, opening)
+    enter_work(constants.acting.laws, state.rooms, dt, bed, start + time)
 
 
 @compiled(inline=True)
-def drift_piston(span: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
-    """Move the piston by ``span`` [tau], up to ``time`` in the stage."""
+def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
+    """Move the piston by ``dt`` [tau], up to ``time`` in the stage."""
     state = bed.state
     if motion.free:
-        _raise_height(state.rounding, span * state.piston[SPEED], state)
+        _raise_height(state.rounding, dt * state.piston[SPEED], state)
     else:
         before = piston_energy(bed, start + time)
         height, velocity = path(motion, time)

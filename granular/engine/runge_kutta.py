@@ -24,7 +24,7 @@ from granular.kernel_data.state import (
 )
 from granular.protocol.motion import Motion, outer_force, path
 
-_slow = sum_over("slow", "slopes span bed")
+_slow = sum_over("slow", "slopes dt bed")
 
 
 @compiled
@@ -38,8 +38,8 @@ def _mass(masses: Array | None, i: int) -> float:
 
 
 @compiled
-def _grain_slopes(slopes: Array, span: float, bed: Bed) -> None:
-    """Slopes of positions and velocities; losses are entered with the weight ``span``."""
+def _grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
+    """Slopes of positions and velocities; losses are entered with the weight ``dt``."""
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         mass = _mass(constants.masses, i)
@@ -47,12 +47,12 @@ def _grain_slopes(slopes: Array, span: float, bed: Bed) -> None:
         slopes[Y, i] = state.vy[i]
         slopes[VX, i] = state.fx[i] / mass
         slopes[VY, i] = state.fy[i] / mass
-    _slow(constants.acting.laws, state.rooms, slopes, span, bed)
+    _slow(constants.acting.laws, state.rooms, slopes, dt, bed)
 
 
 @compiled
 def _piston_slopes(
-    slopes: Array, span: float, time: float, start: float, bed: Bed, motion: Motion
+    slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: Motion
 ) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
@@ -65,11 +65,11 @@ def _piston_slopes(
         speed = state.piston[SPEED]
         slopes[HEIGHT] = speed
         slopes[SPEED] = force / constants.piston_mass - rate * speed
-        state.ledger[WORK] += span * outer * speed
-        state.ledger[PISTON] += span * constants.piston_mass * rate * speed * speed
+        state.ledger[WORK] += dt * outer * speed
+        state.ledger[PISTON] += dt * constants.piston_mass * rate * speed * speed
     else:
-        state.ledger[WORK] -= span * state.wall_forces[TOP] * path(motion, time)[1]
-    enter_work(constants.acting.laws, state.rooms, span, bed, start + time)
+        state.ledger[WORK] -= dt * state.wall_forces[TOP] * path(motion, time)[1]
+    enter_work(constants.acting.laws, state.rooms, dt, bed, start + time)
 
 
 @compiled
@@ -128,9 +128,9 @@ def runge_kutta_step(
         if k > 0:
             _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
             outside += compute_forces(bed, start + instant)
-        span = h * tableau[stages, k]
-        _grain_slopes(slopes.grains[k], span, bed)
-        _piston_slopes(slopes.piston[k], span, instant, start, bed, motion)
+        dt = h * tableau[stages, k]
+        _grain_slopes(slopes.grains[k], dt, bed)
+        _piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)
     end = time + h
     _move_to_stage(tableau[stages], slopes, h, end, state, count, motion)
     if not motion.free:

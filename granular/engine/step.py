@@ -53,39 +53,39 @@ def plan_of(method: Method, step: Step, far: FarField | None) -> Plan:
 
 
 @compiled(inline=True)
-def drift_grains(rounding: Array | None, span: float, state: State, count: int) -> None:
-    """Move the grains by ``span`` [tau] at their present velocities."""
+def drift_grains(rounding: Array | None, dt: float, state: State, count: int) -> None:
+    """Move the grains by ``dt`` [tau] at their present velocities."""
     if rounding is None:
         for i in range(count):
-            state.x[i] += span * state.vx[i]
-            state.y[i] += span * state.vy[i]
+            state.x[i] += dt * state.vx[i]
+            state.y[i] += dt * state.vy[i]
     else:
         for i in range(count):
-            by_x, by_y = span * state.vx[i], span * state.vy[i]
+            by_x, by_y = dt * state.vx[i], dt * state.vy[i]
             state.x[i], rounding[X, i] = compensated_sum(state.x[i], rounding[X, i], by_x)
             state.y[i], rounding[Y, i] = compensated_sum(state.y[i], rounding[Y, i], by_y)
 
 
 @compiled(inline=True)
 def _kick(
-    host: HostLaw | None, room: HostRoom | None, span: float, bed: Bed,
+    host: HostLaw | None, room: HostRoom | None, dt: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     if host is not None and room is not None:
-        kick_host(host, room, span, bed, motion, time, start, opening)
+        kick_host(host, room, dt, bed, motion, time, start, opening)
     else:
-        kick_grains(span, bed, opening)
-        kick_piston(span, bed, motion, time, start, opening)
+        kick_grains(dt, bed, opening)
+        kick_piston(dt, bed, motion, time, start, opening)
 
 
 @compiled(inline=True)
-def _drift_freely(span: float, bed: Bed) -> int:
+def _drift_freely(dt: float, bed: Bed) -> int:
     state, constants = bed.state, bed.constants
-    drift_grains(state.rounding, span, state, constants.grains)
+    drift_grains(state.rounding, dt, state, constants.grains)
     return 0
 
 
-_glide = last_with("glide", "span bed", _drift_freely)
+_glide = last_with("glide", "dt bed", _drift_freely)
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
@@ -125,16 +125,14 @@ def make_step(
             for part in range(parts):
                 if kicks[k] != 0.0:
                     opening = 2 * k + part < stages + parts - 1
-                    span = kicks[k] * h / parts
-                    _kick(
-                        constants.acting.host, state.host, span, bed, motion, stage, start, opening
-                    )
+                    dt = kicks[k] * h / parts
+                    _kick(constants.acting.host, state.host, dt, bed, motion, stage, start, opening)
             if k < stages:
-                span = drifts[k] * h
-                stage += span
-                _glide(constants.acting.laws, state.rooms, span, bed)
-                drift_piston(span, bed, motion, stage, start)
-                drift_host(constants.acting.host, state.host, span, state)
+                dt = drifts[k] * h
+                stage += dt
+                _glide(constants.acting.laws, state.rooms, dt, bed)
+                drift_piston(dt, bed, motion, stage, start)
+                drift_host(constants.acting.host, state.host, dt, state)
                 last = k == stages - 1
                 if last and measuring:
                     outside += measure_forces(bed, start + stage, measurement)

@@ -1,6 +1,22 @@
-"""The law of two dipoles as kernels take it; see `granular.effects.dipole`."""
+"""The law of two dipoles as kernels take it; see `granular.effects.dipole`.
+
+It is split smoothly into a near part that ends at a radius and a far part. Inside
+the radius the far part is the Taylor polynomial of the law in r^2 about it, outside the law itself.
+With t = (r/r_c)^2 - 1 and for r < r_c
+
+    r^-3  ->  r_c^-3 (1 - (3/2) t + (15/8) t^2 - (35/16) t^3),
+    r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
+
+the second the one's derivative, as force is the energy's. Near and far part are three times
+differentiable and add up to the law exactly, so that energy is conserved however each is summed
+(the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
+doi:10.1002/jcc.10072).
+"""
 
 from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from granular.compiled import entry
 
@@ -31,3 +47,24 @@ def head_on_stiffness(speed: float, mass: float, moment: float) -> float:
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed
     return 6.0 * strength / (strength / square) ** (5.0 / 3.0) if square > 0.0 else 0.0
+
+
+CUBE = (6.5625, -11.8125, 8.4375, -2.1875)
+"""Coefficients in (r/r_c)^2 of the far part of r^-3, over r_c^-3."""
+
+FIFTH = (7.875, -11.25, 4.375)
+"""The same of r^-5, over r_c^-5."""
+
+
+def far_cube(square: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """Far part of r^-3 at squared distances."""
+    u = np.asarray(square, dtype=np.float64) / radius**2
+    inside = np.polynomial.polynomial.polyval(u, CUBE)
+    return np.where(u < 1.0, inside, np.maximum(u, 1.0) ** -1.5) / radius**3
+
+
+def far_fifth(square: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """Far part of r^-5 at squared distances."""
+    u = np.asarray(square, dtype=np.float64) / radius**2
+    inside = np.polynomial.polynomial.polyval(u, FIFTH)
+    return np.where(u < 1.0, inside, np.maximum(u, 1.0) ** -2.5) / radius**5

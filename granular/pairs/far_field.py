@@ -12,13 +12,12 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.dipole import ENERGY
+from granular.pairs.dipole import CUBE, ENERGY
 from granular.pairs.far_direct import DirectRoom, direct_room
 from granular.pairs.mesh import PARTS, Mesh, mesh_room, open_windows
 from granular.pairs.mesh_around import mesh_around_room
 from granular.pairs.mesh_grains import gathered, spread
 from granular.pairs.mesh_potential import find_potential
-from granular.pairs.split import CUBE
 from granular.pairs.stripe_lists import finite
 
 SPACINGS = 4.5
@@ -276,9 +275,7 @@ def find_far_forces(
         far.energy[0] = np.nan
         return 1
     own = CUBE[0] / (far.radius * far.radius * far.radius)
-    asked = Asked(
-        grains, x, y, moments, weight, order, own, far.fx, far.fy, far.load, far.totals
-    )  # fmt: skip
+    asked = Asked(grains, x, y, moments, weight, order, own, far.fx, far.fy, far.load, far.totals)
     spread(mesh, threaded, x, y, moments, order, grains)
     find_potential(mesh, threaded)
     far.energy[0] = _gather(threaded, mesh, asked)

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
+from granular.pairs.dipole import far_cube
 from granular.pairs.direct import PARTED_FROM
 from granular.pairs.lanes import WIDTH, padded
-from granular.pairs.split import far_cube
 
 Samples = NDArray[np.float64]
 

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
+from granular.pairs.dipole import far_cube
 from granular.pairs.lanes import WIDTH, padded
 from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables
-from granular.pairs.split import far_cube
 from granular.pairs.stencil import put_spline, spline_sums
 
 Samples = NDArray[np.float64]

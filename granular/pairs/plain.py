@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from granular.compiled import Array
-from granular.pairs.dipole import ENERGY, STRENGTH, pair_energy, pair_force
-from granular.pairs.split import far_cube, far_fifth
+from granular.pairs.dipole import ENERGY, STRENGTH, far_cube, far_fifth, pair_energy, pair_force
 
 PADDING = 1e60
 """Places of padding grains are beyond [D]; they have no images."""

@@ -10,6 +10,7 @@ from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
+from granular.pairs.dipole import CUBE, FIFTH
 from granular.pairs.interact import (
     Arrays,
     Cut,
@@ -23,7 +24,6 @@ from granular.pairs.interact import (
     present,
 )
 from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
-from granular.pairs.split import CUBE, FIFTH
 
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""
@@ -71,9 +71,7 @@ def _shifted(code: Code, sweep: _Sweep, shifts: Any, place: ir.Value) -> _Sweep:
     b = code.builder
     across = code.splat(code.scalar(shifts, place))
     up = code.splat(code.scalar(shifts, b.add(place, ir.Constant(INDEX, 1))))
-    grains = [
-        one._replace(x=b.fsub(one.x, across), y=b.fsub(one.y, up)) for one in sweep.grains
-    ]  # fmt: skip
+    grains = [one._replace(x=b.fsub(one.x, across), y=b.fsub(one.y, up)) for one in sweep.grains]
     return sweep._replace(grains=grains)
 
 
@@ -148,7 +146,7 @@ def sweep_runs(
     in a periodic cell it has `IMAGES` times as many, and ``shifts``, float64 of that shape, or
     None, where the images of each run's partners stand away from them. Up to seven places behind a
     run are met, too. ``smooth`` is None where pairs just end at the radius, anything else where the
-    far part of their law (`granular.pairs.split`) is taken off.
+    far part of their law (`granular.pairs.dipole`) is taken off.
     """
     signature = types.void(
         x, y, fx, fy, moments, stiffness, extremes, load, weight, runs,

@@ -52,9 +52,7 @@ def _folded(code: Code, vector: ir.Value) -> ir.Value:
 
 
 @intrinsic
-def _put(
-    typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any
-) -> Any:  # fmt: skip
+def _put(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any) -> Any:
     signature = types.void(
         values, types.intp, types.intp, types.float64, types.float64, types.float64
     )

@@ -97,8 +97,8 @@ class Mud:
     gamma: float = quantity("kg/s", default=0.2)
 
     @staticmethod
-    def flow(p: Any, grain: Any, vx: float, vy: float, span: float) -> Any:
-        left = math.exp(-p.gamma / grain.mass * span)
+    def flow(p: Any, grain: Any, vx: float, vy: float, dt: float) -> Any:
+        left = math.exp(-p.gamma / grain.mass * dt)
         return left * vx, left * vy
 
 

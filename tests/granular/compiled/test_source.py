@@ -26,7 +26,7 @@ def edited(name: str, old: str, new: str) -> dict[str, bytes]:
             '    """Repulsion',
             '    """More.\n\n    Lines.\n    """\n    """Repulsion',
         ),
-        ("pairs/split.py", '"""Coefficients', '"""The coefficients'),
+        ("pairs/dipole.py", "Coefficients", "The coefficients"),
         ("engine/ledger.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],
 )
@@ -41,7 +41,7 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
     [
         ("effects/drag.py", "z = rate * span", "z = rate + span"),
         ("pairs/dipole.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
-        ("pairs/split.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
+        ("pairs/dipole.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
         ("kernel_data/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
         ("pairs/lanes.py", "WIDTH = 8", "WIDTH = 4"),
         ("compiled/__init__.py", 'fastmath={"contract"}', 'fastmath={"reassoc"}'),

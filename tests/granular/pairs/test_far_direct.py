@@ -8,10 +8,10 @@ import pytest
 from granular import Scene, simulate
 from granular.compiled import entry
 from granular.pairs import far_direct
+from granular.pairs.dipole import far_cube, far_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_direct import direct_room
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
-from granular.pairs.split import far_cube, far_fifth
 from granular.pairs.stripes import stripes_room
 
 find_far_direct = entry(far_direct.find_far_direct)

@@ -13,6 +13,7 @@ from granular import Scene, evaluate, simulate
 from granular.compiled import entry
 from granular.engine.far import add_far_field, refresh_far_field
 from granular.pairs import far_field, mesh, mesh_grains
+from granular.pairs.dipole import far_cube, far_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import (
     FarField,
@@ -21,7 +22,6 @@ from granular.pairs.far_field import (
 )
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
-from granular.pairs.split import far_cube, far_fifth
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
