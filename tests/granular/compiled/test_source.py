@@ -20,7 +20,7 @@ def edited(name: str, old: str, new: str) -> dict[str, bytes]:
     ("name", "old", "new"),
     [
         ("effects/drag.py", '"""Viscous drag:', '"""Other words:'),
-        ("effects/drag.py", "    z = rate * span", "    # A comment.\n\n    z = (rate  * span)"),
+        ("effects/drag.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
         (
             "pairs/dipole.py",
             '    """Repulsion',
@@ -39,7 +39,7 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("effects/drag.py", "z = rate * span", "z = rate + span"),
+        ("effects/drag.py", "z = rate * dt", "z = rate + dt"),
         ("pairs/dipole.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
         ("pairs/dipole.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
         ("kernel_data/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
