@@ -12,7 +12,7 @@ from granular.methods.named import add_methods
 from granular.methods.tables import METHODS
 from granular.observables.frame import Frame, Value, observable_of
 from granular.shared.own_file import contents, read_own_file
-from granular.studies.own import OwnMeasure, own_measures
+from granular.studies.measures import OwnMeasure, own_measures
 
 
 class OwnCode(NamedTuple):

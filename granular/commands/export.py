@@ -69,14 +69,14 @@ def _export_deck(options: Any) -> None:
 
 
 def _export_frames(options: Any) -> None:
-    from granular.export import to_extxyz, to_gsd, to_source_files, to_tables, to_vtk
+    from granular.export import to_depaula_files, to_extxyz, to_gsd, to_tables, to_vtk
     from granular.run.trajectory import load_trajectory
 
     if options.changes or options.dt:
         raise InputError("--set and --dt are for --format lammps; leave them out")
     run, progress = load_trajectory(options.run), not options.quiet
     writers: dict[str, Any] = {
-        "gsd": to_gsd, "extxyz": to_extxyz, "vtk": to_vtk, "source": to_source_files,
+        "gsd": to_gsd, "extxyz": to_extxyz, "vtk": to_vtk, "source": to_depaula_files,
         "csv": to_tables, "parquet": partial(to_tables, kind="parquet"),
     }  # fmt: skip
     write = writers[options.format]

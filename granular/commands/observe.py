@@ -47,7 +47,7 @@ mine.py:
 )  # fmt: skip
 def observe(options: Any) -> None:
     """Make a table of observables."""
-    from granular.observables.over_frames import find_observable, frame_table
+    from granular.observables.catalogue import find_observable, frame_table
     from granular.own import import_own
     from granular.run.trajectory import load_trajectory
 

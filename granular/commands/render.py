@@ -55,7 +55,7 @@ colours:
 def render(options: Any) -> None:
     """Draw a still or a movie."""
     from granular.own import import_own
-    from granular.render import WRITERS
+    from granular.render.movie import WRITERS
 
     import_own(options.own_files)
     if Path(options.out).suffix.lower() in WRITERS:

@@ -200,7 +200,7 @@ def _stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Response:
 
 
 def _swept(options: Any, scene: Scene) -> Response:
-    from granular.response.swept import POINTS as READ
+    from granular.response.steady import POINTS as READ
     from granular.response.transients import run_sweep
 
     for name in ("duration", "workers"):
@@ -216,8 +216,8 @@ def _swept(options: Any, scene: Scene) -> Response:
 
 
 def _write_response(result: Response, path: Path) -> str:
-    from granular.response.kept import save_response
     from granular.response.page import response_page
+    from granular.response.response import save_response
     from granular.shared.plotting import figure
 
     make_directory(path)

@@ -101,8 +101,8 @@ def sweep(options: Any) -> None:
     """Run a study."""
     from granular.own import import_own
     from granular.studies.file import load_study
-    from granular.studies.remote import executor
     from granular.studies.sweep import sweep as run_study
+    from granular.studies.workers import executor
 
     study = load_study(options.study, import_own(options.own_files).measures)
     if options.workers is not None and options.workers < 1:

@@ -47,8 +47,8 @@ def _list_scenes(options: Any) -> None:
     from granular.effects.registry import names
     from granular.methods.named import GROUP as METHOD_GROUP
     from granular.methods.tables import METHODS
+    from granular.observables.catalogue import GROUP as OBSERVABLE_GROUP
     from granular.observables.catalogue import OBSERVABLES
-    from granular.observables.over_frames import GROUP as OBSERVABLE_GROUP
     from granular.scene.loading import SCENES, scene_names
     from granular.shared.registry import entry_point_names
 

@@ -1,4 +1,4 @@
-"""The stages of a protocol as formulas of LAMMPS, and what it cannot carry."""
+"""The stages of a protocol as formulas of LAMMPS, and those that it cannot carry."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.export.lammps_tables import WALL_EXPONENTS
 from granular.protocol import Descend, Follow, Lift, Move, Oscillate, Stage
 from granular.protocol.stage import Timed
-from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 
 
@@ -56,53 +54,6 @@ class Leg(NamedTuple):
     def left(self) -> float:
         """What is left of the stage [s]."""
         return max(0.0, self.span - self.done)
-
-
-CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
-"""Effects that a deck has."""
-
-
-def check_scene(scene: Scene) -> None:
-    """Refuse what a LAMMPS deck cannot carry.
-
-    Raises
-    ------
-    InputError
-    """
-    effects, walls = scene.effects, scene.effects.walls
-    if scene.grains.count == 0:
-        raise InputError("grains.count = 0; LAMMPS needs at least 1 grain")
-    for name, why in (
-        ("friction", "LAMMPS has no dry friction that lets grains stick under this load"),
-        ("contact", "the dashpot of a contact is no function of the distance alone"),
-    ):
-        if getattr(effects, name) is not None:
-            raise InputError(
-                f"effects.{name} cannot be exported to LAMMPS: {why}; leave it out "
-                f"(--set effects.{name}=none) or run the scene here"
-            )
-    for effect in effects.all:
-        if effect.key not in CARRIED:
-            raise InputError(
-                f"effects.{effect.key} cannot be exported to LAMMPS; leave it out "
-                f"(--set effects.{effect.key}=none) or run the scene here"
-            )
-    if scene.grains.spread > 0.0:
-        raise InputError(
-            "grains.spread cannot be exported to LAMMPS, whose tables are of species; set it to 0"
-        )
-    for side in ("left", "right", "bottom", "top"):
-        wall = None if walls is None else getattr(walls, side)
-        if wall is not None and wall.law not in WALL_EXPONENTS:
-            raise InputError(
-                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: near its "
-                f"ends it depends on two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
-            )
-    if scene.pair_method == "verlet-list":
-        raise InputError(
-            "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "
-            "take 'cut-off' with the same radius"
-        )
 
 
 def check_stage(stage: Stage) -> None:

@@ -8,7 +8,7 @@ from .bond_order import (
     local_psi6,
     psi6,
 )
-from .catalogue import OBSERVABLES
+from .catalogue import OBSERVABLES, per_frame
 from .correlation import per_distance, radial_distribution, spatial_correlation
 from .defect_clusters import detect_defects
 from .defect_tracks import track_defects
@@ -42,7 +42,6 @@ from .moduli import (
     interaction_parameter,
     theory_modulus,
 )
-from .over_frames import per_frame
 from .packing import (
     area_fraction_profile,
     depaula_pair_distance,
@@ -52,8 +51,7 @@ from .packing import (
     packing_fraction,
     packing_series,
 )
-from .plasticity import drop_statistics, plastic_events
-from .slip import elastic_strain, slip_of_frames
+from .plasticity import drop_statistics, elastic_strain, plastic_events, slip_of_frames
 from .statistics import axial_order, dip_test, knuth_histogram, pearson_correlation
 from .temperature import configurational_temperature, kinetic_temperature
 from .translation import (

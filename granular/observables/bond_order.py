@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.observables.checks import checked_frames, checked_positions, sum_at
 from granular.observables.correlation import (
     PairFunction,
     binned_products,
@@ -15,7 +14,7 @@ from granular.observables.correlation import (
     mean_over_pairs,
 )
 from granular.observables.displacement import checked_lags
-from granular.observables.frame import observable
+from granular.observables.frame import checked_frames, checked_positions, observable, sum_at
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.checks import (
+from granular.observables.frame import (
     checked_positions,
+    chosen_frames,
+    observable,
+    observable_of,
     present_positions,
     spanned_box,
     values_of_grains,
 )
-from granular.observables.frame import chosen_frames, observable, observable_of
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6, local_psi6
-from granular.observables.checks import checked_positions
 from granular.observables.defects import (
     burgers_vectors,
     counter_clockwise,
@@ -16,6 +15,7 @@ from granular.observables.defects import (
     in_space,
     norm_squared,
 )
+from granular.observables.frame import checked_positions
 from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_cells
 from granular.shared.errors import InputError
 

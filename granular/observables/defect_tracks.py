@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6
-from granular.observables.checks import checked_frames
 from granular.observables.defect_clusters import (
     BOUNDARY,
     DISLOCATION,
@@ -19,7 +18,7 @@ from granular.observables.defect_clusters import (
     detect_defects,
 )
 from granular.observables.defects import in_space
-from granular.observables.frame import chosen_frames
+from granular.observables.frame import checked_frames, chosen_frames
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.checks import checked_positions
+from granular.observables.frame import checked_positions
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 
 SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])

@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.checks import checked_frames, checked_positions, sum_at
-from granular.observables.frame import chosen_frames, observable, observable_of
+from granular.observables.frame import (
+    checked_frames,
+    checked_positions,
+    chosen_frames,
+    observable,
+    observable_of,
+    sum_at,
+)
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 

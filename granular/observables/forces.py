@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.checks import values_of_grains
-from granular.observables.frame import Frame, species_names
+from granular.observables.frame import Frame, species_names, values_of_grains
 from granular.observables.interactions import pair_interactions, wall_interactions
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
 from granular.observables.voronoi import VoronoiCells, voronoi_cells

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.observables.checks import checked_positions, present
+from granular.observables.frame import checked_positions, present
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:

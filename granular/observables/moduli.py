@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.checks import checked_positions
+from granular.observables.frame import checked_positions
 from granular.observables.interactions import foreign_effects, moments_of
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError

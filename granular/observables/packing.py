@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.checks import (
+from granular.observables.frame import (
     checked_positions,
     present,
     present_positions,
+    require_piston,
     values_of_grains,
 )
-from granular.observables.frame import require_piston
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:

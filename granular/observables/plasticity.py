@@ -1,11 +1,39 @@
-"""Plastic events: drops of a force or an energy while a bed is driven."""
+"""Plastic events, and the plastic strain that moving dislocations add up to.
+
+Events are drops of a force or an energy while a bed is driven.
+
+A dislocation with the Burgers vector b (convention FS/RH, as in `granular.observables.defects`)
+that moves by d changes the mean plastic distortion of the area A around it by
+
+    d beta_ij = b_i (z x d)_j / A
+
+with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears, climb
+changes the area. The sum over all of them is the change of sum b_i (z x r)_j, so that a pair that
+is born apart, or annihilates, counts by the way that it would have gone; the Burgers vectors of
+such an event have to add up.
+
+The bed's own plastic strain is that by its piston less that of the bonds between neighbours: with
+the texture M = <r r> over the bonds the elastic strain is (1/2) log M (Graner, Dollet, Raufaste and
+Marmottant, Eur. Phys. J. E 25, 349, 2008).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from granular.observables.defect_clusters import CORE, Defects
+from granular.observables.defect_tracks import (
+    DefectEvent,
+    DefectTrack,
+    defects_of_frames,
+    find_events,
+    link_tracks,
+)
+from granular.observables.defects import in_space
+from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
 
@@ -107,3 +135,144 @@ def drop_statistics(sizes: np.ndarray, least: float) -> DropStatistics:
     return DropStatistics(
         exponent, (exponent - 1.0) / float(np.sqrt(count)), count, float(drops.mean())
     )
+
+
+class Slip(NamedTuple):
+    """Plastic distortion by dislocations since the first frame.
+
+    Attributes
+    ----------
+    moves : float (f, 2, 2)
+        By the ways of all that were followed, against the grains around them.
+    events : float (f, 2, 2)
+        By births, annihilations and reactions whose Burgers vectors add up.
+    rim : float (f, 2, 2)
+        By the stretch between the edge of the inner part and where a defect that came in was first
+        seen, or one that left was last seen, along its glide line.
+    defects : tuple of Defects
+        Of each frame.
+    tracks : tuple of DefectTrack
+    conserved : float
+        Share of the events away from the rim whose Burgers vectors add up; NaN without events.
+    """
+
+    moves: np.ndarray
+    events: np.ndarray
+    rim: np.ndarray
+    defects: tuple[Defects, ...]
+    tracks: tuple[DefectTrack, ...]
+    conserved: float
+
+    @property
+    def total(self) -> np.ndarray:
+        """Moves, events and rim (f, 2, 2)."""
+        return self.moves + self.events + self.rim
+
+
+def uniaxial(strain: np.ndarray) -> np.ndarray:
+    """Yy less xx (f,) of strains (f, 2, 2): what a piston drives at a constant width."""
+    return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
+
+
+def area_change(strain: np.ndarray) -> np.ndarray:
+    """Xx and yy together (f,): of plastic strain what climb makes, grains lost or gained."""
+    return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
+
+
+def slip_of_frames(frames: np.ndarray) -> Slip:
+    """What the dislocations of frames (f, n, 2) add up to; their grains must be the same ones.
+
+    Raises
+    ------
+    InputError
+        If the shape is another one, or a frame has no interior cells.
+    """
+    found = defects_of_frames(frames)
+    tracks = link_tracks(found)
+    boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
+    spacing = float(np.mean([one.spacing for one in found]))
+    events = find_events(tracks, boxes, spacing)
+    cells = [voronoi_cells(one) for one in frames]
+    area = np.array([one.area[inner(one)].sum() for one in cells])
+    moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
+    for one in tracks:
+        _add_moves(moves, one, frames, spacing)
+    for event in events:
+        if not event.missing.any():
+            jumps[event.frame] += _jump(event, tracks)
+        elif event.kind in ("entry", "leaving"):
+            known = frames[event.frame][inner(cells[event.frame])]
+            box = np.stack([known.min(axis=0), known.max(axis=0)])
+            burgers = in_space(event.missing, found[event.frame].angle, spacing)
+            rim[event.frame] += _jump(event, tracks)
+            rim[event.frame] += swept(burgers, -way_to_edge(event.position, burgers, box))
+    inside = [not one.missing.any() for one in events if one.kind not in ("entry", "leaving")]
+    return Slip(
+        np.cumsum(moves / area[:, None, None], axis=0),
+        np.cumsum(jumps / area[:, None, None], axis=0),
+        np.cumsum(rim / area[:, None, None], axis=0),
+        tuple(found), tuple(tracks), float(np.mean(inside)) if inside else np.nan,
+    )  # fmt: skip
+
+
+def swept(burgers: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """b_i (z x d)_j (2, 2) [m^2] of a way d."""
+    return np.outer(burgers, [-way[1], way[0]])
+
+
+def way_to_edge(place: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """The shortest way (2,) along the Burgers vector to an edge of the box; none from outside.
+
+    Parameters
+    ----------
+    place, burgers : float (2,)
+    box : float (2, 2)
+        Lowest and highest x and y.
+    """
+    if (place <= box[0]).any() or (place >= box[1]).any():
+        return np.zeros(2)
+    along = burgers / np.linalg.norm(burgers)
+    with np.errstate(divide="ignore"):
+        ways = ((box - place) / along).ravel()
+    return np.asarray(along * ways[np.argmin(np.abs(ways))])
+
+
+def _add_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
+    for k in range(1, len(track.frames)):
+        before, after = track.frames[k - 1], track.frames[k]
+        place = track.positions[k - 1]
+        near = np.linalg.norm(frames[before] - place, axis=1) < CORE * spacing
+        carried = np.nanmean(frames[after, near] - frames[before, near], axis=0)
+        moves[after] += swept(track.burgers, track.positions[k] - place - carried)
+
+
+def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
+    """As if all that ended had gone to the event's place, and all that begun had come from it."""
+    total = np.zeros((2, 2))
+    for place in event.ended:
+        one = tracks[place]
+        total += swept(one.burgers, event.position - one.positions[-1])
+    for place in event.begun:
+        one = tracks[place]
+        total += swept(one.burgers, one.positions[0] - event.position)
+    return total
+
+
+def elastic_strain(frames: np.ndarray) -> np.ndarray:
+    """(1/2) log M of the inner bonds of frames (f, n, 2), less that of the first (f, 2, 2)."""
+    found = np.array([_log_texture(one, voronoi_cells(one)) for one in frames])
+    return np.asarray(found - found[0])
+
+
+def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
+    bonds = cells.neighbours[inner(cells)[cells.neighbours].any(axis=1)]
+    arm = positions[bonds[:, 1]] - positions[bonds[:, 0]]
+    values, vectors = np.linalg.eigh(arm.T @ arm / len(arm))
+    return np.asarray((vectors * (0.5 * np.log(values))) @ vectors.T)
+
+
+def inner(cells: VoronoiCells) -> np.ndarray:
+    """Grains (n,) whose cell and whose neighbours' cells are interior: where defects are known."""
+    found = cells.interior.copy()
+    found[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
+    return found

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.checks import checked_frames, present, values_of_grains
+from granular.observables.frame import checked_frames, present, values_of_grains
 from granular.observables.interactions import moments_of, pair_interactions, wall_interactions
 from granular.observables.moduli import dipole_strength
 from granular.shared.errors import InputError

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from granular.observables.checks import present_positions
 from granular.observables.correlation import (
     PairFunction,
     binned_products,
@@ -14,7 +13,7 @@ from granular.observables.correlation import (
     default_edges,
     mean_over_pairs,
 )
-from granular.observables.frame import observable
+from granular.observables.frame import observable, present_positions
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.checks import checked_positions
+from granular.observables.frame import checked_positions
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""

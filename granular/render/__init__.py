@@ -4,13 +4,12 @@
 >>> save(still("runs/light-piston", colour="force"), "bed.png")
 >>> movie("runs/light-piston", "bed.mp4", colour="sides")
 
-The colours are those of `COLOURINGS`.
+The colours are those of `granular.render.colourings.COLOURINGS`.
 """
 
 from __future__ import annotations
 
-from granular.render.colourings import COLOURINGS
-from granular.render.movie import WRITERS, movie
+from granular.render.movie import movie
 from granular.render.still import save, still
 
-__all__ = ["COLOURINGS", "WRITERS", "movie", "save", "still"]
+__all__ = ["movie", "save", "still"]

@@ -15,9 +15,7 @@ import numpy as np
 from granular.export.frames import BedFrame, bed_frames, opened
 from granular.render.colourings import colouring
 from granular.render.moments import bed_at, movie_times
-from granular.render.page import DPI, LEFT, RIGHT
-from granular.render.picture import BedPicture, colour_limits, highest
-from granular.render.selection import stage_frames
+from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import check_target, replacing
@@ -57,7 +55,7 @@ def movie(
     path : path
         A name that ends in .mp4 or .gif.
     colour : str
-        What the colours show: a name of `granular.render.COLOURINGS`.
+        What the colours show: a name of `granular.render.colourings.COLOURINGS`.
     fps : float
         Pictures a second; a GIF plays at most 50.
     speed : float or None
@@ -118,6 +116,29 @@ def movie(
         if made < len(times):
             warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)
     return path
+
+
+def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
+    """Indices of the frames of a stage, or of the whole run.
+
+    Raises
+    ------
+    RecordError
+        If the run has no such stage.
+    InputError
+        If no frame lies in it.
+    """
+    times = run.dataset["frame_time"].values
+    if stage is None:
+        return list(range(len(times)))
+    chosen = run.stage(stage)
+    inside = np.flatnonzero((times >= chosen.start) & (times <= chosen.end))
+    if not len(inside):
+        raise InputError(
+            f"stage {stage!r} lasts {chosen.end - chosen.start:g} s and has no frame; lower "
+            "output.frames, or leave the stage out"
+        )
+    return [int(one) for one in inside]
 
 
 def _images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from granular.export.frames import bed_frames, opened
 from granular.render.colourings import colouring
 from granular.render.picture import BedPicture, colour_limits, highest
-from granular.render.selection import frame_number
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing
@@ -39,8 +41,8 @@ def still(
     time : float, optional
         Takes the frame nearest to this time [s] instead.
     colour : str
-        What the colours show: a name of `granular.render.COLOURINGS`. The colours end at the 99th
-        percentile of the frame's values.
+        What the colours show: a name of `granular.render.colourings.COLOURINGS`. The colours end at
+        the 99th percentile of the frame's values.
 
     Returns
     -------
@@ -57,6 +59,30 @@ def still(
     picture = BedPicture(run, colour, colour_limits(run, colour, [chosen]), highest(run, [chosen]))
     picture.show(chosen)
     return picture.figure
+
+
+def frame_number(run: Trajectory, frame: int = -1, time: float | None = None) -> int:
+    """The index of a frame by its number (negative: from the end), or nearest to a time [s].
+
+    Raises
+    ------
+    InputError
+        If the run has no such frame, or does not reach the time.
+    """
+    times = run.dataset["frame_time"].values
+    if time is not None:
+        if not (math.isfinite(time) and times[0] <= time <= times[-1]):
+            raise InputError(
+                f"time {time:g} s is not in the run; it has frames from {times[0]:g} to "
+                f"{times[-1]:g} s"
+            )
+        return int(np.abs(times - time).argmin())
+    if not -len(times) <= frame < len(times):
+        raise InputError(
+            f"there is no frame {frame}; the run has {len(times)}: give 0 to {len(times) - 1}, or "
+            f"-{len(times)} to -1 to count from the end"
+        )
+    return frame % len(times)
 
 
 def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:

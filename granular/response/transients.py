@@ -1,4 +1,4 @@
-"""One run of a host under a sweep, or under an impulse, and what it says."""
+"""One run of a host under a sweep, or under an impulse: its response, and its settling time."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host import Host
-from granular.response.come_down import check_share, come_down_time
-from granular.response.exact import slowest_decay
-from granular.response.hung import against_linear
+from granular.response.linear_system import against_linear, slowest_decay
 from granular.response.response import AMPLITUDES, Response, labelled
-from granular.response.swept import PERIODS, POINTS, swept_response
+from granular.response.steady import PERIODS, POINTS, swept_response
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -230,7 +228,7 @@ def run_impulse(
     force : float
         Peak of the impulse, half a sine [N].
     share : float
-        Of the peak; see `come_down_time`.
+        Of the peak; see `settling_time`.
     length : float
         Of the impulse [s].
     duration : float
@@ -261,7 +259,7 @@ def run_impulse(
     scene = scene.replace(**{"effects.host.excitation": struck})
     run = _simulated(scene, start + duration, dt, out, progress)
     time, swing = run.dataset.time.values - start - length, run.dataset.host_displacement.values
-    seconds, behind = come_down_time(run, share), time >= 0.0
+    seconds, behind = settling_time(run, share), time >= 0.0
     return Impulse(scene, time[behind], swing[behind], share, seconds)
 
 
@@ -297,3 +295,78 @@ def _simulated(
 
     kept: dict[str, Any] = {} if out is None else {"out": Path(out) / RUN, "resume": True}
     return simulate(scene, dt=dt, t_end=t_end, progress=progress, **kept)
+
+
+def settling_time(run: Trajectory, share: float = 0.1) -> float:
+    """Time from the end of the impulse until the last body stays within a share of its peak [s].
+
+    The displacement is counted from its rest, and the peak is the greatest one behind the impulse.
+    A body of its own with the decay rate delta comes down to a tenth within ln(10)/delta.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Whose host is shaken by an impulse.
+    share : float
+        Above 0, below 1.
+
+    Raises
+    ------
+    InputError
+        If the host has no body or feels no impulse, the share is none, or the body still swings
+        wider at the end of the run.
+
+    Examples
+    --------
+    >>> from granular import Scene, simulate
+    >>> scene = Scene.from_plain({
+    ...     "name": "bell", "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
+    ...     "cell": {"width": "60 D"},
+    ...     "piston": {"height": "20 D"},
+    ...     "effects": {"host": {
+    ...         "bodies": [{"mass": "2 kg", "stiffness": "800 N/m", "damping": "8 kg/s"}],
+    ...         "excitation": {"kind": "impulse", "force": "5 N", "duration": "10 ms"}}},
+    ...     "protocol": [{"name": "ring", "kind": "hold", "duration": "3 s"}],
+    ... })
+    >>> run = simulate(scene, progress=False)
+    >>> from granular.response import settling_time
+    >>> 1.0 < settling_time(run) < 1.3  # ln(10)/(2/s) = 1.15 s
+    True
+    """
+    host = run.scene.effects.host
+    if host is None or not host.bodies or host.excitation is None:
+        raise InputError(f"the scene {quoted(run.scene.name)} has no host that something shakes")
+    if host.excitation.kind != "impulse":
+        raise InputError(
+            f"the host is shaken by {quoted(host.excitation.kind)}; give an impulse, behind which "
+            "it swings freely"
+        )
+    ends = host.excitation.start + (host.excitation.duration or 0.0)
+    return settling_time_of(
+        run.dataset.time.values, run.dataset.host_displacement.values, ends, share
+    )
+
+
+def settling_time_of(
+    time: np.ndarray, displacement: np.ndarray, ends: float, share: float
+) -> float:
+    """As `settling_time`, of times [s] and displacements [m] (n,)."""
+    check_share(share)
+    behind = time >= ends
+    if not behind.any():
+        raise InputError(f"the run ends at {time[-1]:g} s, before the impulse does, {ends:g} s")
+    sizes = np.abs(displacement[behind])
+    wide = np.flatnonzero(sizes > share * sizes.max())
+    last = int(wide[-1]) if len(wide) else 0
+    if last >= len(sizes) - 1 or sizes.max() == 0.0:
+        raise InputError(
+            f"at the end of the run, {time[-1]:g} s, the body still swings wider than {share:g} of "
+            "its peak; run longer, or take a greater share"
+        )
+    return float(time[behind][last + 1] - ends)
+
+
+def check_share(share: float) -> None:
+    """Refuse a share of the peak that is none."""
+    if not 0.0 < share < 1.0:
+        raise InputError(f"share = {share:g} must be above 0 and below 1; give 0.1 for a tenth")

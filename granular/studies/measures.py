@@ -1,16 +1,21 @@
-"""What a study writes down of each run."""
+"""What a study writes down of each run: measures of the package, and those of a user's files."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
+from types import FunctionType
 from typing import Any
 
+from granular.observables.catalogue import per_frame
+from granular.observables.frame import observable_of
 from granular.run.trajectory import Trajectory
 from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from granular.shared.own_file import OwnFile, contents
 from granular.shared.registry import load_entry_point
-from granular.studies.cases import Measure, known_as
+from granular.studies.cases import Measure, known_as, measure_name
 
 GROUP = "granular.measures"
 """Entry points by which an installed distribution offers measures."""
@@ -67,3 +72,45 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
         f"unknown measure {quoted(name)}; give 'last-values', the name of a function in a file of "
         f"yours (--import FILE), or that of an installed entry point of the group {GROUP!r}"
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnMeasure:
+    """A function of a user's file, with the file's text: any other process can have it so.
+
+    Attributes
+    ----------
+    file : OwnFile
+    name : str
+        Of the function, or of an observable, whose value at the end of a run it is.
+    known_as : str
+        As `granular.studies.cases.measure_name` has it.
+    """
+
+    file: OwnFile
+    name: str
+    known_as: str
+
+    def __call__(self, run: Trajectory) -> Mapping[str, Any]:
+        """What the function finds."""
+        found = contents(self.file)[self.name]
+        if (marked := observable_of(found)) is not None:
+            return {marked.name: per_frame(run, found).values[-1].tolist()}
+        figures: Mapping[str, Any] = found(run)
+        return figures
+
+
+def own_measures(file: OwnFile) -> dict[str, OwnMeasure]:
+    """The functions and observables that a user's file defines, by their names."""
+    return {
+        name: OwnMeasure(file, name, measure_name(function))
+        for name, function in _functions(file).items()
+    }
+
+
+def _functions(file: OwnFile) -> dict[str, FunctionType]:
+    return {
+        name: found
+        for name, found in contents(file).items()
+        if isinstance(found, FunctionType) and found.__module__ == file.module
+    }

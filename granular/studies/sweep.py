@@ -18,16 +18,17 @@ from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory
 from granular.studies.cases import Case, Measure, make_cases
 from granular.studies.measures import last_values
-from granular.studies.work import (
+from granular.studies.workers import (
     ELSEWHERE,
     MACHINE,
     PROGRAM,
     Outcome,
+    Workers,
     compute,
     failure,
     outcomes_in,
+    workshop,
 )
-from granular.studies.workers import Workers, workshop
 
 if TYPE_CHECKING:
     import pandas

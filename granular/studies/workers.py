@@ -1,16 +1,25 @@
-"""Processes of this machine that compute cases side by side."""
+"""Where cases are computed and what a worker does: one case, whose outcome it keeps."""
 
 from __future__ import annotations
 
 import contextlib
+import importlib
+import logging
 import os
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, InvalidStateError
+from pathlib import Path
 from typing import Any, TypeVar
 
-from granular.shared.errors import GranularError
+from granular.shared.errors import GranularError, InputError, MissingError, StoreError
+from granular.shared.files import make_directory
+from granular.shared.locks import locked
+from granular.shared.messages import quoted
+from granular.shared.result_cache import ResultCache
+from granular.studies.cases import Case, Measure
 
 T = TypeVar("T")
 
@@ -90,3 +99,204 @@ def workshop(executor: Executor | None, count: int | None = None) -> Iterator[Ex
         workers.shutdown(wait=False, cancel_futures=True)
         raise
     workers.shutdown()
+
+
+Outcome = dict[str, Any]
+"""``figures`` of a case that succeeded, ``error`` of one that did not.
+
+Only what the physics says stands. An outcome that is not kept has a ``cause`` besides: one of those
+below.
+"""
+
+MACHINE = "machine"
+"""A disk, memory or a process failed: the same case may succeed a moment later."""
+PROGRAM = "program"
+"""The measure or the toolkit has an error: the case fails until that is mended."""
+ELSEWHERE = "elsewhere"
+"""Another sweep is computing the case."""
+
+OF_THE_MACHINE = (OSError, StoreError, MemoryError)
+
+
+def outcomes_in(directory: Path) -> ResultCache:
+    """The outcomes that a study's directory keeps, by the keys of their cases."""
+    return ResultCache(directory / "cases")
+
+
+def compute(
+    case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
+) -> Outcome:
+    """The outcome of a case; one that was done before is read.
+
+    A worker writes what it has done itself: it is not lost when the command that waits for it is.
+    A case that another process computes is waited for, or told of.
+    """
+    try:
+        if directory is None:
+            return _computed(case, measure, None)
+        cache = outcomes_in(directory)
+        make_directory(cache.directory)
+        with locked(cache.directory / f".{case.key}.lock", wait) as alone:
+            if not alone:
+                return failure("another sweep computes it", ELSEWHERE)
+            return _kept(cache, case, measure, directory / "runs" / case.key if keep_runs else None)
+    except OF_THE_MACHINE as error:
+        return failure(f"{type(error).__name__}: {error}", MACHINE)
+    except Exception as error:
+        return failure(f"{type(error).__name__}: {error}", PROGRAM)
+
+
+def failure(error: str, cause: str) -> Outcome:
+    """An outcome that is not kept."""
+    return {"figures": {}, "error": error, "cause": cause}
+
+
+def _kept(cache: ResultCache, case: Case, measure: Measure, out: Path | None) -> Outcome:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the study has said what is damaged
+        done: Outcome | None = cache.read(case.key)
+    if done is None:
+        done = _computed(case, measure, out)
+        with contextlib.suppress(StoreError):  # the study tries it again
+            cache.keep(case.key, done)
+    return done
+
+
+def _computed(case: Case, measure: Measure, out: Path | None) -> Outcome:
+    from granular.run.simulation import simulate
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            run = simulate(
+                case.scene, **case.settings, out=out, resume=out is not None,
+                threads=1, progress=False,
+            )  # fmt: skip
+        figures = {name: _plain(value) for name, value in measure(run).items()}
+    except (*OF_THE_MACHINE, MissingError):
+        raise
+    except GranularError as error:
+        return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
+    return {"figures": figures, "error": None}
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy scalar as Python's own, so that JSON keeps every bit."""
+    return value.item() if hasattr(value, "item") else value
+
+
+RETRIES = 2
+"""Workers that Dask lets a case lose before it calls it lost."""
+
+
+@contextlib.contextmanager
+def executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
+    """The executor of a Dask cluster or of MPI's ranks; None where neither is asked for.
+
+    Raises
+    ------
+    InputError
+        If both are asked for, a library is missing, or the cluster does not answer.
+    """
+    if dask is not None and mpi:
+        raise InputError("--dask and --mpi name two executors; give one of them")
+    if dask is not None:
+        with _dask(dask) as pool:
+            yield pool
+    elif mpi:
+        with _mpi() as pool:
+            yield pool
+    else:
+        yield None
+
+
+class Cluster(Executor):
+    """A Dask cluster whose scheduler may go away: no task then waits for ever.
+
+    Tasks that were under way end in `BrokenExecutor`. The next one that is submitted waits until
+    the scheduler answers again, and for as long as the client tries.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
+        """As of any executor.
+
+        Raises
+        ------
+        ExecutorLostError
+            If the scheduler is gone.
+        """
+        while self._client.status == "connecting":
+            time.sleep(0.1)
+        if self._client.status != "running":
+            raise ExecutorLostError(
+                "the Dask scheduler is gone; start it again, and the same command goes on"
+            )
+        there = self._client.submit(function, *arguments, pure=False, retries=RETRIES, **keywords)
+        here: Future[T] = Future()
+
+        def take_back(future: Future[T]) -> None:
+            if future.cancelled() and self._client.status == "running":
+                there.cancel()
+
+        here.add_done_callback(take_back)
+        there.add_done_callback(lambda done: _settle(here, done))
+        return here
+
+
+def _settle(here: Future[Any], there: Any) -> None:
+    """Pass on what has become of a task."""
+    with contextlib.suppress(InvalidStateError):  # of one that was taken back
+        try:
+            here.set_result(there.result())
+        except (OSError, CancelledError, TimeoutError) as error:
+            here.set_exception(BrokenExecutor(f"the scheduler was lost: {error}"))
+        except InvalidStateError:
+            raise
+        except Exception as error:
+            here.set_exception(error)
+
+
+@contextlib.contextmanager
+def _dask(address: str) -> Iterator[Executor]:
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise InputError(
+            "--dask needs Dask; install it with: pip install 'granular-damper[dask]'"
+        ) from None
+    for name in (
+        "distributed",
+        "distributed.client",
+        "tornado",
+        "asyncio",
+    ):  # the command says itself what is lost
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(address, timeout="10s")
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(
+            f"no Dask scheduler answers at {quoted(address)} ({type(error).__name__}); check the "
+            "address"
+        ) from None
+    with client:
+        yield Cluster(client)
+
+
+@contextlib.contextmanager
+def _mpi() -> Iterator[Executor]:
+    try:
+        from mpi4py.futures import MPIPoolExecutor
+    except ImportError:
+        raise InputError(
+            "--mpi needs mpi4py; install it and start with: mpirun -n 4 python -m mpi4py.futures "
+            "-m granular sweep ..."
+        ) from None
+    with MPIPoolExecutor() as pool:
+        yield pool

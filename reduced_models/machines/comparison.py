@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.response import Response
 from granular.response.page import Beside, response_page
+from granular.response.response import Response
 from granular.shared.errors import InputError
 from granular.shared.html import Page, number
 from granular.shared.tables import in_columns

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.effects.excitation import Excitation
 from granular.effects.host import Host
-from granular.response.exact import hanging_mass, linear_response, tuned_mass
+from granular.response.linear_system import hanging_mass, linear_response, tuned_mass
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from granular.observables.slip import inner, slip_of_frames, swept, uniaxial
+from granular.observables.plasticity import inner, slip_of_frames, swept, uniaxial
 from granular.observables.voronoi import voronoi_cells
 
 ROWS = {184: 9, 368: 12}

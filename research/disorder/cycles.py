@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from granular.observables.slip import Slip, area_change, elastic_strain, slip_of_frames, uniaxial
+from granular.observables.plasticity import (
+    Slip,
+    area_change,
+    elastic_strain,
+    slip_of_frames,
+    uniaxial,
+)
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene

@@ -16,7 +16,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache
 from granular.studies.cases import make_cases
-from granular.studies.work import Outcome, outcomes_in
+from granular.studies.workers import Outcome, outcomes_in
 from research.published.plan import Group
 from research.published.series import Series
 

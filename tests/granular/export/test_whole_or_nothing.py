@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from granular.export import to_extxyz, to_gsd, to_source_files, to_tables, to_vtk
+from granular.export import to_depaula_files, to_extxyz, to_gsd, to_tables, to_vtk
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
 WRITERS = {
     "bed.gsd": to_gsd,
     "bed.xyz": to_extxyz,
-    "dat": to_source_files,
+    "dat": to_depaula_files,
     "vtk": to_vtk,
     "tables": to_tables,
 }
@@ -70,7 +70,7 @@ def test_places_that_cannot_be_written(run: Trajectory, tmp_path: Path, write: W
 def test_directory_that_cannot_be_made(run: Trajectory, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
-        to_source_files(run, tmp_path / "file")
+        to_depaula_files(run, tmp_path / "file")
 
 
 def test_run_without_frames(run: Trajectory, tmp_path: Path) -> None:

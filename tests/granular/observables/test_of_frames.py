@@ -22,8 +22,8 @@ from granular.observables import (
     per_frame,
     psi6,
 )
+from granular.observables.catalogue import find_observable, frame_table
 from granular.observables.frame import observable_of
-from granular.observables.over_frames import find_observable, frame_table
 from granular.shared.errors import InputError, SceneError
 
 OWN = """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granular.observables import elastic_strain, slip_of_frames, voronoi_cells
-from granular.observables.slip import area_change, inner, swept, uniaxial, way_to_edge
+from granular.observables.plasticity import area_change, inner, swept, uniaxial, way_to_edge
 
 from .conftest import hexagonal, rotated
 from .test_defect_motion import FILMS, SPACING

@@ -18,8 +18,8 @@ from granular.observables import (
     per_frame,
     voronoi_cells,
 )
-from granular.render import COLOURINGS, save, still
-from granular.render.colourings import SPECIES
+from granular.render import save, still
+from granular.render.colourings import COLOURINGS, SPECIES
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.plotting import SIDES

@@ -12,12 +12,15 @@ import pytest
 
 from granular import Scene, load_scene
 from granular.effects.host import Host
-from granular.response import Response, load_response, save_response
-from granular.response.exact import hanging_mass, linear_response, slowest_decay
-from granular.response.hung import against_linear
-from granular.response.page import add_steadiness, response_page
-from granular.response.page_damper import losses_of
-from granular.response.response import labelled
+from granular.response import load_response, save_response
+from granular.response.linear_system import (
+    against_linear,
+    hanging_mass,
+    linear_response,
+    slowest_decay,
+)
+from granular.response.page import add_steadiness, losses_of, response_page
+from granular.response.response import Response, labelled
 from granular.response.transients import pace_of_sweep
 from granular.shared.errors import InputError
 from granular.shared.html import Page

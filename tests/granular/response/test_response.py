@@ -13,7 +13,7 @@ import pytest
 from granular import load_scene, simulate
 from granular.__main__ import main
 from granular.effects.host import Host
-from granular.response.exact import hanging_mass, linear_response, tuned_mass
+from granular.response.linear_system import hanging_mass, linear_response, tuned_mass
 from granular.response.response import frequency_response
 from granular.response.steady import complex_amplitude, steady_figures
 from granular.scene.scene import Scene

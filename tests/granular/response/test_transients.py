@@ -14,9 +14,9 @@ from scipy.signal import lsim
 
 from granular import Scene, simulate
 from granular.__main__ import main
-from granular.response import come_down_time, swept_response
-from granular.response.come_down import come_down_of
-from granular.response.swept import swept_amplitudes
+from granular.response import settling_time, swept_response
+from granular.response.steady import swept_amplitudes
+from granular.response.transients import settling_time_of
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
@@ -44,13 +44,13 @@ def test_a_decay_comes_down_in_its_own_time() -> None:
     """exp(-delta t) cos(omega t), with peaks ten to a decade."""
     time = np.linspace(0.0, 5.0, 50_001)
     decay = np.exp(-2.0 * time) * np.cos(math.tau * 20.0 * time)
-    found = come_down_of(time + 1.0, decay, 1.0, 0.1)
+    found = settling_time_of(time + 1.0, decay, 1.0, 0.1)
     assert found == pytest.approx(math.log(10.0) / 2.0, abs=0.5 / 20.0)
-    assert come_down_of(time + 1.0, decay, 1.0, 0.5) < found
+    assert settling_time_of(time + 1.0, decay, 1.0, 0.5) < found
     with pytest.raises(InputError, match="still swings wider"):
-        come_down_of(time[:5000], decay[:5000], 0.0, 0.1)
+        settling_time_of(time[:5000], decay[:5000], 0.0, 0.1)
     with pytest.raises(InputError, match="below 1"):
-        come_down_of(time, decay, 0.0, 1.5)
+        settling_time_of(time, decay, 0.0, 1.5)
 
 
 def off(length: float) -> float:
@@ -75,7 +75,7 @@ def test_a_slower_sweep_is_nearer_to_the_steady_response() -> None:
 @pytest.mark.long  # quick: both functions on exact motions
 def test_runs_tell_the_same() -> None:
     struck = {"kind": "impulse", "force": 50.0, "duration": 0.01, "start": 0.2}
-    found = come_down_time(simulate(machine(struck, 3.0), progress=False))
+    found = settling_time(simulate(machine(struck, 3.0), progress=False))
     assert found == pytest.approx(math.log(10.0) / 2.0, abs=math.pi / 20.0)
     sweep = {"kind": "sweep", "force": 1.0, "frequency": 1.5, "to": 6.0, "duration": 100.0}
     data = swept_response(simulate(machine(sweep, 100.0), progress=False), points=40)
@@ -86,7 +86,7 @@ def test_runs_tell_the_same() -> None:
 def test_other_runs_are_refused() -> None:
     run = cast("Trajectory", SimpleNamespace(scene=machine({"force": 1.0, "frequency": 3.0}, 0.1)))
     with pytest.raises(InputError, match="give an impulse"):
-        come_down_time(run)
+        settling_time(run)
     with pytest.raises(InputError, match="no host under a sweep"):
         swept_response(run)
 

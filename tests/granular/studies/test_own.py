@@ -14,8 +14,7 @@ from granular.commands.console import launch
 from granular.shared.errors import InputError
 from granular.shared.own_file import read_own_file
 from granular.studies.cases import measure_name
-from granular.studies.measures import last_values, measure_named
-from granular.studies.own import OwnMeasure, own_measures
+from granular.studies.measures import OwnMeasure, last_values, measure_named, own_measures
 
 OWN = """
 from __future__ import annotations

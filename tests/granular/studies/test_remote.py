@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 
 from granular import load_scene, sweep
-from granular.studies.remote import Cluster, executor
-from granular.studies.workers import ExecutorLostError
+from granular.studies.workers import Cluster, ExecutorLostError, executor
 
 ROOT = Path(__file__).parents[3]
 

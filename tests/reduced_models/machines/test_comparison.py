@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene
-from granular.response import Response, save_response
-from granular.response.response import labelled
+from granular.response import save_response
+from granular.response.response import Response, labelled
 from granular.shared.errors import InputError
 from reduced_models.machines import compare_response, predicted_response
 

@@ -1,4 +1,4 @@
-"""The input script of LAMMPS for a scene, as text."""
+"""The input script of LAMMPS for a scene, as text, and its tables of pair and wall laws, in SI."""
 
 from __future__ import annotations
 
@@ -7,10 +7,90 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
+from granular.effects import wall_experimental, wall_infinite
 from granular.export.lammps_stages import Leg
-from granular.export.lammps_tables import FARTHEST_WALL
+from granular.pairs import dipole
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
+from granular.shared.errors import InputError
+
+ROWS = 5000
+"""Rows of a table, in geometric steps: LAMMPS draws a cubic spline through them, which is exact to
+1e-9 of the force."""
+
+NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
+"""Where the tables begin, in diameters of the smallest species; LAMMPS stops at a grain nearer."""
+
+FARTHEST_WALL = 200.0
+"""Where the walls' tables end at the latest [D]; the experimental wall's force there is 5e-9 F*."""
+
+WALL_EXPONENTS = {"experimental": 3.5, "infinite": 3.0}
+"""Laws that depend on the distance alone, with the power by which their force falls."""
+
+_PAIR_EXPONENT = 4.0
+
+
+class LawTable(NamedTuple):
+    """A power law from the nearest to the farthest distance.
+
+    Attributes
+    ----------
+    name : str
+    distance, energy, force : float64 (ROWS,)
+        [m], [J], [N]
+    exponent : float
+        The force falls as its inverse power of the distance.
+    """
+
+    name: str
+    distance: np.ndarray
+    energy: np.ndarray
+    force: np.ndarray
+    exponent: float
+
+    def lines(self, slopes: str) -> Iterator[str]:
+        """The section of a table file; ``slopes`` is its keyword for the slopes at both ends."""
+        slope = -self.exponent * self.force / self.distance
+        yield f"{self.name}\nN {ROWS} {slopes} {slope[0]:.17g} {slope[-1]:.17g}\n\n"
+        columns = (self.distance.tolist(), self.energy.tolist(), self.force.tolist())
+        for number, row in enumerate(zip(*columns, strict=True), start=1):
+            yield "{} {:.17g} {:.17g} {:.17g}\n".format(number, *row)
+        yield "\n"
+
+
+def pair_table(
+    name: str, charge: float, nearest: float, farthest: float, scales: Scales
+) -> LawTable:
+    """Dipole repulsion of two grains, with ``charge`` the product of theirs, up to ``farthest``.
+
+    Distances are in units D.
+    """
+    r = np.geomspace(nearest, farthest, ROWS)
+    energy, force = dipole.ENERGY / r**3, dipole.STRENGTH / r**4
+    return _table(name, r, charge * energy, charge * force, _PAIR_EXPONENT, scales)
+
+
+def wall_table(
+    name: str, law: str, charge: float, nearest: float, farthest: float, scales: Scales
+) -> LawTable:
+    """Repulsion of a grain of that charge from a wall; see `pair_table`."""
+    w = np.geomspace(nearest, farthest, ROWS)
+    exponent = WALL_EXPONENTS[law]
+    strength = {"experimental": wall_experimental, "infinite": wall_infinite}[law].force(1.0)
+    force = charge * strength / w**exponent
+    return _table(name, w, force * w / (exponent - 1.0), force, exponent, scales)
+
+
+def _table(
+    name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, exponent: float,
+    scales: Scales,
+) -> LawTable:  # fmt: skip
+    return LawTable(
+        name, distance * scales.length, energy * scales.energy, force * scales.force, exponent
+    )
+
 
 PAIR_BITS, WALL_ROWS = 16, 100_000
 """Size of the tables that LAMMPS looks up: 2^16 rows spaced as floating-point numbers are, read by
@@ -20,6 +100,53 @@ FACES = {"left": "xlo", "right": "xhi", "bottom": "ylo", "top": "yhi"}
 
 OPEN_MARGIN = 2.0
 """Where a side is open, pairs are summed up to this many diagonals of the cell."""
+
+
+CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
+"""Effects that a deck has."""
+
+
+def check_scene(scene: Scene) -> None:
+    """Refuse what a LAMMPS deck cannot carry.
+
+    Raises
+    ------
+    InputError
+    """
+    effects, walls = scene.effects, scene.effects.walls
+    if scene.grains.count == 0:
+        raise InputError("grains.count = 0; LAMMPS needs at least 1 grain")
+    for name, why in (
+        ("friction", "LAMMPS has no dry friction that lets grains stick under this load"),
+        ("contact", "the dashpot of a contact is no function of the distance alone"),
+    ):
+        if getattr(effects, name) is not None:
+            raise InputError(
+                f"effects.{name} cannot be exported to LAMMPS: {why}; leave it out "
+                f"(--set effects.{name}=none) or run the scene here"
+            )
+    for effect in effects.all:
+        if effect.key not in CARRIED:
+            raise InputError(
+                f"effects.{effect.key} cannot be exported to LAMMPS; leave it out "
+                f"(--set effects.{effect.key}=none) or run the scene here"
+            )
+    if scene.grains.spread > 0.0:
+        raise InputError(
+            "grains.spread cannot be exported to LAMMPS, whose tables are of species; set it to 0"
+        )
+    for side in ("left", "right", "bottom", "top"):
+        wall = None if walls is None else getattr(walls, side)
+        if wall is not None and wall.law not in WALL_EXPONENTS:
+            raise InputError(
+                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: near its "
+                f"ends it depends on two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
+            )
+    if scene.pair_method == "verlet-list":
+        raise InputError(
+            "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "
+            "take 'cut-off' with the same radius"
+        )
 
 
 class Deck(NamedTuple):

@@ -48,7 +48,7 @@ USUAL, FINE, COARSE = 250, 10, 1000
 """Steps of de Paula from record to record: of most files, of those with _0, of averages."""
 
 
-class SourceCadence(NamedTuple):
+class DePaulaCadence(NamedTuple):
     """De Paula's clock for a run.
 
     Attributes
@@ -67,7 +67,7 @@ class SourceCadence(NamedTuple):
     frames: float
 
 
-def source_cadence(run: Trajectory) -> SourceCadence:
+def depaula_cadence(run: Trajectory) -> DePaulaCadence:
     """De Paula's units of time for a run: T, its step, and its interval of frames.
 
     T is the duration of the first stage that lowers the piston at constant speed, stroke/V_c
@@ -80,10 +80,10 @@ def source_cadence(run: Trajectory) -> SourceCadence:
             unit = stage.span(height) or unit
             break
         height = done.height
-    return SourceCadence(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
+    return DePaulaCadence(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
 
 
-def to_source_files(
+def to_depaula_files(
     run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False,
     progress: bool = False,
 ) -> tuple[Path, ...]:  # fmt: skip
@@ -114,7 +114,7 @@ def to_source_files(
         If a file exists or cannot be written, or the run cannot be read.
     """
     run, directory = opened(run), Path(directory)
-    cadence = source_cadence(run)
+    cadence = depaula_cadence(run)
     contents = {
         **_particle_files(run, cadence, progress),
         **_piston_files(run, cadence),
@@ -130,7 +130,7 @@ def to_source_files(
     return tuple(directory / name for name in files)
 
 
-def _warn_of_coarse_frames(run: Trajectory, cadence: SourceCadence) -> None:
+def _warn_of_coarse_frames(run: Trajectory, cadence: DePaulaCadence) -> None:
     times = run.dataset["frame_time"].values
     interval = (times[-1] - times[0]) / max(1, len(times) - 1)
     if interval > 1.01 * cadence.frames:
@@ -141,7 +141,7 @@ def _warn_of_coarse_frames(run: Trajectory, cadence: SourceCadence) -> None:
         )
 
 
-def _nearest(times: np.ndarray, cadence: SourceCadence, every: int) -> list[int]:
+def _nearest(times: np.ndarray, cadence: DePaulaCadence, every: int) -> list[int]:
     """Indices of the records nearest to every so many steps of de Paula, each once."""
     interval = every * cadence.step
     instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
@@ -159,7 +159,7 @@ def _rows(table: np.ndarray) -> str:
 
 
 def _particle_files(
-    run: Trajectory, cadence: SourceCadence, progress: bool
+    run: Trajectory, cadence: DePaulaCadence, progress: bool
 ) -> dict[str, Iterator[str]]:
     units, unit = Scales.of(run.scene.grains), cadence.time_unit
     speed, force = units.length / unit, units.mass * units.length / unit**2
@@ -204,7 +204,7 @@ def _compression(run: Trajectory, frame: BedFrame) -> np.ndarray:
 
 def _frame_lines(
     run: Trajectory,
-    cadence: SourceCadence,
+    cadence: DePaulaCadence,
     every: int,
     chosen: Sequence[int],
     columns: str,
@@ -220,7 +220,7 @@ def _frame_lines(
         yield _rows(table(frame)) + "\n"
 
 
-def _piston_files(run: Trajectory, cadence: SourceCadence) -> dict[str, Iterator[str]]:
+def _piston_files(run: Trajectory, cadence: DePaulaCadence) -> dict[str, Iterator[str]]:
     if run.scene.piston is None:
         return {}
     diameter = run.scene.grains.species[0].diameter
@@ -238,7 +238,7 @@ def _piston_files(run: Trajectory, cadence: SourceCadence) -> dict[str, Iterator
     return files
 
 
-def _distances(run: Trajectory, cadence: SourceCadence, progress: bool) -> Iterator[str]:
+def _distances(run: Trajectory, cadence: DePaulaCadence, progress: bool) -> Iterator[str]:
     diameter = run.scene.grains.species[0].diameter
     chosen = _nearest(run.dataset["frame_time"].values, cadence, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
@@ -247,7 +247,7 @@ def _distances(run: Trajectory, cadence: SourceCadence, progress: bool) -> Itera
         yield _rows(np.array([[frame.time / cadence.time_unit, distance]]))
 
 
-def _constants(run: Trajectory, cadence: SourceCadence) -> dict[str, Iterator[str]]:
+def _constants(run: Trajectory, cadence: DePaulaCadence) -> dict[str, Iterator[str]]:
     units, unit = Scales.of(run.scene.grains), cadence.time_unit
     sizes = (
         units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2,

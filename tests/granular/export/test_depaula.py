@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular.export import source_cadence, to_source_files
+from granular.export import to_depaula_files
+from granular.export.depaula import depaula_cadence
 from granular.observables import per_frame
 from granular.run.trajectory import Trajectory
 
@@ -20,7 +21,7 @@ FORCE = MASS * D / T**2
 
 @pytest.fixture(scope="module")
 def files(run: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
-    written = to_source_files(run, tmp_path_factory.mktemp("source") / "dat")
+    written = to_depaula_files(run, tmp_path_factory.mktemp("source") / "dat")
     return {path.stem: np.loadtxt(path) for path in written}
 
 
@@ -32,8 +33,8 @@ def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
 
 def test_units(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     """T is the duration of the compression: 10 mm at 5 mm/s."""
-    assert source_cadence(run).time_unit == pytest.approx(T, rel=1e-14)
-    assert source_cadence(run).frames == pytest.approx(5e-4, rel=1e-14)
+    assert depaula_cadence(run).time_unit == pytest.approx(T, rel=1e-14)
+    assert depaula_cadence(run).frames == pytest.approx(5e-4, rel=1e-14)
     wanted = [D, T, MASS, D / T, FORCE]
     np.testing.assert_allclose(files["charUnits"], wanted, rtol=1e-14)
     species = run.scene.grains.assignment()
@@ -95,7 +96,7 @@ def test_piston_at_both_cadences(run: Trajectory, files: dict[str, np.ndarray]) 
 def test_frames_finer_than_the_source_are_thinned(run: Trajectory, tmp_path: Path) -> None:
     """Frames every 50 steps: each fifth in the usual file, all in the one with _0."""
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 1e-4))
-    written = to_source_files(dataclasses.replace(run, dataset=data), tmp_path)
+    written = to_depaula_files(dataclasses.replace(run, dataset=data), tmp_path)
     files = {path.stem: np.loadtxt(path) for path in written}
     place = run.dataset["position"].values
     np.testing.assert_allclose(files["posPart"] * D, blocks(place, 5), rtol=1e-14)
@@ -106,12 +107,12 @@ def test_frames_finer_than_the_source_are_thinned(run: Trajectory, tmp_path: Pat
 def test_coarser_frames_are_all_written_with_a_warning(run: Trajectory, tmp_path: Path) -> None:
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 0.01))
     with pytest.warns(UserWarning, match=r"a frame every 0\.01 s, de Paula every 0\.0005 s"):
-        to_source_files(dataclasses.replace(run, dataset=data), tmp_path)
+        to_depaula_files(dataclasses.replace(run, dataset=data), tmp_path)
     assert len(np.loadtxt(tmp_path / "posPart.dat")) == 40 * 7 + 50 * 6
 
 
 def test_absent_grains_are_named(run: Trajectory, tmp_path: Path) -> None:
-    to_source_files(run, tmp_path)
+    to_depaula_files(run, tmp_path)
     heads = [
         line for line in (tmp_path / "posPart.dat").read_text().splitlines() if "frame" in line
     ]
@@ -121,4 +122,4 @@ def test_absent_grains_are_named(run: Trajectory, tmp_path: Path) -> None:
 
 def test_run_without_compression_has_a_second_for_its_unit(run: Trajectory) -> None:
     scene = run.scene.replace(protocol=[{"kind": "hold", "name": "relax", "duration": 1.0}])
-    assert source_cadence(dataclasses.replace(run, scene=scene)).time_unit == 1.0
+    assert depaula_cadence(dataclasses.replace(run, scene=scene)).time_unit == 1.0
