@@ -82,7 +82,7 @@ def report(options: Any) -> None:
     if changes and not options.scenes:
         raise InputError("--set changes a scene; name one, such as: report damper")
     if options.overview:
-        refuse(options, "--overview, which is of packaged scenes", "scenes")
+        refuse(options, "--overview, which is of packaged scenes", scenes="SCENE")
         _measure(options, [OVERVIEW], options.out)
     elif options.scenes:
         scenes = [load_scene(one).replace(**changes) for one in options.scenes]

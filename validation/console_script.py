@@ -22,6 +22,14 @@ _PACKAGES = {
     "validation": "proof of the numbers",
 }
 
+_FORMER = {
+    "methods": "scenes --methods", "warm-up": "scenes --warm-up",
+    "impulse": "response --impulse", "laws": "fit --laws", "response-law": "compare --response",
+    "maps": "design --maps", "glance": "report --overview",
+    "source-experiment": "convergence --depaula",
+}  # fmt: skip
+"""Commands that are options of others now."""
+
 _VALIDATE = "validate"
 """Name of the validation's ``report``, which would not say of what beside other commands."""
 
@@ -49,6 +57,8 @@ def run(arguments: Sequence[str]) -> None:
     if not arguments or arguments[0].startswith("-"):
         _own_parser(modules).parse_args(arguments)
     command, *words = arguments
+    if command in _FORMER:
+        raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
     if command not in homes:
         raise InputError(f"{unknown(command, tuple(homes), 'command')} (see {PROG} --help)")
     name = "report" if command == _VALIDATE else command

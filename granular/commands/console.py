@@ -227,17 +227,26 @@ def require(options: Any, **arguments: str) -> None:
         )
 
 
-def refuse(options: Any, form: str, *names: str) -> None:
+def refuse(options: Any, form: str, *names: str, **written: str) -> None:
     """Refuse options that a form of a command, such as ``--impulse``, does not take.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+    form : str
+    *names : str
+        Options that are written as they are named.
+    **written : str
+        How others are written on the command line, by their names among the options.
 
     Raises
     ------
     InputError
-        If one of these names is given.
+        If one of them is given.
     """
-    for name in names:
+    for name, words in ({name: f"--{name}" for name in names} | written).items():
         if getattr(options, name) not in (None, [], False):
-            raise InputError(f"--{name.replace('_', '-')} does not go with {form}; leave it out")
+            raise InputError(f"{words} does not go with {form}; leave it out")
 
 
 def add_version(parser: argparse.ArgumentParser) -> None:

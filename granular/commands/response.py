@@ -124,8 +124,8 @@ def _strike(options: Any) -> None:
     from granular.response.transients import run_impulse
 
     require(options, force="--force")
-    wrong = ("lowest", "highest", "points", "acceleration", "displacement", "sweep", "workers")
-    refuse(options, "--impulse", *wrong)
+    wrong = ("points", "acceleration", "displacement", "sweep", "workers")
+    refuse(options, "--impulse", *wrong, lowest="--from", highest="--to")
     if len(options.force) > 1:
         raise InputError(f"--force is given {len(options.force)} times; an impulse has one")
     result = run_impulse(

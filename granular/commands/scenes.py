@@ -35,7 +35,7 @@ def scenes(options: Any) -> None:
     if options.warm_up is not None:
         _warm_up(options)
         return
-    refuse(options, "a list", "changes")
+    refuse(options, "a list", changes="--set")
     if options.methods:
         _list_methods(options)
     else:

@@ -324,7 +324,8 @@ def compare(options: Any) -> None:
         require(options, sources="SOURCE")
         _compare_laws(options)
     else:
-        refuse(options, "--response", "sources", "laws", "held_out", "out")
+        written = {"sources": "SOURCE", "laws": "--law", "held_out": "--held-out"}
+        refuse(options, "--response", "out", **written)
         _compare_response(options)
 
 

@@ -156,7 +156,7 @@ def test_fit_compare_and_simulate(
         (("compare", "lab.csv", "--held-out", "nothing.csv"), "there is no file"),
         (("discover", "nothing.csv"), "there is no file"),
         (("fit",), "required: SOURCE; see python -m reduced_models fit --help"),
-        (("compare", "lab.csv", "--response", "out"), "--sources does not go with --response"),
+        (("compare", "lab.csv", "--response", "out"), "SOURCE does not go with --response"),
         (("design", "--damping", "0.1"), "required: --frequency"),
         (("design", "--maps"), "required: -o/--out"),
         (("design", "--maps", "--mass", "5", "-o", "out"), "--mass does not go with --maps"),

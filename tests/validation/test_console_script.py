@@ -68,6 +68,7 @@ def test_no_two_packages_have_a_command_of_the_same_name() -> None:
     [
         ("", "required: COMMAND"),
         ("rnu", "did you mean 'run'"),
+        ("impulse machine", "did you mean 'response --impulse'"),
         ("--loud", "required: COMMAND"),
         ("show", "required: SCENE; see granular-damper show --help"),
         ("show nothing.toml", "there is no scene file"),

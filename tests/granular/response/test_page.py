@@ -132,6 +132,7 @@ REFUSED = [
     ((*STRUCK, "machine"), "required: --force"),
     ((*STRUCK, "machine", "--force", "5N", "--force", "9N"), "an impulse has one"),
     ((*STRUCK, "machine", "--force", "5N", "--sweep", "9s"), "--sweep does not go with --impulse"),
+    ((*STRUCK, "machine", "--force", "5N", "--from", "2Hz"), "--from does not go with --impulse"),
     ((*STRUCK, "bed", "--force", "5N"), "has no host of bodies"),
     ((*STRUCK, "machine", "--force", "0N"), "give a force that is not 0"),
     ((*STRUCK, "machine", "--force", "5N", "--share", "1.5"), "above 0 and below 1"),
