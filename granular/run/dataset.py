@@ -22,7 +22,7 @@ def open_dataset(path: Path, metadata: Metadata, manifest: Manifest) -> xarray.D
     StoreError
         Now or when values are read, if their chunk is missing or not what the run wrote.
     """
-    arrays = [StoredArray(path, name, plain) for name, plain in metadata.arrays.items()]
+    arrays = [StoredArray(path, name, plain) for name, plain in sorted(metadata.arrays.items())]
     return xarray.Dataset(
         {
             array.name: (
