@@ -3,6 +3,15 @@
 >>> from granular import load_scene, simulate
 >>> run = simulate(load_scene("damper"))
 >>> record = run.piston()
+
+Each folder knows those before it. ``shared`` is what all need; ``formulas`` reads text,
+``compiled`` compiles kernels, ``schema`` holds sections with their units, ``readers`` read records.
+``pairs`` sums over pairs and ``kernel_data`` is what kernels see; on these stand the ``effects``,
+the stages of a ``protocol`` and the ``methods`` of integration, and on them the ``engine``, one
+compiled loop. A ``scene`` names what acts, and becomes the engine's constants; a ``run`` goes
+through its stages and keeps what happens. ``observables`` measure a run, ``studies`` make many,
+``export`` and ``render`` write files and pictures, ``response`` is that to a shaker; ``commands``
+call all these.
 """
 
 import lazy_loader

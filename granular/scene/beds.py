@@ -75,10 +75,30 @@ def _check(name: str, value: float, unit: str, most: float = math.inf) -> None:
         raise InputError(f"{name} = {quoted(value)}; give a number above 0{limit} {unit}".rstrip())
 
 
-def _records(protocol: list[dict[str, object]], speed: float, way: float) -> dict[str, object]:
-    """About two thousand records and a hundred frames for the compression."""
-    scalars = way / speed / 2000.0
-    return {"scalars": scalars, "frames": 20.0 * scalars}
+def _compressed(
+    name: str, count: int, width: float, heights: tuple[float, float], speed: float,
+    relaxation: float, seed: int, **more: object,
+) -> Scene:  # fmt: skip
+    """The packaged bed, compressed from one height to another [m]; ``more`` of it is changed.
+
+    With about two thousand records and a hundred frames for the compression.
+    """
+    start, end = heights
+    protocol = _compression(start, end, speed, relaxation)
+    scalars = (start - end) / speed / 2000.0
+    changes = {
+        "name": name,
+        "grains.count": count,
+        "cell.width": width,
+        "piston.height": HEADROOM * start,
+        "effects.drag": None,
+        "effects.friction": True,
+        "arrangement.height": start,
+        "arrangement.seed": seed,
+        "protocol": protocol,
+        "output": {"scalars": scalars, "frames": 20.0 * scalars},
+    }
+    return load_scene("bed").replace(**changes, **more)
 
 
 def mono_bed(
@@ -118,26 +138,11 @@ def mono_bed(
     >>> round(scene.cell.width, 3), round(scene.piston.height, 3)  # [m]
     (0.18, 0.36)
     """
-    base = load_scene("bed")
-    diameter = base.grains.species[0].diameter
+    diameter = load_scene("bed").grains.species[0].diameter
     _check("count", count, "grains")
     size = math.sqrt(count / REFERENCE_COUNT) * diameter
-    start, end = max(START * size, LOWEST_START * diameter), END * size
-    protocol = _compression(start, end, speed, relaxation)
-    return base.replace(
-        **{
-            "name": f"mono-{count}",
-            "grains.count": count,
-            "cell.width": WIDTH * size,
-            "piston.height": HEADROOM * start,
-            "effects.drag": None,
-            "effects.friction": True,
-            "arrangement.height": start,
-            "arrangement.seed": seed,
-            "protocol": protocol,
-            "output": _records(protocol, speed, start - end),
-        }
-    )
+    heights = max(START * size, LOWEST_START * diameter), END * size
+    return _compressed(f"mono-{count}", count, WIDTH * size, heights, speed, relaxation, seed)
 
 
 def bidisperse(
@@ -186,25 +191,12 @@ def bidisperse(
         Species(name="big", diameter=big, share=1.0 - ratio),
         Species(name="small", diameter=aspect * big, share=ratio),
     ]
-    start = BIDISPERSE_START
-    end = final_height(_reference_height(big), species)
-    protocol = _compression(start, end, speed, relaxation)
-    return load_scene("bed").replace(
-        **{
-            "name": f"bidisperse-{aspect:g}-{ratio:g}",
-            "grains.count": BIDISPERSE_COUNT,
-            "grains.species": [one.to_plain() for one in species],
-            "grains.mixing": mixing,
-            "cell.width": BIDISPERSE_WIDTH,
-            "piston.height": HEADROOM * start,
-            "effects.drag": None,
-            "effects.friction": True,
-            "arrangement.height": start,
-            "arrangement.seed": seed,
-            "protocol": protocol,
-            "output": _records(protocol, speed, start - end),
-        }
-    )
+    heights = BIDISPERSE_START, final_height(_reference_height(big), species)
+    mixture = {"grains.species": [one.to_plain() for one in species], "grains.mixing": mixing}
+    return _compressed(
+        f"bidisperse-{aspect:g}-{ratio:g}", BIDISPERSE_COUNT, BIDISPERSE_WIDTH, heights, speed,
+        relaxation, seed, **mixture,
+    )  # fmt: skip
 
 
 def _reference_height(big: float) -> float:

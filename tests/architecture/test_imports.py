@@ -53,15 +53,34 @@ def named_modules(path: Path, root: Path) -> set[str]:
     return found
 
 
-def circles(package: str, root: Path = ROOT) -> set[str]:
-    """The modules of a package that stand in a circle of imports, or lead into one and out of it.
+def imports_within(package: str, root: Path = ROOT) -> dict[str, set[str]]:
+    """Each module of a package, and those of the package that it imports."""
+    paths = {module_name(path, root): path for path in (root / package).rglob("*.py")}
+    return {
+        name: (named_modules(path, root) & paths.keys()) - {name} for name, path in paths.items()
+    }
+
+
+def folder_of(module: str) -> str:
+    """The folder of a package that a module stands in, or the module itself."""
+    return ".".join(module.split(".")[:2])
+
+
+def imports_of_folders(package: str, root: Path = ROOT) -> dict[str, set[str]]:
+    """As `imports_within`, of the folders; the package itself, which hands names on, left out."""
+    arrows: dict[str, set[str]] = {}
+    for name, ends in imports_within(package, root).items():
+        if name != package:
+            reached = arrows.setdefault(folder_of(name), set())
+            reached |= {folder_of(end) for end in ends} - {folder_of(name), package}
+    return arrows
+
+
+def circles(arrows: dict[str, set[str]]) -> set[str]:
+    """What stands in a circle of imports, or leads into one and out of it.
 
     Those that import nothing, and those that nothing imports, are taken away until none is left.
     """
-    paths = {module_name(path, root): path for path in (root / package).rglob("*.py")}
-    arrows = {
-        name: (named_modules(path, root) & paths.keys()) - {name} for name, path in paths.items()
-    }
     while True:
         reached = set().union(*arrows.values())
         left = {name for name, ends in arrows.items() if ends and name in reached}
@@ -76,7 +95,13 @@ WITHOUT_CIRCLES = tuple(FORBIDDEN)
 @pytest.mark.parametrize("package", WITHOUT_CIRCLES)
 def test_no_circle(package: str) -> None:
     """Also inside functions, and for type checkers alone."""
-    assert circles(package) == set()
+    assert circles(imports_within(package)) == set()
+
+
+@pytest.mark.parametrize("package", WITHOUT_CIRCLES)
+def test_no_circle_of_folders(package: str) -> None:
+    """So that there is an order in which to read them; `lint-imports` says which."""
+    assert circles(imports_of_folders(package)) == set()
 
 
 def test_a_circle_is_seen(tmp_path: Path) -> None:
@@ -90,7 +115,11 @@ def test_a_circle_is_seen(tmp_path: Path) -> None:
         "room/chair": "if False:  # as for type checkers\n    import house.room.table",
     }.items():  # fmt: skip
         (tmp_path / "house" / f"{name}.py").write_text(text, encoding="utf-8")
-    assert circles("house", tmp_path) == {"house.room.table", "house.room.chair"}
+    assert circles(imports_within("house", tmp_path)) == {"house.room.table", "house.room.chair"}
+    assert circles(imports_of_folders("house", tmp_path)) == set()
+    (tmp_path / "house" / "low.py").write_text("from house.room import table", encoding="utf-8")
+    (tmp_path / "house" / "room" / "table.py").write_text("import house.low", encoding="utf-8")
+    assert circles(imports_of_folders("house", tmp_path)) == {"house.low", "house.room"}
 
 
 @pytest.mark.parametrize("package", FORBIDDEN)
