@@ -31,7 +31,7 @@ MESH_ERROR = 5e-4
 _ASKED = re.compile(r"\s*(?P<value>[0-9.eE+-]+)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*")
 
 
-class Chosen(NamedTuple):
+class ChosenSettings(NamedTuple):
     """Settings that a scene is to be run with.
 
     Attributes
@@ -49,7 +49,7 @@ class Chosen(NamedTuple):
     words: str
 
 
-def asked(text: str) -> tuple[float, str]:
+def parse_accuracy(text: str) -> tuple[float, str]:
     """Tolerance and quantity of a text such as "1e-4 rest height" or "1 % piston force".
 
     Raises
@@ -73,7 +73,7 @@ def asked(text: str) -> tuple[float, str]:
     return value * (0.01 if match["percent"] else 1.0), match["quantity"]
 
 
-def accurate(scene: Scene, text: str) -> Chosen:
+def choose_settings(scene: Scene, text: str) -> ChosenSettings:
     """The cheapest method and step that the table promises an accuracy of, and a sum that keeps it.
 
     Raises
@@ -81,7 +81,7 @@ def accurate(scene: Scene, text: str) -> Chosen:
     InputError
         If the text is none, or neither the table nor the scatter of starts allows the promise.
     """
-    tolerance, quantity = asked(text)
+    tolerance, quantity = parse_accuracy(text)
     prices = prices_of(scene, quantity)
     if prices is None:
         raise InputError(
@@ -110,7 +110,7 @@ def accurate(scene: Scene, text: str) -> Chosen:
         f"{quantity} to {tolerance:g}: {method}, dt {dt}, {how}; the step errs by at most "
         f"{bound:.1g}{scatter} ({prices.name}, {prices.starts} starts, {prices.date})"
     )
-    return Chosen(summed, dt, method, words)
+    return ChosenSettings(summed, dt, method, words)
 
 
 def _candidates(

@@ -18,7 +18,7 @@ from granular.engine.failures import unfinite_as
 from granular.engine.step_size import Step
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
-from granular.run.accuracy import accurate
+from granular.run.accuracy import choose_settings
 from granular.run.checkpoint import read_checkpoint, read_files
 from granular.run.directory import SETTINGS, is_run
 from granular.run.options import check_end, check_method, check_step, checked_step
@@ -114,7 +114,7 @@ def simulate(
     if accuracy is not None:
         if dt != "auto" or method != "stormer-verlet":
             raise InputError("accuracy chooses dt and method; give either it or them")
-        scene, dt, method, words = accurate(scene, accuracy)
+        scene, dt, method, words = choose_settings(scene, accuracy)
         promised = {"accuracy": words}
     plan = method_of(method)
     step = checked_step(dt, scene)

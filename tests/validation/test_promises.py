@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import pytest
 
 from granular import Scene, Trajectory, damper, load_scene, simulate
-from granular.run.accuracy import accurate, asked
+from granular.run.accuracy import choose_settings, parse_accuracy
 from validation import SolverSettings, recommend_settings
 from validation.cost.measuring import starts_of, truths
 from validation.quantities import QUANTITIES
@@ -90,8 +90,8 @@ def test_the_cheapest_setting_keeps_its_tolerance(
     ids=lambda one: one.name if isinstance(one, Scene) else str(one),
 )
 def test_an_accuracy_that_is_promised_is_kept(scene: Scene, text: str) -> None:
-    print(accurate(scene, text).words)
-    tolerance, quantity = asked(text)
+    print(choose_settings(scene, text).words)
+    tolerance, quantity = parse_accuracy(text)
     found = errors(scene, quantity, list(runs_of(scene, FRESH, accuracy=text)))
     print(found)
     assert max(found) <= tolerance

@@ -12,7 +12,7 @@ from numba.core.compiler_lock import global_compiler_lock
 
 import granular.run.run
 from granular import Scene, damper, load_scene, simulate
-from granular.run.accuracy import FLOORS, MARGIN, accurate, asked
+from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy
 from granular.run.options import checked_step
 from granular.run.prices import Prices, price_text, prices_of, table
 from granular.run.summary import run_text
@@ -48,11 +48,11 @@ def test_what_is_chosen_holds_and_is_not_dear(prices: Prices, quantity: str) -> 
         holding = [one for one in prices.rungs if one.bounds[quantity] <= tolerance]
         if tolerance < FLOORS * prices.floors[quantity]:
             with pytest.raises(InputError, match="random starts scatter"):
-                accurate(scene, f"{tolerance} {quantity}")
+                choose_settings(scene, f"{tolerance} {quantity}")
             continue
         if tolerance < MARGIN * min(one.bounds[quantity] for one in prices.rungs):
             continue  # shorter than the table's shortest step, or refused
-        found = accurate(scene, f"{tolerance} {quantity}")
+        found = choose_settings(scene, f"{tolerance} {quantity}")
         chosen += 1
         fraction = checked_step(found.dt, scene).fraction
         same = [one for one in prices.rungs if one.method == found.method]
@@ -66,24 +66,24 @@ def test_what_is_chosen_holds_and_is_not_dear(prices: Prices, quantity: str) -> 
 
 
 def test_accuracies_are_read() -> None:
-    assert asked("1e-4 rest height") == (1e-4, "rest height")
-    assert asked(" 1 %  piston force") == (0.01, "piston force")
+    assert parse_accuracy("1e-4 rest height") == (1e-4, "rest height")
+    assert parse_accuracy(" 1 %  piston force") == (0.01, "piston force")
     for text, said in (
         ("rest height", "give an error above 0"), ("0 rest height", "above 0"),
         ("1e-3 rest heigth", "did you mean 'rest height'"), ("nan energy", "above 0"),
         ("1e999 energy", "above 0"), ("-1 energy", "above 0"), ("", "above 0"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=said):
-            asked(text)
+            parse_accuracy(text)
 
 
 def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
     with pytest.raises(InputError, match=r"random starts scatter by .*average \d+ starts"):
-        accurate(damper(), "1e-7 rest height")
+        choose_settings(damper(), "1e-7 rest height")
     with pytest.raises(InputError, match="holds no scene like 'bed' with this quantity"):
-        accurate(bed.replace(**{"effects.contact": {"modulus": 1e7}}), "1 % piston force")
+        choose_settings(bed.replace(**{"effects.contact": {"modulus": 1e7}}), "1 % piston force")
     with pytest.raises(InputError, match="leaves pairs out"):
-        accurate(bed.replace(**{"pairs.method": "cut-off"}), "10 % piston force")
+        choose_settings(bed.replace(**{"pairs.method": "cut-off"}), "10 % piston force")
     with pytest.raises(InputError, match="either it or them"):
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
 
@@ -94,7 +94,7 @@ def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -
            "arrangement.height": "58 D"}
     )  # fmt: skip
     assert large.pair_method == "mesh"
-    rough, fine = (accurate(large, f"{one} rest height") for one in (0.2, 8e-4))
+    rough, fine = (choose_settings(large, f"{one} rest height") for one in (0.2, 8e-4))
     assert (rough.scene.pair_method, fine.scene.pair_method) == ("mesh", "direct")
     assert "sum by the mesh" in rough.words
     assert "direct sum" in fine.words
