@@ -206,6 +206,11 @@ class Program(NamedTuple):
         chosen.carry_out(options)
 
 
+def keywords(options: Any, *names: str) -> dict[str, Any]:
+    """Return options as keyword arguments of a function that calls them the same."""
+    return {name: getattr(options, name) for name in names}
+
+
 def require(options: Any, **arguments: str) -> None:
     """Refuse a command without arguments that only some forms of it need.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, option
+from granular.commands.console import command, emit, keywords, option
 from granular.commands.options import (
     ACCURACY,
     CHANGES,
@@ -51,13 +51,8 @@ def run(options: Any) -> None:
     done = simulate(
         scene_of(options),
         dt=time_step(options.dt),
-        t_end=options.t_end,
-        method=options.method,
-        out=options.out,
-        resume=options.resume,
-        threads=options.threads,
         progress=not options.quiet,
-        accuracy=options.accuracy,
+        **keywords(options, "t_end", "method", "out", "resume", "threads", "accuracy"),
     )
     emit(*_outcome(done), options.json)
 
@@ -110,11 +105,9 @@ def sweep(options: Any) -> None:
     with executor(options.dask, options.mpi) as pool:
         done = run_study(
             study.pop("scene"),
-            out=options.out,
-            keep_runs=options.keep_runs,
             executor=pool,
-            workers=options.workers,
             progress=not options.quiet,
+            **keywords(options, "out", "keep_runs", "workers"),
             **study,
         )
     path = Path(options.out) / "table.csv"

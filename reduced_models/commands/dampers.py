@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, option, refuse, require
+from granular.commands.console import command, emit, keywords, option, refuse, require
 from granular.commands.options import (
     CHANGES,
     DT,
@@ -23,7 +23,7 @@ from granular.commands.options import (
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.messages import quoted
-from reduced_models.commands.records import READING, reading_from
+from reduced_models.commands.records import READING, reading_from, show_result
 
 if TYPE_CHECKING:
     from reduced_models.designs.maps import DamperMaps
@@ -83,15 +83,12 @@ def calibrate(options: Any) -> None:
             record,
             scene_of(options),
             **chosen,
-            seeds=options.seeds,
-            law=options.law,
             dt=time_step(options.dt),
-            method=options.method,
-            out=options.out,
             checks=not options.no_checks,
             progress=not options.quiet,
+            **keywords(options, "seeds", "law", "method", "out"),
         )
-    _show_result(result, options)
+    show_result(result, options)
 
 
 @command(
@@ -161,15 +158,12 @@ def _design_damper(options: Any) -> None:
         result = design_damper(
             options.frequency,
             options.damping,
-            grains=options.grains,
-            mass=options.mass,
-            small_share=options.small_share,
             maps=maps,
             out=prepared(options.out),
-            workers=options.workers,
             progress=not options.quiet,
+            **keywords(options, "grains", "mass", "small_share", "workers"),
         )
-    _show_result(result, options)
+    show_result(result, options)
 
 
 def _map_dampers(options: Any) -> None:
@@ -217,13 +211,6 @@ def _study(options: Any, target: Path) -> DamperMaps:
     # Written before it is mapped, so that it is there where it cannot be.
     write_text(target / "study.csv", study.to_csv(index=False))
     return DamperMaps(study)
-
-
-def _show_result(result: Any, options: Any) -> None:
-    text = str(result)
-    if options.out is not None:
-        text += f"\nreport: {options.out}/report.html"
-    emit(result.to_plain(), text, options.json)
 
 
 @contextlib.contextmanager

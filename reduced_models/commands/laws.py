@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, option, refuse, require
+from granular.commands.console import command, emit, keywords, option, refuse, require
 from granular.commands.options import (
     CHANGES,
     DT,
@@ -28,6 +28,7 @@ from reduced_models.commands.records import (
     SOURCES,
     reading_from,
     records_from,
+    show_result,
 )
 
 if TYPE_CHECKING:
@@ -93,20 +94,14 @@ def identify(options: Any) -> None:
         options.out,
         laws=None if options.laws is None else laws_from(options.laws),
         discovery=options.discover,
-        drive=options.drive,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
         changes=changes_from(options.changes),
         dt=time_step(options.dt),
-        method=options.method,
-        threads=options.threads,
-        starts=options.starts,
         checks=not options.no_checks,
         progress=not options.quiet,
+        **keywords(options, "drive", "method", "threads", "starts"),
     )
-    text = str(result)
-    if options.out is not None:
-        text += f"\nreport: {options.out}/report.html"
-    emit(result.to_plain(), text, options.json)
+    show_result(result, options)
 
 
 @command(
@@ -150,12 +145,8 @@ def fit(options: Any) -> None:
     models = fit_law(
         records_from(options.sources, options),
         options.law,
-        own=options.own,
         bounds=bounds_from(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
-        holdout=options.holdout,
-        starts=options.starts,
-        intervals=options.intervals,
-        drift=options.drift,
+        **keywords(options, "own", "holdout", "starts", "intervals", "drift"),
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:
@@ -255,18 +246,13 @@ def discover(options: Any) -> None:
     records = records_from(options.sources, options)
     result = discovery.discover(
         records[0] if len(records) == 1 else records,
-        method=options.method,
-        form=options.form,
-        degree=options.degree,
         library=options.library or AUTO,
-        terms=options.terms,
-        functions=options.functions,
         input=options.drive,
-        target=options.target,
         map="auto" if options.map is None else _height_map(options.map),
-        effort=options.effort,
-        seed=options.seed,
         progress=not options.quiet,
+        **keywords(
+            options, "method", "form", "degree", "terms", "functions", "target", "effort", "seed"
+        ),
     )
     text, model = str(result), result.best.model
     if model is not None:

@@ -94,6 +94,14 @@ def records_from(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     return [record_of(opened(source, said), None, run)[0] for source in sources]
 
 
+def show_result(result: Any, options: Any) -> None:
+    """Print a result, and where its report is."""
+    text = str(result)
+    if options.out is not None:
+        text += f"\nreport: {options.out}/report.html"
+    emit(result.to_plain(), text, options.json)
+
+
 @command(
     "look", "show what is understood of a record's file, before anything is fitted",
     option("file", metavar="FILE", help="a record as an instrument wrote it"),
