@@ -48,7 +48,7 @@ USUAL, FINE, COARSE = 250, 10, 1000
 """Steps of de Paula from record to record: of most files, of those with _0, of averages."""
 
 
-class DePaulaCadence(NamedTuple):
+class DepaulaCadence(NamedTuple):
     """De Paula's clock for a run.
 
     Attributes
@@ -67,7 +67,7 @@ class DePaulaCadence(NamedTuple):
     frames: float
 
 
-def depaula_cadence(run: Trajectory) -> DePaulaCadence:
+def depaula_cadence(run: Trajectory) -> DepaulaCadence:
     """De Paula's units of time for a run: T, its step, and its interval of frames.
 
     T is the duration of the first stage that lowers the piston at constant speed, stroke/V_c
@@ -80,7 +80,7 @@ def depaula_cadence(run: Trajectory) -> DePaulaCadence:
             unit = stage.span(height) or unit
             break
         height = done.height
-    return DePaulaCadence(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
+    return DepaulaCadence(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
 
 
 def to_depaula_files(
@@ -130,7 +130,7 @@ def to_depaula_files(
     return tuple(directory / name for name in files)
 
 
-def _warn_of_coarse_frames(run: Trajectory, cadence: DePaulaCadence) -> None:
+def _warn_of_coarse_frames(run: Trajectory, cadence: DepaulaCadence) -> None:
     times = run.dataset["frame_time"].values
     interval = (times[-1] - times[0]) / max(1, len(times) - 1)
     if interval > 1.01 * cadence.frames:
@@ -141,7 +141,7 @@ def _warn_of_coarse_frames(run: Trajectory, cadence: DePaulaCadence) -> None:
         )
 
 
-def _nearest(times: np.ndarray, cadence: DePaulaCadence, every: int) -> list[int]:
+def _nearest(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int]:
     """Indices of the records nearest to every so many steps of de Paula, each once."""
     interval = every * cadence.step
     instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
@@ -159,7 +159,7 @@ def _rows(table: np.ndarray) -> str:
 
 
 def _particle_files(
-    run: Trajectory, cadence: DePaulaCadence, progress: bool
+    run: Trajectory, cadence: DepaulaCadence, progress: bool
 ) -> dict[str, Iterator[str]]:
     units, unit = Scales.of(run.scene.grains), cadence.time_unit
     speed, force = units.length / unit, units.mass * units.length / unit**2
@@ -204,7 +204,7 @@ def _compression(run: Trajectory, frame: BedFrame) -> np.ndarray:
 
 def _frame_lines(
     run: Trajectory,
-    cadence: DePaulaCadence,
+    cadence: DepaulaCadence,
     every: int,
     chosen: Sequence[int],
     columns: str,
@@ -220,7 +220,7 @@ def _frame_lines(
         yield _rows(table(frame)) + "\n"
 
 
-def _piston_files(run: Trajectory, cadence: DePaulaCadence) -> dict[str, Iterator[str]]:
+def _piston_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
     if run.scene.piston is None:
         return {}
     diameter = run.scene.grains.species[0].diameter
@@ -238,7 +238,7 @@ def _piston_files(run: Trajectory, cadence: DePaulaCadence) -> dict[str, Iterato
     return files
 
 
-def _distances(run: Trajectory, cadence: DePaulaCadence, progress: bool) -> Iterator[str]:
+def _distances(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iterator[str]:
     diameter = run.scene.grains.species[0].diameter
     chosen = _nearest(run.dataset["frame_time"].values, cadence, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
@@ -247,7 +247,7 @@ def _distances(run: Trajectory, cadence: DePaulaCadence, progress: bool) -> Iter
         yield _rows(np.array([[frame.time / cadence.time_unit, distance]]))
 
 
-def _constants(run: Trajectory, cadence: DePaulaCadence) -> dict[str, Iterator[str]]:
+def _constants(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
     units, unit = Scales.of(run.scene.grains), cadence.time_unit
     sizes = (
         units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2,
