@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, opened
+from granular.export.frames import BedFrame, bed_frames, open_run
 from granular.observables import compressive_forces, depaula_pair_distance
 from granular.observables.interactions import foreign_effects
 from granular.protocol import Move
@@ -113,7 +113,7 @@ def to_depaula_files(
     InputError
         If a file exists or cannot be written, or the run cannot be read.
     """
-    run, directory = opened(run), Path(directory)
+    run, directory = open_run(run), Path(directory)
     cadence = depaula_cadence(run)
     contents = {
         **_particle_files(run, cadence, progress),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, opened
+from granular.export.frames import BedFrame, bed_frames, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.files import replacing
 
@@ -56,7 +56,7 @@ def to_extxyz(
     The format: https://github.com/libAtoms/extxyz; the names of the columns: OVITO's manual, "XYZ
     file reader".
     """
-    run, path = opened(run), Path(path)
+    run, path = open_run(run), Path(path)
     with replacing(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
         lines = _lines(run)
         for frame in bed_frames(run, bar=path.name if progress else None):
@@ -65,7 +65,7 @@ def to_extxyz(
 
 
 def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
-    """What turns a frame into the lines of its grains."""
+    """Function that writes the lines of a frame's grains."""
     grains = run.scene.grains
     names = ["_".join(one.name.split()) or "grain" for one in grains.species]
     numbers = " ".join(["%.17g"] * 11)

@@ -46,7 +46,7 @@ class BedFrame(NamedTuple):
     interaction: np.ndarray
 
 
-def opened(run: Trajectory | str | Path) -> Trajectory:
+def open_run(run: Trajectory | str | Path) -> Trajectory:
     """A run, or the run in a directory.
 
     Raises

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, in_space, opened
+from granular.export.frames import BedFrame, bed_frames, in_space, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing
@@ -62,10 +62,10 @@ def to_gsd(
         raise InputError(
             "GSD needs the library gsd; install it with: pip install 'granular-damper[export]'"
         ) from None
-    run, path = opened(run), Path(path)
+    run, path = open_run(run), Path(path)
     low, size = _room_of(run)
     with replacing(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
-        unchanging = _unchanging(run)
+        unchanging = _constant_fields(run)
         for frame in bed_frames(run, bar=path.name if progress else None):
             file.append(_frame(gsd.hoomd.Frame(), frame, unchanging, low, size))
     return path
@@ -83,8 +83,8 @@ def _room_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     return low, high - low
 
 
-def _unchanging(run: Trajectory) -> dict[str, Any]:
-    """What is the same in all frames, by name: for all grains of the scene."""
+def _constant_fields(run: Trajectory) -> dict[str, Any]:
+    """Fields that are the same in all frames, by name, for all grains of the scene."""
     grains = run.scene.grains
     return {
         "types": [one.name for one in grains.species],

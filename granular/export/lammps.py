@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
-from granular.export.frames import bed_frames, opened
+from granular.export.frames import bed_frames, open_run
 from granular.export.lammps_script import (
     NEAREST_PAIR,
     NEAREST_WALL,
@@ -43,7 +43,7 @@ from granular.shared.files import check_target, make_directory, replacing
 
 
 class _Start(NamedTuple):
-    """Where the deck begins, in SI, and the stages from there on."""
+    """State in which the deck begins, in SI, and the stages from there on."""
 
     time: float
     height: float | None
@@ -89,7 +89,7 @@ def to_lammps(
         If LAMMPS cannot carry the scene, a file exists or cannot be written, or the source cannot
         be read.
     """
-    scene, run = _opened(source)
+    scene, run = _open_source(source)
     check_scene(scene)
     start = _scene_start(scene) if run is None else _run_start(run)
     deck = _deck(scene, start, dt)
@@ -103,14 +103,14 @@ def to_lammps(
     return _write(directory, contents, overwrite)
 
 
-def _opened(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory | None]:
+def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory | None]:
     if isinstance(source, Scene):
         return source, None
     if not isinstance(source, Trajectory):
         if not is_run(Path(source)):
             return load_scene(source), None
         source = load_trajectory(source)
-    return source.scene, opened(source)
+    return source.scene, open_run(source)
 
 
 def _scene_start(scene: Scene) -> _Start:

@@ -150,7 +150,7 @@ def check_scene(scene: Scene) -> None:
 
 
 class Deck(NamedTuple):
-    """What the script is written from.
+    """Contents of the script.
 
     Attributes
     ----------
@@ -194,7 +194,7 @@ class Deck(NamedTuple):
 
     @property
     def cut(self) -> float | None:
-        """Where the pairs end [D]: the cut-off, or beyond the cell's diagonal."""
+        """Distance at which the pairs end [D]: the cut-off, or beyond the cell's diagonal."""
         if self.scene.effects.dipole is None:
             return None
         # What a mesh adds to its near part is the rest of all pairs.
@@ -206,7 +206,7 @@ class Deck(NamedTuple):
 
     @property
     def wall_cut(self) -> float:
-        """Where the walls' force ends [D]."""
+        """Distance at which the walls' force ends [D]."""
         longest = max(self.scene.cell.width, self.height) / self.scales.length
         return min(FARTHEST_WALL, longest * OPEN_MARGIN)
 

@@ -13,7 +13,7 @@ from granular.shared.errors import InputError
 
 
 class PistonPath(NamedTuple):
-    """How a stage moves the piston.
+    """Motion of the piston in a stage.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Leg(NamedTuple):
 
     @property
     def left(self) -> float:
-        """What is left of the stage [s]."""
+        """Rest of the stage [s]."""
         return max(0.0, self.span - self.done)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, opened
+from granular.export.frames import BedFrame, bed_frames, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing_together
@@ -57,7 +57,7 @@ def to_tables(
     """
     if kind not in _WRITERS:
         raise InputError(f"unknown kind of table {kind!r}; known are {', '.join(_WRITERS)}")
-    run, directory = opened(run), Path(directory)
+    run, directory = open_run(run), Path(directory)
     tables = {"scalars": iter([_scalars(run)]), "grains": _grains(run, directory, progress)}
     files = {f"{name}.{kind}": parts for name, parts in tables.items()}
     with replacing_together(directory, list(files), overwrite) as place_of:

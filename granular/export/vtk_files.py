@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, in_space, opened
+from granular.export.frames import BedFrame, bed_frames, in_space, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing_together
@@ -59,11 +59,11 @@ def to_vtk(
         raise InputError(
             "VTK needs the library meshio; install it with: pip install 'granular-damper[export]'"
         ) from None
-    run, directory = opened(run), Path(directory)
+    run, directory = open_run(run), Path(directory)
     times = run.dataset["frame_time"].values
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
     with replacing_together(directory, [LIST, *names], overwrite) as place_of:
-        unchanging = _unchanging(run)
+        unchanging = _constant_fields(run)
         place_of(LIST).write_text(_list_of(names, times), encoding="utf-8")
         frames = bed_frames(run, bar=directory.name if progress else None)
         for name, frame in zip(names, frames, strict=True):
@@ -71,7 +71,7 @@ def to_vtk(
     return (directory / LIST, *(directory / name for name in names))
 
 
-def _unchanging(run: Trajectory) -> dict[str, np.ndarray]:
+def _constant_fields(run: Trajectory) -> dict[str, np.ndarray]:
     grains = run.scene.grains
     return {
         "radius": grains.diameters() / 2.0,

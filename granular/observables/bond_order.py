@@ -8,13 +8,13 @@ import numpy as np
 
 from granular.observables.correlation import (
     PairFunction,
-    binned_products,
-    checked_edges,
+    check_edges,
     default_edges,
     mean_over_pairs,
+    sum_products,
 )
-from granular.observables.displacement import checked_lags
-from granular.observables.frame import checked_frames, checked_positions, observable, sum_at
+from granular.observables.displacement import check_lags
+from granular.observables.frame import check_frames, check_positions, observable, sum_at
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -51,7 +51,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     >>> float(np.nanmax(np.abs(local_psi6(places))).round(3))
     1.0
     """
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     cells = voronoi_cells(positions) if cells is None else cells
     i, j = cells.neighbours.T
     arm = positions[j] - positions[i]
@@ -160,7 +160,7 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
     InputError
         If the shape is another one, or a number of blocks is below 1.
     """
-    array = checked_frames(frames)
+    array = check_frames(frames)
     if not blocks or min(blocks) < 1:
         raise InputError(f"blocks {tuple(blocks)}; give whole numbers from 1 up")
     low, high = np.nanmin(array, axis=(0, 1)), np.nanmax(array, axis=(0, 1))
@@ -210,16 +210,14 @@ def bond_correlation(
     InputError
         If the edges do not increase, or fewer than two grains have an interior cell.
     """
-    positions = checked_positions(positions)
-    edges = default_edges(positions) if edges is None else checked_edges(edges)
+    positions = check_positions(positions)
+    edges = default_edges(positions) if edges is None else check_edges(edges)
     cells = voronoi_cells(positions) if cells is None else cells
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:
         raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")
     points, order = positions[inside], local_psi6(positions, cells)[inside]
-    products = binned_products(points, order.real, edges) + binned_products(
-        points, order.imag, edges
-    )
+    products = sum_products(points, order.real, edges) + sum_products(points, order.imag, edges)
     return mean_over_pairs(points, products, edges)
 
 
@@ -249,8 +247,8 @@ def bond_relaxation(
     InputError
         If a shape or lag does not fit, or no grain has an interior cell in two such frames.
     """
-    frames = checked_frames(frames, least=2)
-    lags = checked_lags(lags, len(frames))
+    frames = check_frames(frames, least=2)
+    lags = check_lags(lags, len(frames))
     orders = np.full(frames.shape[:2], complex(np.nan, np.nan))
     for k, positions in enumerate(frames if periods is None else np.mod(frames, periods)):
         cells = voronoi_cells(positions)

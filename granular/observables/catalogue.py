@@ -19,12 +19,12 @@ from granular.observables.forces import (
 from granular.observables.frame import (
     Frame,
     Value,
-    chosen_frames,
     frames,
     observable,
     observable_of,
     present,
     require_piston,
+    select_frames,
     species_names,
 )
 from granular.observables.packing import (
@@ -191,7 +191,7 @@ def per_frame(
         function = find_observable(function)
     marked = observable_of(function)
     name = function.__name__ if marked is None else marked.name
-    chosen = chosen_frames(run, start, stop)
+    chosen = select_frames(run, start, stop)
     values = [_value(function, name, frame) for frame in frames(run, chosen)]
     labels = tuple(values[0]) if values and isinstance(values[0], Mapping) else None
     arrays = [

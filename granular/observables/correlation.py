@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.frame import (
-    checked_positions,
-    chosen_frames,
+    bounding_box,
+    check_positions,
     observable,
     observable_of,
     present_positions,
-    spanned_box,
+    select_frames,
     values_of_grains,
 )
 from granular.shared.errors import InputError
@@ -83,7 +83,7 @@ def per_distance(
     """
     import xarray
 
-    chosen = run.dataset["position"].values[chosen_frames(run, start, stop)]
+    chosen = run.dataset["position"].values[select_frames(run, start, stop)]
     frames = spanning(run.scene.cell.inside(chosen))
     if edges is None:
         edges = min((default_edges(one) for one in frames), key=lambda some: float(some[-1]))
@@ -97,7 +97,7 @@ def per_distance(
     )  # fmt: skip
 
 
-def checked_edges(edges: np.ndarray) -> np.ndarray:
+def check_edges(edges: np.ndarray) -> np.ndarray:
     """Bin edges as float64 (k + 1,).
 
     Raises
@@ -121,7 +121,7 @@ def default_edges(positions: np.ndarray) -> np.ndarray:
     InputError
         If the grains span no box.
     """
-    low, high = spanned_box(positions)
+    low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
         raise InputError("the grains span no box; at least two grains not in a row are needed")
@@ -148,7 +148,7 @@ def spanning(frames: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-def binned_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Pairs i < j in each bin (lower edge, upper edge], int (k,)."""
     from scipy.spatial import cKDTree
 
@@ -158,7 +158,7 @@ def binned_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairFunction:
     """Sums over the pairs of each bin, as means over them."""
-    pairs = binned_pairs(points, edges)
+    pairs = count_pairs(points, edges)
     return PairFunction(edges, mean_per_pair(products, pairs), pairs, pairs)
 
 
@@ -167,7 +167,7 @@ def mean_per_pair(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
-def binned_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def sum_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Sum of v_i v_j over the pairs i < j of each bin (lower edge, upper edge], float (k,)."""
     from scipy.spatial import cKDTree
 
@@ -220,11 +220,11 @@ def radial_distribution(
     points = present_positions(positions)
     if len(points) < 2:
         raise InputError(f"{len(points)} grains; g(r) needs at least 2")
-    edges = default_edges(points) if edges is None else checked_edges(edges)
-    low, high = spanned_box(points) if box is None else np.asarray(box, dtype=np.float64)
+    edges = default_edges(points) if edges is None else check_edges(edges)
+    low, high = bounding_box(points) if box is None else np.asarray(box, dtype=np.float64)
     if not ((points >= low) & (points <= high)).all():
         raise InputError("a grain lies outside of the box; give a box that holds all grains")
-    pairs = binned_pairs(points, edges)
+    pairs = count_pairs(points, edges)
     expected = _expected_pairs(len(points), high - low, edges)
     return PairFunction(edges, pairs / expected, pairs, expected)
 
@@ -266,16 +266,16 @@ def spatial_correlation(
     InputError
         If shapes or edges do not fit, or all values are the same.
     """
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     values = values_of_grains("values", values, len(positions))
     known = np.isfinite(positions).all(axis=1) & np.isfinite(values)
     points, deviation = (
         positions[known],
         values[known] - (values[known].mean() if known.any() else 0.0),
     )
-    edges = default_edges(points) if edges is None else checked_edges(edges)
+    edges = default_edges(points) if edges is None else check_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:
         raise InputError("the values do not differ; there is nothing to correlate")
-    pairs, products = binned_pairs(points, edges), binned_products(points, deviation, edges)
+    pairs, products = count_pairs(points, edges), sum_products(points, deviation, edges)
     return PairFunction(edges, mean_per_pair(products, pairs) / variance, pairs, pairs)

@@ -15,7 +15,7 @@ from granular.observables.defects import (
     in_space,
     norm_squared,
 )
-from granular.observables.frame import checked_positions
+from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -107,7 +107,7 @@ def detect_defects(
     InputError
         If the shape is another one, or no grain has an interior cell.
     """
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     cells = voronoi_cells(positions) if cells is None else cells
     if not cells.interior.any():
         raise InputError("no grain has an interior cell; give a larger bed")

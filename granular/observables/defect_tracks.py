@@ -18,7 +18,7 @@ from granular.observables.defect_clusters import (
     detect_defects,
 )
 from granular.observables.defects import in_space
-from granular.observables.frame import checked_frames, chosen_frames
+from granular.observables.frame import check_frames, select_frames
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -68,7 +68,7 @@ class DefectTrack(NamedTuple):
 
 
 class DefectEvent(NamedTuple):
-    """What ends and begins in one place at one time.
+    """Ends and beginnings of tracks in one place at one time.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class _Open(NamedTuple):
 def _assigned(
     open_ones: list[_Open], found: Defects, known: list[int], number: int, reach: float
 ) -> dict[int, int]:
-    """Which open track each defect goes on."""
+    """Open track that each defect continues."""
     from scipy.optimize import linear_sum_assignment
 
     if not open_ones or not known:
@@ -179,7 +179,7 @@ def _assigned(
 
 
 def _square_of_way(one: _Open, place: np.ndarray) -> float:
-    """Of a boundary the way along its Burgers vector: along itself its middle is of no meaning."""
+    """Squared displacement; of a boundary that along its Burgers vector alone."""
     way = place - one.positions[-1]
     if one.kind == BOUNDARY:
         return float((way @ one.burgers[-1]) ** 2 / (one.burgers[-1] @ one.burgers[-1]))
@@ -187,7 +187,7 @@ def _square_of_way(one: _Open, place: np.ndarray) -> float:
 
 
 def _alike(one: _Open, lattice: np.ndarray) -> bool:
-    """Whether the Burgers vectors are the same; that of a boundary may change."""
+    """True if the Burgers vectors are the same; that of a boundary may change."""
     return one.kind != DISLOCATION or bool((one.lattice == lattice).all())
 
 
@@ -199,7 +199,7 @@ def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[Defect
 def find_events(
     tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
 ) -> list[DefectEvent]:
-    """What made tracks end and begin.
+    """Events by which tracks end and begin.
 
     Ends and beginnings nearer than `MEETING` spacings and `SAME_TIME` frames to one another are one
     event. One with a part near the rim may take a Burgers vector from it; in any other the vectors
@@ -313,7 +313,7 @@ def defects_of_frames(frames: np.ndarray) -> list[Defects]:
     InputError
         If the shape is another one, or a frame has no interior cells.
     """
-    array = checked_frames(frames)
+    array = check_frames(frames)
     found: list[Defects] = []
     for one in array:
         cells = voronoi_cells(one)
@@ -370,7 +370,7 @@ def track_defects(
     """
     if least < 1:
         raise InputError(f"least {least}; take 1 frame or more")
-    chosen = chosen_frames(run, start, stop)
+    chosen = select_frames(run, start, stop)
     frames = run.scene.cell.inside(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
     found = defects_of_frames(frames)

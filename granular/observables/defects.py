@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import checked_positions
+from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 
 SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
@@ -153,7 +153,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     InputError
         If the positions have another shape.
     """
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     cells = voronoi_cells(positions) if cells is None else cells
     pairs = _matched(cells)
     five, seven = positions[pairs[:, 0]], positions[pairs[:, 1]]

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.frame import (
-    checked_frames,
-    checked_positions,
-    chosen_frames,
+    check_frames,
+    check_positions,
     observable,
     observable_of,
+    select_frames,
     sum_at,
 )
 from granular.observables.voronoi import voronoi_cells
@@ -51,15 +51,15 @@ def per_lag(
     """
     import xarray
 
-    chosen = chosen_frames(run, start, stop)
-    frames = checked_frames(run.dataset["position"].values[chosen], least=2)
+    chosen = select_frames(run, start, stop)
+    frames = check_frames(run.dataset["position"].values[chosen], least=2)
     steps = np.diff(run.dataset["frame_time"].values[chosen])
     if np.ptp(steps) > EVEN * len(steps) * steps.mean():
         raise InputError(
             f"frames lie {steps.min():.3g} to {steps.max():.3g} s apart; choose start and stop "
             "within one stage of even frames"
         )
-    lags, options = checked_lags(None, len(frames)), {}
+    lags, options = check_lags(None, len(frames)), {}
     if "periods" in inspect.signature(function).parameters:
         options["periods"] = run.scene.cell.periods
     marked = observable_of(function)
@@ -71,7 +71,7 @@ def per_lag(
     )
 
 
-def checked_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
+def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
     """Numbers of frames from 1 to ``count - 1``; about 30 at even ratios where none are given.
 
     Raises
@@ -123,9 +123,9 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
 
 def _powers(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Means of the second and fourth power of the ways."""
-    frames = checked_frames(frames, least=2)
+    frames = check_frames(frames, least=2)
     found = []
-    for lag in checked_lags(lags, len(frames)):
+    for lag in check_lags(lags, len(frames)):
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
@@ -168,8 +168,8 @@ def lindemann_parameter(
     InputError
         If a shape or lag does not fit, or in no frame two neighbours have interior cells.
     """
-    frames = checked_frames(frames, least=2)
-    lags = checked_lags(lags, len(frames))
+    frames = check_frames(frames, least=2)
+    lags = check_lags(lags, len(frames))
     total, number = np.zeros((2, len(lags)))
     areas = []
     for first, start in enumerate(frames[:-1]):
@@ -224,7 +224,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     InputError
         If the shapes do not fit.
     """
-    first, second = checked_positions(first), checked_positions(second)
+    first, second = check_positions(first), check_positions(second)
     if first.shape != second.shape:
         raise InputError(f"{len(first)} and {len(second)} grains; give two frames of the same bed")
     cells = voronoi_cells(first)

@@ -118,7 +118,7 @@ def observable_of(function: Any) -> Observable | None:
     return found if isinstance(found, Observable) else None
 
 
-def chosen_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
+def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
     """Indices of the frames with start <= time <= stop [s].
 
     Raises
@@ -181,7 +181,7 @@ def species_names(scene: Scene) -> list[str]:
     ]
 
 
-def checked_positions(positions: np.ndarray) -> np.ndarray:
+def check_positions(positions: np.ndarray) -> np.ndarray:
     """Positions as float64 (n, 2).
 
     Raises
@@ -195,7 +195,7 @@ def checked_positions(positions: np.ndarray) -> np.ndarray:
     return array
 
 
-def checked_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
+def check_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
     """Positions of frames as float64 (f, n, 2).
 
     Raises
@@ -224,7 +224,7 @@ def present_positions(positions: np.ndarray) -> np.ndarray:
     InputError
         If the positions have another shape than (n, 2).
     """
-    array = checked_positions(positions)
+    array = check_positions(positions)
     return array[present(array)]
 
 
@@ -245,7 +245,7 @@ def values_of_grains(
     return array
 
 
-def spanned_box(positions: np.ndarray) -> np.ndarray:
+def bounding_box(positions: np.ndarray) -> np.ndarray:
     """Box spanned by the outermost centres: lowest and highest x and y, float (2, 2) [m]."""
     points = present_positions(positions)
     if not len(points):

@@ -19,7 +19,7 @@ LEAST_STROKE = 0.01
 
 
 class Cycle(NamedTuple):
-    """Where a cycle lies among the samples: from a highest place down and up to the next one."""
+    """Samples of a cycle: from a highest point down and up to the next one."""
 
     start: int
     lowest: int

@@ -1,4 +1,4 @@
-"""What pulls and pushes at each grain, taken apart: its pairs, and the walls.
+"""Forces on each grain, taken apart: those of its pairs, and of the walls.
 
 Dipoles, contacts (without their dashpots) and walls are known here. All pairs count, whatever way
 of summing them a run has taken; in a periodic cell each grain meets the nearest image of every
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import checked_positions, present
+from granular.observables.frame import check_positions, present
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     InputError
         If the shape is not that of the scene's grains, or an effect is none of those known here.
     """
-    positions, here, system = _begun(scene, positions)
+    positions, here, system = _prepare(scene, positions)
     scales = system.scales
     places = positions[here] / scales.length
     moments = moments_of(scene)[here]
@@ -104,7 +104,7 @@ def wall_interactions(
     """
     from granular.effects.wall_side import SIDES
 
-    positions, here, system = _begun(scene, positions)
+    positions, here, system = _prepare(scene, positions)
     scales, laws = system.scales, _law(system, "walls")
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
@@ -127,11 +127,11 @@ def wall_interactions(
     return Interactions(here, branches * scales.length, forces * scales.force)
 
 
-def _begun(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
+def _prepare(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
     """Positions, which grains are there, and the scene in natural units."""
     from granular.scene.system import natural_system
 
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
     if foreign := foreign_effects(scene):

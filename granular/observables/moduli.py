@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import checked_positions
+from granular.observables.frame import check_positions
 from granular.observables.interactions import foreign_effects, moments_of
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
@@ -215,7 +215,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         If the shapes do not fit, an own effect acts between grains, the scene has no dipoles, or
         no grain stands so far inside.
     """
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
     if foreign := foreign_effects(scene):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.observables.frame import (
-    checked_positions,
+    check_positions,
     present,
     present_positions,
     require_piston,
@@ -140,7 +140,7 @@ def area_fraction_profile(
     >>> print(area_fraction_profile(places, np.full(100, 0.006), 0.09, strips).round(2))
     [0.39 0.4 ]
     """
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     diameters = values_of_grains("diameters", diameters, len(positions))
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():

@@ -57,7 +57,7 @@ class PlasticEvents(NamedTuple):
 
 
 class DropStatistics(NamedTuple):
-    """How large drops are.
+    """Sizes of drops.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ def area_change(strain: np.ndarray) -> np.ndarray:
 
 
 def slip_of_frames(frames: np.ndarray) -> Slip:
-    """What the dislocations of frames (f, n, 2) add up to; their grains must be the same ones.
+    """Plastic distortion by the dislocations of frames (f, n, 2), which hold the same grains.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
             box = np.stack([known.min(axis=0), known.max(axis=0)])
             burgers = in_space(event.missing, found[event.frame].angle, spacing)
             rim[event.frame] += _jump(event, tracks)
-            rim[event.frame] += swept(burgers, -way_to_edge(event.position, burgers, box))
+            rim[event.frame] += swept(burgers, -displacement_to_edge(event.position, burgers, box))
     inside = [not one.missing.any() for one in events if one.kind not in ("entry", "leaving")]
     return Slip(
         np.cumsum(moves / area[:, None, None], axis=0),
@@ -220,7 +220,7 @@ def swept(burgers: np.ndarray, way: np.ndarray) -> np.ndarray:
     return np.outer(burgers, [-way[1], way[0]])
 
 
-def way_to_edge(place: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
+def displacement_to_edge(place: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
     """The shortest way (2,) along the Burgers vector to an edge of the box; none from outside.
 
     Parameters

@@ -333,6 +333,6 @@ def _known(values: np.ndarray) -> np.ndarray:
 
 
 def _counts(ordered: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """How many values each bin holds; the last bin holds its upper edge too."""
+    """Number of values in each bin; the last bin holds its upper edge too."""
     places = np.searchsorted(ordered, edges[1:-1], side="left")
     return np.diff(np.concatenate([[0], places, [len(ordered)]]))

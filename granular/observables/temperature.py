@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frame import checked_frames, present, values_of_grains
+from granular.observables.frame import check_frames, present, values_of_grains
 from granular.observables.interactions import moments_of, pair_interactions, wall_interactions
 from granular.observables.moduli import dipole_strength
 from granular.shared.errors import InputError
@@ -107,7 +107,7 @@ def configurational_temperature(
     ...     run.scene, late.position.values, late.frame_height.values, late.force.values
     ... )
     """
-    array = checked_frames(frames, least=1)
+    array = check_frames(frames, least=1)
     if piston_height is None:
         heights: list[float | None] = [None] * len(array)
     else:

@@ -8,10 +8,10 @@ import numpy as np
 
 from granular.observables.correlation import (
     PairFunction,
-    binned_products,
-    checked_edges,
+    check_edges,
     default_edges,
     mean_over_pairs,
+    sum_products,
 )
 from granular.observables.frame import observable, present_positions
 from granular.observables.voronoi import voronoi_cells
@@ -140,12 +140,12 @@ def translational_correlation(
         If the edges do not increase, or no grain has an interior cell.
     """
     points = present_positions(positions)
-    edges = default_edges(points) if edges is None else checked_edges(edges)
+    edges = default_edges(points) if edges is None else check_edges(edges)
     wave = lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
     if wave.shape != (2,):
         raise InputError(f"the wave vector has the shape {wave.shape}; (2,) is wanted")
     phase = points @ wave
-    products = binned_products(points, np.cos(phase), edges) + binned_products(
+    products = sum_products(points, np.cos(phase), edges) + sum_products(
         points, np.sin(phase), edges
     )
     return mean_over_pairs(points, products, edges)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import checked_positions
+from granular.observables.frame import check_positions
 
 SHORTEST_SIDE = 1e-9
 """A side shorter than this, in mean spacings, is rounding: four or more grains on one circle."""
@@ -111,7 +111,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     >>> int(cells.interior.sum())
     64
     """
-    positions = checked_positions(positions)
+    positions = check_positions(positions)
     present = np.flatnonzero(np.isfinite(positions).all(axis=1))
     points = positions[present]
     triangles, across = _triangulation(points)
@@ -235,7 +235,7 @@ def _ridges(
 def _interior(
     points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
 ) -> np.ndarray:
-    """Which cells are bounded and have all corners inside the box of the centres."""
+    """Cells that are bounded and have all corners inside the box of the centres, bool (n,)."""
     inside = np.zeros(len(points), dtype=bool)
     if not len(triangles):
         return inside

@@ -1,4 +1,4 @@
-"""What the colours of a picture can show, in one table.
+"""Colourings of a picture, in one table.
 
 Continuous colours are matplotlib's perceptually uniform maps; the discrete ones are told apart by
 colour-blind eyes too: the species after Okabe and Ito (https://jfly.uni-koeln.de/color/), the
@@ -28,7 +28,7 @@ SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f
 
 
 class View(NamedTuple):
-    """What a colouring sees of the bed.
+    """State of the bed from which a colouring computes its values.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class View(NamedTuple):
 
 
 class Colouring(NamedTuple):
-    """What the colours show.
+    """Quantity that the colours show.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, opened
+from granular.export.frames import BedFrame, bed_frames, open_run
 from granular.render.colourings import colouring
 from granular.render.moments import bed_at, movie_times
 from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest
@@ -98,7 +98,7 @@ def movie(
         )
     if not NARROWEST <= width <= WIDTH:
         raise InputError(f"width {width} is not within {NARROWEST} to {WIDTH} pixels")
-    run = opened(run)
+    run = open_run(run)
     numbers = stage_frames(run, stage)
     check_target(path, overwrite)
     times = run.dataset["frame_time"].values[numbers]

@@ -31,7 +31,7 @@ LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
 
 
 def wall_thickness(scene: Scene) -> float:
-    """How thick walls and piston are drawn [mm]."""
+    """Thickness of the drawn walls and piston [mm]."""
     return 0.018 * 1e3 * scene.cell.width
 
 
@@ -111,7 +111,7 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
 
 
 def _bottom_parts(wall: Wall, width: float, thickness: float) -> list[tuple[float, float]]:
-    """Where the bottom lies, along x [mm]."""
+    """Stretches of the bottom along x [mm]."""
     start, end = -thickness, width + thickness
     if wall.gap_start is None or wall.gap_end is None:
         return [(start, end)]

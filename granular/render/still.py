@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.export.frames import bed_frames, opened
+from granular.export.frames import bed_frames, open_run
 from granular.render.colourings import colouring
 from granular.render.picture import BedPicture, colour_limits, highest
 from granular.run.trajectory import Trajectory
@@ -54,7 +54,7 @@ def still(
         If the run cannot be read, has no such frame, or the colour is unknown.
     """
     colouring(colour)
-    run = opened(run)
+    run = open_run(run)
     (chosen,) = bed_frames(run, [frame_number(run, frame, time)])
     picture = BedPicture(run, colour, colour_limits(run, colour, [chosen]), highest(run, [chosen]))
     picture.show(chosen)

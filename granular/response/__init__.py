@@ -1,4 +1,4 @@
-"""What is left of a machine's vibration: a host's response to what shakes it, with its damper."""
+"""Response of a machine (the host of a damper) to what shakes it."""
 
 from granular.response.response import frequency_response, load_response, save_response
 from granular.response.steady import swept_response

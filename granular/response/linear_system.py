@@ -40,7 +40,7 @@ def hanging_mass(frequencies: Any, mass: float, spring: float, dashpot: float) -
     return np.asarray(-(omega**2) * mass * held / (held - omega**2 * mass))
 
 
-def linear_response(host: Host, frequencies: Any, hung: Any = 0.0) -> np.ndarray:
+def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.ndarray:
     """Displacement of each body over the base (f, n) [m], complex, for the host's sine.
 
     Its phase is that of the force, or of the base's acceleration.
@@ -51,18 +51,18 @@ def linear_response(host: Host, frequencies: Any, hung: Any = 0.0) -> np.ndarray
         With an excitation, whose amplitude is taken and whose frequency is not.
     frequencies : float64 (f,)
         [Hz]
-    hung : float64 (f,)
+    attached : float64 (f,)
         Dynamic stiffness of what is fixed to the last body [N/m]; -omega^2 m of a mass m. Where the
         base is shaken its inertia is taken for that of such a mass.
     """
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
-    count, hung = len(host.bodies), np.broadcast_to(hung, omega.shape)
+    count, attached = len(host.bodies), np.broadcast_to(attached, omega.shape)
     found = np.empty((len(omega), count), dtype=np.complex128)
     excited = count - 1 if host.excited is None else host.excited
     for place, rate in enumerate(omega):
         held = [body.stiffness + 1j * rate * body.damping for body in host.bodies]
         matrix = _chained(held) - np.diag([rate**2 * body.mass for body in host.bodies])
-        matrix[-1, -1] += hung[place]
+        matrix[-1, -1] += attached[place]
         force = np.zeros(count, dtype=np.complex128)
         drive = host.excitation
         if drive is not None and drive.of_base:
@@ -70,7 +70,7 @@ def linear_response(host: Host, frequencies: Any, hung: Any = 0.0) -> np.ndarray
             if shake is None:
                 shake = -(rate**2) * (drive.displacement or 0.0)
             force -= shake * np.array([body.mass for body in host.bodies])
-            force[-1] += shake * hung[place] / rate**2
+            force[-1] += shake * attached[place] / rate**2
         elif drive is not None:
             force[excited] = drive.force or 0.0
         found[place] = np.linalg.solve(matrix, force)
@@ -116,7 +116,7 @@ def at_amplitude(host: Host, key: str, size: float) -> Host:
     return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
 
 
-def against_linear(
+def compare_linear(
     scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
     swing: np.ndarray,
 ) -> dict[str, tuple[str, str, np.ndarray]]:  # fmt: skip
@@ -136,12 +136,20 @@ def against_linear(
     # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.
     body = host.bodies[-1]
     own = body.stiffness - omega**2 * body.mass + 1j * omega * body.damping
-    hung = np.array(sizes)[:, None] / swing - own
-    power = 0.5 * 1j * omega * hung * np.abs(swing) ** 2  # complex: what is taken, and swings
+    added = np.array(sizes)[:, None] / swing - own
+    power = 0.5 * 1j * omega * added * np.abs(swing) ** 2  # complex: what is taken, and swings
     return found | {
-        "effective_mass": ("kg", "mass that the damper adds to the host", -hung.real / omega**2),
-        "added_stiffness": ("N/m", "stiffness that the damper adds to the host", hung.real),
-        "added_damping": ("kg/s", "damping that the damper adds to the host", hung.imag / omega),
+        "effective_mass": (
+            "kg",
+            "mass that the damper adds to the host",
+            -added.real / omega**2,
+        ),
+        "added_stiffness": ("N/m", "stiffness that the damper adds to the host", added.real),
+        "added_damping": (
+            "kg/s",
+            "damping that the damper adds to the host",
+            added.imag / omega,
+        ),
         "taken_power": ("W", "mean power that the damper takes", -power.real),
         "loss_factor": ("1", "power taken over that which swings", np.abs(power.real / power.imag)),
     }

@@ -29,8 +29,8 @@ _DENSE = 60
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Beside:
-    """What is shown beside a response, such as a law.
+class PageComparison:
+    """Prediction that is compared with a response, such as that of a law.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Beside:
     notes: Sequence[str] = ()
 
 
-def response_page(found: Response, beside: Beside | None = None, missing: str = "") -> Page:
+def response_page(found: Response, beside: PageComparison | None = None, missing: str = "") -> Page:
     """The report as a page: what is left, what the damper is to the machine, how it was simulated.
 
     ``missing`` says why nothing stands beside it, where something could.
@@ -97,7 +97,7 @@ def response_words(found: Response) -> str:
     )
 
 
-def _curves(page: Page, found: Response, beside: Beside | None) -> None:
+def _curves(page: Page, found: Response, beside: PageComparison | None) -> None:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         found.plot(axes)
         axes.get_legend().remove()
@@ -115,7 +115,9 @@ def _curves(page: Page, found: Response, beside: Beside | None) -> None:
         page.figure(drawing, _caption(found, beside))
 
 
-def _beside_lines(axes: Axes, found: Response, beside: Beside | None) -> Mapping[str, object]:
+def _beside_lines(
+    axes: Axes, found: Response, beside: PageComparison | None
+) -> Mapping[str, object]:
     """Draw the curves beside; for the legend, a line of each name."""
     from matplotlib.lines import Line2D
 
@@ -133,7 +135,7 @@ def _beside_lines(axes: Axes, found: Response, beside: Beside | None) -> Mapping
     return handles
 
 
-def _caption(found: Response, beside: Beside | None) -> str:
+def _caption(found: Response, beside: PageComparison | None) -> str:
     words = "Displacement of the machine"
     if found.scene.effects.host is not None and not found.scene.effects.host.bodies:
         words = "Displacement of the load on the piston"
@@ -229,7 +231,7 @@ LOSSES = {
 
 
 def add_damper(page: Page, found: Response) -> None:
-    """What the damper is to the machine, over frequency and over the machine's displacement."""
+    """Add what the damper is to the machine, over frequency and over the machine's displacement."""
     page.section("The swings, and what the damper is to the machine")
     data = found.dataset
     if "added_damping" in data:
@@ -296,7 +298,7 @@ def _figure(value: float, digits: int) -> str:
 
 
 def add_energy(page: Page, found: Response) -> None:
-    """Where the energy of a period goes, at each amplitude."""
+    """Add where the energy of a period goes, at each amplitude."""
     if "work_a_period" not in found.dataset:
         return
     page.section("Where the energy of a period goes")
@@ -353,7 +355,7 @@ def amplitude_words(found: Response, size: float) -> str:
 
 
 def shown_rows(found: Response) -> int:
-    """How many frequencies the tables show."""
+    """Number of frequencies that the tables show."""
     return min(found.dataset.sizes["frequency"], MOST_ROWS)
 
 

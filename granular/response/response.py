@@ -13,8 +13,8 @@ import numpy as np
 
 from granular.effects.host import Host
 from granular.response.linear_system import (
-    against_linear,
     at_amplitude,
+    compare_linear,
     damper_mass,
     hanging_mass,
     linear_response,
@@ -90,11 +90,11 @@ class Response:
         host = at_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
         dense = np.geomspace(known.min(), known.max(), DENSE)
         mass = damper_mass(self.scene)
-        hung = hanging_mass(dense, mass, *tuned_mass(host, mass))
+        attached = hanging_mass(dense, mass, *tuned_mass(host, mass))
         return {
             "frequency": dense,
             "alone": np.abs(linear_response(host, dense)[:, -1]),
-            "ideal": np.abs(linear_response(host, dense, hung)[:, -1]),
+            "ideal": np.abs(linear_response(host, dense, attached)[:, -1]),
         }
 
     @property
@@ -229,17 +229,17 @@ def _dataset(
             found[name] = ("J", f"{what} in a period", field(name))
     omega = math.tau * np.array(frequencies)
     if host.bodies:
-        found |= against_linear(scene, host, key, sizes, frequencies, swing)
+        found |= compare_linear(scene, host, key, sizes, frequencies, swing)
     if host.excitation is not None and host.excitation.of_base:
         shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else
                                             -(omega**2))  # fmt: skip
         whole = swing - shake / omega**2
         ratio = np.abs(whole) / np.abs(shake / omega**2)
         found["transmissibility"] = ("1", "amplitude over that of the base", ratio)
-    return labelled(key, sizes, frequencies, found)
+    return response_dataset(key, sizes, frequencies, found)
 
 
-def labelled(
+def response_dataset(
     key: str, sizes: Sequence[float], frequencies: Sequence[float],
     found: Mapping[str, tuple[str, str, np.ndarray]],
 ) -> xarray.Dataset:  # fmt: skip

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host import Host
-from granular.response.linear_system import against_linear, slowest_decay
-from granular.response.response import AMPLITUDES, Response, labelled
+from granular.response.linear_system import compare_linear, slowest_decay
+from granular.response.response import AMPLITUDES, Response, response_dataset
 from granular.response.steady import PERIODS, POINTS, swept_response
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
@@ -112,16 +112,16 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
     if "stroke" in data:
         what = "amplitude of the piston over the cell"
         found["stroke"] = ("m", what, data.stroke.values[None])
-    found |= against_linear(run.scene, host, key, sizes, frequencies, swing)
+    found |= compare_linear(run.scene, host, key, sizes, frequencies, swing)
     settings = {
         "dt": run.settings()["dt"], "duration": drive.duration,
         "sweep": [drive.frequency, drive.to],
     }  # fmt: skip
-    return Response(run.scene, labelled(key, sizes, frequencies, found), settings)
+    return Response(run.scene, response_dataset(key, sizes, frequencies, found), settings)
 
 
 def pace_of_sweep(found: Response) -> float | None:
-    """How fast a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
+    """Pace at which a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
 
     delta is the decay rate of the host with the mass and the damping that the damper had for it at
     the peak; None where these are not known (a shaken base, several bodies) or do not damp.
@@ -141,7 +141,7 @@ def pace_of_sweep(found: Response) -> float | None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Impulse:
-    """How a host comes down after an impulse.
+    """Swing of a host after an impulse, and its settling time.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ def _host(scene: Scene) -> Host:
 
 
 def _drive(scene: Scene) -> tuple[str, float, float]:
-    """What shakes the host: its key, its amplitude and when it begins."""
+    """Drive of the host: its key, its amplitude and when it begins [s]."""
     host = _host(scene)
     if host.excitation is None:
         raise InputError(

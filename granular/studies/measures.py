@@ -1,4 +1,4 @@
-"""What a study writes down of each run: measures of the package, and those of a user's files."""
+"""Measures that a study records of each run: those of the package, and those of a user's files."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class OwnMeasure:
     known_as: str
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
-        """What the function finds."""
+        """Return the function's figures of a run."""
         found = contents(self.file)[self.name]
         if (marked := observable_of(found)) is not None:
             return {marked.name: per_frame(run, found).values[-1].tolist()}

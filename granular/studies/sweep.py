@@ -265,7 +265,7 @@ def _kept(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:
 
 
 def _outcome_of(future: Future[Outcome]) -> Outcome | None:
-    """What a worker returned; None where the worker itself was lost."""
+    """Outcome that a worker returned; None where the worker itself was lost."""
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):

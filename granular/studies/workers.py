@@ -1,4 +1,4 @@
-"""Where cases are computed and what a worker does: one case, whose outcome it keeps."""
+"""Executors that compute cases, on this machine or a cluster, and the work on one case."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LOOK_SECONDS = 1.0
 
 
 class ExecutorLostError(GranularError):
-    """Where cases are computed is gone, with all its workers."""
+    """The executor is gone, with all its workers."""
 
 
 class Workers(Executor):
@@ -85,7 +85,7 @@ def end_with(parent: int) -> None:
 
 @contextlib.contextmanager
 def workshop(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
-    """Where cases are computed: an executor that is given, or processes that end with the work.
+    """Executor for cases: one that is given, or processes that end with the work.
 
     On Ctrl-C and errors they end at once. An executor that is given is left to who gave it.
     """

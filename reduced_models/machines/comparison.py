@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.response.page import Beside, response_page
+from granular.response.page import PageComparison, response_page
 from granular.response.response import Response
 from granular.shared.errors import InputError
 from granular.shared.html import Page, number
@@ -119,9 +119,9 @@ def law_page(response: Response) -> tuple[Page, ResponseComparison | None, str]:
     return response_page(response, _report_section(law)), law, ""
 
 
-def _report_section(comparison: ResponseComparison) -> Beside:
+def _report_section(comparison: ResponseComparison) -> PageComparison:
     notes = [f"Under {one.force:g} N {one.outside}." for one in comparison.peaks if one.outside]
-    return Beside(
+    return PageComparison(
         title="The law in place of the bed",
         words=(
             "The law is the ordinary differential equation of the annealing bed on this machine; "

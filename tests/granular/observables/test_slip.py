@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from granular.observables import elastic_strain, slip_of_frames, voronoi_cells
-from granular.observables.plasticity import area_change, inner, swept, uniaxial, way_to_edge
+from granular.observables.plasticity import (
+    area_change,
+    displacement_to_edge,
+    inner,
+    swept,
+    uniaxial,
+)
 
 from .conftest import hexagonal, rotated
 from .test_defect_motion import FILMS, SPACING
@@ -81,11 +87,11 @@ def test_climb_changes_the_area_and_glide_does_not() -> None:
 def test_way_to_the_edge_is_along_the_burgers_vector() -> None:
     box = np.array([[0.0, 0.0], [10.0, 6.0]])
     np.testing.assert_allclose(
-        way_to_edge(np.array([3.0, 2.0]), np.array([1.0, 0.0]), box), [-3.0, 0.0]
+        displacement_to_edge(np.array([3.0, 2.0]), np.array([1.0, 0.0]), box), [-3.0, 0.0]
     )
-    way = way_to_edge(np.array([8.0, 5.0]), np.array([-1.0, 1.0]), box)
+    way = displacement_to_edge(np.array([8.0, 5.0]), np.array([-1.0, 1.0]), box)
     np.testing.assert_allclose(way, [-1.0, 1.0])
-    assert not way_to_edge(np.array([11.0, 2.0]), np.array([1.0, 0.0]), box).any()
+    assert not displacement_to_edge(np.array([11.0, 2.0]), np.array([1.0, 0.0]), box).any()
 
 
 def test_bonds_share_the_strain_of_a_lattice_and_no_rotation() -> None:

@@ -14,13 +14,13 @@ from granular import Scene, load_scene
 from granular.effects.host import Host
 from granular.response import load_response, save_response
 from granular.response.linear_system import (
-    against_linear,
+    compare_linear,
     hanging_mass,
     linear_response,
     slowest_decay,
 )
 from granular.response.page import add_steadiness, losses_of, response_page
-from granular.response.response import Response, labelled
+from granular.response.response import Response, response_dataset
 from granular.response.transients import pace_of_sweep
 from granular.shared.errors import InputError
 from granular.shared.html import Page
@@ -47,8 +47,8 @@ def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any)
         "friction_loss_a_period": ("J", "friction", 0.0 * still),
         "host_loss_a_period": ("J", "dashpots", 1.0 * still),
     }
-    found |= against_linear(scene, host, "force", forces, FREQUENCIES, swing)
-    return Response(scene, labelled("force", forces, FREQUENCIES, found), settings)
+    found |= compare_linear(scene, host, "force", forces, FREQUENCIES, swing)
+    return Response(scene, response_dataset("force", forces, FREQUENCIES, found), settings)
 
 
 def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
