@@ -52,8 +52,8 @@ def unlock(held: int | None) -> None:
         os.close(held)
 
 
-def empty_part(path: Path) -> tuple[Path, int | None]:
-    """An empty directory beside the place of a run, which `take_place` moves there; and its lock.
+def create_part(path: Path) -> tuple[Path, int | None]:
+    """An empty directory beside the place of a run, which `move_part` moves there; and its lock.
 
     Raises
     ------
@@ -61,17 +61,17 @@ def empty_part(path: Path) -> tuple[Path, int | None]:
         If the place is not empty, or nothing can be made there.
     """
     try:
-        place = _real(path)
-        if place.is_symlink() or (place.exists() and not place.is_dir()):
-            what = "a link that leads to itself" if place.is_symlink() else "a file"
+        target = _real(path)
+        if target.is_symlink() or (target.exists() and not target.is_dir()):
+            what = "a link that leads to itself" if target.is_symlink() else "a file"
             raise StoreError(f"{path} is {what}; give a new directory")
-        if place.exists() and any(place.iterdir()):
+        if target.exists() and any(target.iterdir()):
             raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
-        place.parent.mkdir(parents=True, exist_ok=True)
-        _remove_remains(place)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_remains(target)
         while True:
             # Two processes that begin a run of one name must not write into each other's part.
-            part = place.with_name(f".{place.name}.{uuid.uuid4().hex[:8]}.part")
+            part = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
             part.mkdir()
             try:
                 held = lock(part)
@@ -84,7 +84,7 @@ def empty_part(path: Path) -> tuple[Path, int | None]:
         raise StoreError(f"{path} cannot be made: {error.strerror}") from None
 
 
-def take_place(part: Path, path: Path) -> None:
+def move_part(part: Path, path: Path) -> None:
     """Move a complete part to its place.
 
     Raises
@@ -92,11 +92,11 @@ def take_place(part: Path, path: Path) -> None:
     StoreError
         If something has come to stand there meanwhile.
     """
-    place = _real(path)
+    target = _real(path)
     try:
-        os.replace(part, place)
+        os.replace(part, target)
     except OSError as error:
-        if place.is_dir() and any(place.iterdir()):
+        if target.is_dir() and any(target.iterdir()):
             raise StoreError(
                 f"another process has begun a run in {path}; give a new directory"
             ) from None
@@ -105,16 +105,16 @@ def take_place(part: Path, path: Path) -> None:
 
 def _real(path: Path) -> Path:
     """Path of a run directory behind all links."""
-    place = Path(os.path.realpath(path))
-    if not place.name:
+    target = Path(os.path.realpath(path))
+    if not target.name:
         raise StoreError(f"{path} is no place for a run; give a directory that is yours")
-    return place
+    return target
 
 
-def _remove_remains(place: Path) -> None:
+def _remove_remains(target: Path) -> None:
     """Remove what runs of this name left that were killed while they began."""
-    name = re.compile(rf"\.{re.escape(place.name)}(\.[0-9a-f]{{8}})?\.part")
-    for part in place.parent.iterdir():
+    name = re.compile(rf"\.{re.escape(target.name)}(\.[0-9a-f]{{8}})?\.part")
+    for part in target.parent.iterdir():
         if not name.fullmatch(part.name):
             continue
         with contextlib.suppress(StoreError, OSError):  # one begins there, or removes it, just now

@@ -30,7 +30,7 @@ from granular.run.checkpoint import (
     read_files,
     write_checkpoint,
 )
-from granular.run.directory import SCENE, SETTINGS, empty_part, lock, take_place, unlock
+from granular.run.directory import SCENE, SETTINGS, create_part, lock, move_part, unlock
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
 from granular.scene.system import System
@@ -71,7 +71,7 @@ class Store:
         StoreError
             If the directory holds something already, or cannot be made.
         """
-        part, held = empty_part(path)
+        part, held = create_part(path)
         store = cls(part, scene, system)
         try:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
@@ -80,7 +80,7 @@ class Store:
             store._metadata.write(part, store._lengths())
             store._files = file_digests(part)
             store.commit(checkpoint)
-            take_place(part, path)
+            move_part(part, path)
         except BaseException as error:
             shutil.rmtree(part, ignore_errors=True)
             unlock(held)

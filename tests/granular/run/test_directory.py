@@ -13,7 +13,7 @@ import pytest
 
 import granular.run.simulation
 from granular import Scene, load_scene, load_trajectory, simulate
-from granular.run.directory import empty_part, lock, take_place, unlock
+from granular.run.directory import create_part, lock, move_part, unlock
 from granular.shared.errors import StoreError
 
 ROOT = Path(__file__).parents[3]
@@ -65,14 +65,14 @@ def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> No
 
 def test_the_first_of_two_gets_the_place(tmp_path: Path) -> None:
     path = tmp_path / "run"
-    first, held = empty_part(path)
-    second, other = empty_part(path)
+    first, held = create_part(path)
+    second, other = create_part(path)
     assert first != second
     for part in (first, second):
         (part / "scene.toml").touch()
-    take_place(second, path)
+    move_part(second, path)
     with pytest.raises(StoreError, match="another process has begun a run in"):
-        take_place(first, path)
+        move_part(first, path)
     with pytest.raises(StoreError, match="another process is running in"):
         lock(path)  # the lock of the part is that of the run
     unlock(other)
@@ -109,7 +109,7 @@ def test_remains_of_a_killed_run_are_removed(scene: Scene, tmp_path: Path) -> No
     for part in (remains, kept, former, other):
         (part / "trajectory.zarr").mkdir(parents=True)
     (kept / "thesis.tex").touch()
-    live, held = empty_part(tmp_path / "run")
+    live, held = create_part(tmp_path / "run")
     begun(scene, tmp_path / "run")
     assert sorted(parts(tmp_path)) == sorted([kept, other, live])
     unlock(held)
