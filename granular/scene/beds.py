@@ -33,8 +33,6 @@ BIDISPERSE_END = 0.07
 """Cell width, and piston height before the compression and after it without small grains [m]
 [D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. Table 4.3 prints another cell, which
 Table A.1 does not follow. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
-BIDISPERSE_PACKING = 0.34
-"""Packing fraction at the end [D, eq. 4.22]: 400 (pi/4)/(66 14)."""
 
 
 def final_height(reference: float, species: Sequence[Species]) -> float:

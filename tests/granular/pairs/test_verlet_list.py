@@ -11,13 +11,13 @@ from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.verlet_list import BUILDS, Registry, VerletList, verlet_list_room
+from granular.pairs.verlet_list import BUILDS, Listing, VerletList, verlet_list_room
 from granular.run.snapshot import kept_lists, put_lists
 from granular.shared.errors import SceneError
 
 list_sum = entry(verlet_list.list_sum)
 
-LISTING = Registry(6.0, 2.0)
+LISTING = Listing(6.0, 2.0)
 
 
 def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
