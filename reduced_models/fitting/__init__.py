@@ -1,5 +1,7 @@
-"""Fits of a law to records, through the law's differential equation."""
+"""Fits of a law to records, through the law's differential equation.
 
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+`fitting.fit` reads what is asked into a `problem.FitProblem`; `search` follows many starts over
+horizons that double (`start_vectors`, `start_values`), and `refinement` brings the best one on fine
+grids, as a `refinement.SearchResult`. `assessment` makes a model of it: with `covariance` and
+`uncertainty`, `bootstrap` or `profile` for intervals, and `diagnostics` of what is left over.
+"""

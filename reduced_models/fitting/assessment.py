@@ -1,4 +1,4 @@
-"""From a fit to a model: what was found, how good it is, and what is to be doubted."""
+"""From a fit to a model: its numbers, how good they are, and what is to be doubted."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import quoted, times
+from reduced_models.fitting.bootstrap import REPLICATES, replicates
 from reduced_models.fitting.covariance import Information, joint_covariance, marginal
 from reduced_models.fitting.diagnostics import autocorrelation_time, diagnostics
-from reduced_models.fitting.refinement import JudgedFit
+from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.uncertainty import (
-    Analysis,
+    Interval,
     at_least_linear,
     bootstrap_intervals,
     interval_analysis,
     physical_covariance,
-    profile_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -56,135 +56,107 @@ NOISE_TIMES, NOTABLE = 3.0, 0.05
 """A residual above so many noise levels, and above this share of the swing, is noted."""
 
 
-class Training(NamedTuple):
-    """What a model was trained on, and how the search went.
+def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
+    """Reduced model of each record of a fit, with intervals, quality and notes.
 
-    Attributes
-    ----------
-    samples : tuple of int
-        Of the training stretch of each record.
-    stops : tuple of float
-        End of each, since the record's start [s].
-    starts, converged : int
-        Random starts, and how many of them led to the best fit.
-    confidence : float
-        Of the intervals.
-    bounds : mapping of str to (float, float)
-        That parameters were kept in.
-    replicates : int
-        Resampled records that give the intervals; 0 where something else does.
-    profile : bool
-        Whether the profile of the residuals gives the intervals.
-    seed : int
-        Of the resampled records.
-    fixed : mapping of str to float
-        Parameters that were given.
-    noise : tuple of float or None
-        Of each record, where it was given [m].
-    collocation : str
-        Where the fit without a solution led to; see `reduced_models.fitting.candidate.Candidate`.
+    Raises
+    ------
+    InputError
+        If the solution changes so steeply with the parameters that they have no intervals.
     """
-
-    samples: tuple[int, ...]
-    stops: tuple[float, ...]
-    starts: int
-    converged: int
-    confidence: float
-    bounds: Mapping[str, tuple[float, float]] = {}
-    replicates: int = 0
-    profile: bool = False
-    seed: int = 0
-    fixed: Mapping[str, float] = {}
-    noise: tuple[float | None, ...] = ()
-    collocation: str = "none"
-
-
-def models_of(found: JudgedFit, training: Training) -> tuple[ReducedModel, ...]:
-    """The reduced model of each record of a fit, with intervals, quality and notes."""
-    joint, theta = found.joint, found.theta
+    problem, joint, theta = result.problem, result.joint, result.theta
     normal = joint.normal_matrix(theta)
     if not np.isfinite(normal).all():
         raise InputError(
-            f"the fit of {quoted(joint.unknowns.law.name)} changes so steeply with its parameters "
+            f"the fit of {quoted(problem.law.name)} changes so steeply with its parameters "
             "that their intervals cannot be reckoned; try another law, or check the units"
         )
     residuals = tuple(joint.residuals(theta))
     again = None
-    if training.replicates:
-        from reduced_models.fitting.bootstrap import replicates
-
-        again = replicates(joint, theta, training.replicates, training.seed)
-    given = training.noise or (None,) * len(joint.grids)
-    amplitude = joint.unknowns.amplitude
-    noise = [None if each is None else each / amplitude for each in given]
-    covariance, independent = joint_covariance(joint, theta, noise)
+    if problem.intervals == "bootstrap":
+        again = replicates(joint, theta, REPLICATES, problem.seed)
+    covariance, independent = joint_covariance(
+        joint.linearised(theta),
+        [grid.loss for grid in joint.grids],
+        [None if level is None else level / joint.unknowns.amplitude for level in problem.noise],
+        joint.places,
+        joint.held,
+    )
     free = ~joint.held
     known = [
         Information(
             marginal(normal, here, free), covariance[np.ix_(here, here)], residuals,
             int(free.sum()), free[here], independent,
         )
-        for here in joint.vector.places
+        for here in joint.places
     ]  # fmt: skip
     profiled = None
-    if training.profile:
-        profiled = profile_intervals(
-            joint, theta, covariance, known[0].quantile(training.confidence)
-        )
+    if problem.intervals == "profile":
+        from reduced_models.fitting.profile import profile_intervals
+
+        quantile = known[0].quantile(problem.confidence)
+        profiled = profile_intervals(joint, theta, covariance, quantile)
     models = []
-    for k, here in enumerate(joint.vector.places):
+    for k, here in enumerate(joint.places):
         height = joint.grids[k].record.height
-        analysis = interval_analysis(
-            joint.unknowns, theta[here], known[k], training.confidence,
+        linear, at_rest, undetermined = interval_analysis(
+            joint.unknowns, theta[here], known[k], problem.confidence,
             (float(height.min()), float(height.max())),
         )  # fmt: skip
+        intervals = linear
         if again is not None:
-            intervals = bootstrap_intervals(
-                joint.unknowns, again[:, here], theta[here], training.confidence, known[k]
+            drawn = bootstrap_intervals(
+                joint.unknowns, again[:, here], theta[here], problem.confidence, known[k]
             )
-            analysis = dataclasses.replace(analysis, intervals=at_least_linear(analysis, intervals))
+            intervals = at_least_linear(linear, undetermined, drawn)
         if profiled is not None:
-            analysis = dataclasses.replace(
-                analysis, intervals=at_least_linear(analysis, profiled[k])
-            )
+            intervals = at_least_linear(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
-        model = _model(found, k, training, analysis)
-        models.append(dataclasses.replace(model, covariance_names=names, covariance=matrix))
+        model = _model(result, k, intervals, at_rest)
+        models.append(
+            dataclasses.replace(
+                model, undetermined=undetermined, covariance_names=names, covariance=matrix
+            )
+        )
     return tuple(models)
 
 
-def _model(found: JudgedFit, k: int, training: Training, analysis: Analysis) -> ReducedModel:
-    grid = found.joint.grids[k]
+def _model(
+    result: SearchResult,
+    k: int,
+    intervals: Mapping[str, Interval],
+    at_rest: AtRest | NoSwing,
+) -> ReducedModel:
+    problem, grid = result.problem, result.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
-    theta = found.theta[found.joint.vector.places[k]]
+    theta = result.theta[result.joint.places[k]]
     values, shift, scale, z0, v0, hidden = unknowns.physical(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
-    quality = _quality(found, k, training)
+    quality = _quality(result, k)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
     return ReducedModel(
         law=unknowns.law,
         parameters=parameters,
-        intervals=analysis.intervals,
-        confidence=training.confidence,
+        intervals=intervals,
+        confidence=problem.confidence,
         map=height_map,
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
         at_rest=None
-        if isinstance(analysis.at_rest, NoSwing)
-        else _beside_peaks(analysis.at_rest, record, unknowns.law),
-        no_swing=analysis.at_rest.reason if isinstance(analysis.at_rest, NoSwing) else "",
+        if isinstance(at_rest, NoSwing)
+        else _beside_peaks(at_rest, record, unknowns.law),
+        no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
-        undetermined=analysis.undetermined,
-        domain=_domain([one.record for one in found.joint.grids]),
+        domain=_domain([other.record for other in result.joint.grids]),
         notes=(
-            *_notes(quality, _usual(found, k), record),
-            *_bound_notes(parameters, training.bounds),
+            *_notes(quality, _usual(result, k), record),
+            *_bound_notes(parameters, problem.bounds),
             *(() if record.angle else _unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
-        provenance=provenance(record, training),
+        provenance=_provenance(record, problem),
         hidden={
-            name: float(each)
-            for name, each in zip(unknowns.law.hidden, hidden, strict=True)
-            if each != 0.0
+            name: float(state)
+            for name, state in zip(unknowns.law.hidden, hidden, strict=True)
+            if state != 0.0
         },
         input_interpolation=grid.interpolation,
         angle=record.angle,
@@ -212,20 +184,21 @@ def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
     }
 
 
-def provenance(record: PistonRecord, training: Training) -> dict[str, str]:
-    """Where a model comes from, in words: the same for the same data and settings."""
+def _provenance(record: PistonRecord, problem: FitProblem) -> dict[str, str]:
+    """Origin of a model, in words: the same for the same data and settings."""
     digest = hashlib.sha256(record.time.tobytes() + record.height.tobytes()).hexdigest()
-    limits = [f"{low:g} <= {name} <= {high:g}" for name, (low, high) in training.bounds.items()]
-    limits += [f"{name} = {value:g} given" for name, value in training.fixed.items()]
+    pairs = problem.bounds.items()
+    limits = [f"{low:g} <= {name} <= {high:g}" for name, (low, high) in pairs if low < high]
+    limits += [f"{name} = {low:g} given" for name, (low, high) in pairs if low == high]
     bounds = ", ".join(limits)
-    intervals = "profile" if training.profile else "linear"
-    if training.replicates:
-        intervals = f"bootstrap, {training.replicates} records, seed {training.seed}"
+    intervals: str = problem.intervals
+    if intervals == "bootstrap":
+        intervals = f"bootstrap, {REPLICATES} records, seed {problem.seed}"
     return {
         "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, "
         f"sha256 {digest[:16]}",
-        "records": str(len(training.samples)),
-        "fit": f"{training.starts} starts, intervals {intervals}" + (f", {bounds}" * bool(bounds)),
+        "records": str(len(problem.data)),
+        "fit": f"{problem.starts} starts, intervals {intervals}" + (f", {bounds}" * bool(bounds)),
     }
 
 
@@ -235,7 +208,8 @@ def _bound_notes(
     return tuple(
         f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or read it as given"
         for name, pair in bounds.items()
-        if any(abs(parameters[name] - edge) <= 1e-9 * abs(edge) for edge in pair)
+        if pair[0] < pair[1]
+        and any(abs(parameters[name] - edge) <= 1e-9 * abs(edge) for edge in pair)
     )
 
 
@@ -249,41 +223,35 @@ def _unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
     )
 
 
-def _quality(found: JudgedFit, k: int, training: Training) -> Quality:
-    joint, grid = found.joint, found.joint.grids[k]
-    record, samples = grid.record, training.samples[k]
+def _quality(result: SearchResult, k: int) -> Quality:
+    problem, grid, here = result.problem, result.joint.grids[k], result.joint.places[k]
+    record, samples = grid.record, problem.samples[k]
     swing = float(record.height.std())
-    here = joint.vector.places[k]
-    residuals = grid.residuals(found.theta[here])
+    residuals = grid.residuals(result.theta[here])
     residual = _rms(residuals) * grid.unknowns.amplitude
-    level = training.noise[k] if training.noise else None
+    level = problem.noise[k]
     period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
     fitted = record.height + residuals * grid.unknowns.amplitude
     left = without_walk(residuals * grid.unknowns.amplitude, grid.gain)
-    seen = diagnostics(record.time, left, np.gradient(fitted, record.time), period)
+    structure = diagnostics(record.time, left, np.gradient(fitted, record.time), period)
     held_out = len(record) - samples >= 2
     error, resting = None, None
     if held_out:
-        error, resting = _holdout_errors(grid, found.trained[here], samples)
+        error, resting = _holdout_errors(grid, result.trained[here], samples)
     return Quality(
         residual=residual,
         relative=residual / swing,
         holdout=error,
-        holdout_from=training.stops[k] if held_out else None,
-        starts=training.starts,
-        converged=training.converged,
+        holdout_from=problem.data[k].stop if held_out else None,
+        starts=problem.starts,
+        converged=result.converged,
         samples=len(record),
-        solver_error=found.solver_errors[k],
+        solver_error=result.solver_errors[k],
         holdout_at_rest=resting,
         noise=noise_level(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(residuals),
-        collocation=training.collocation,
-        whiteness=seen.whiteness,
-        signs=seen.signs,
-        lag=seen.lag,
-        slow=seen.slow,
-        swinging=seen.swinging,
-        drift=seen.drift,
+        collocation=result.collocation,
+        **structure,
     )
 
 
@@ -339,10 +307,10 @@ def _not_right(quality: Quality, record: PistonRecord) -> str:
     return f"the law or the fit is not right; try another law or more starts{drift}"
 
 
-def _usual(found: JudgedFit, k: int) -> float:
-    """The residual [m] that notes go by: where the loss spares outliers, they do not count."""
-    grid = found.joint.grids[k]
-    residuals = grid.residuals(found.theta[found.joint.vector.places[k]])
+def _usual(result: SearchResult, k: int) -> float:
+    """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
+    grid = result.joint.grids[k]
+    residuals = grid.residuals(result.theta[result.joint.places[k]])
     if grid.loss.name == "linear":
         return _rms(residuals) * grid.unknowns.amplitude
     return float(np.median(np.abs(residuals))) / NORMAL_MEDIAN * grid.unknowns.amplitude

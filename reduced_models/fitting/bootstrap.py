@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from reduced_models.fitting.autoregression import autoregression
-from reduced_models.fitting.refinement import JointRecords
+from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import (
     Loss,
     cost_and_weight,
@@ -50,7 +50,7 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
             grid.with_heights(each) for grid, each in zip(joint.grids, heights, strict=True)
         )
         trial = dataclasses.replace(joint, grids=grids)
-        found[k] = trial.sharpened(theta, lengths, tolerance=1e-6)
+        found[k] = trial.refit(theta, lengths, tolerance=1e-6)
     return found
 
 

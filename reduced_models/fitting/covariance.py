@@ -1,4 +1,4 @@
-"""What the data say of fitted parameters: the covariance of a joint search vector.
+"""Covariance of a joint search vector: what the data say of fitted parameters.
 
 Residuals that follow each other, because the noise does or because the law is not quite right, say
 less of some parameters and more of others than white ones. The covariance is the sandwich estimate
@@ -9,24 +9,22 @@ doi:10.2307/1912934), which holds for the losses that spare outliers too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from reduced_models.fitting.autoregression import autoregression, spread_of
 from reduced_models.fitting.diagnostics import autocorrelation_time
-from reduced_models.least_squares.residuals import cost_and_weight, sensitivity
+from reduced_models.least_squares.joint_records import Places
+from reduced_models.least_squares.residuals import Loss, cost_and_weight, sensitivity
 
-if TYPE_CHECKING:
-    from reduced_models.fitting.refinement import JointRecords
-
-LEAST_FREEDOM = 2.0
+LEAST_DOF = 2.0
 _AS_NOISY = 1.5  # times the variance of another record
 _RESOLVED = 1e-12  # share of the greatest strength, a thousand times the rounding of an eigenvalue
 
 
 class Information(NamedTuple):
-    """What the data say at the minimum of a fit.
+    """Information of the data on a record's search vector, at the minimum of a fit.
 
     Attributes
     ----------
@@ -52,55 +50,65 @@ class Information(NamedTuple):
     independent: float
 
     @property
-    def freedom(self) -> float:
+    def dof(self) -> float:
         """Degrees of freedom that the residuals have left."""
         return max(1.0, sum(map(len, self.residuals)) - self.fitted)
 
     @property
     def variance(self) -> float:
-        """Of a residual, enlarged by how the residuals follow each other."""
+        """Variance of a residual, enlarged by how the residuals follow each other."""
         total = sum(float((each**2).sum()) * autocorrelation_time(each) for each in self.residuals)
-        return total / self.freedom
+        return total / self.dof
 
     def quantile(self, confidence: float) -> float:
-        """Student's, for an interval of that confidence."""
+        """Student's quantile, for an interval of that confidence."""
         from scipy.stats import t as student
 
-        freedom = min(self.freedom, max(LEAST_FREEDOM, self.independent - 1.0))
-        return float(student.ppf(0.5 + 0.5 * confidence, freedom))
+        dof = min(self.dof, max(LEAST_DOF, self.independent - 1.0))
+        return float(student.ppf(0.5 + 0.5 * confidence, dof))
 
 
 def joint_covariance(
-    joint: JointRecords, theta: np.ndarray, noise: Sequence[float | None]
+    linear: Sequence[tuple[np.ndarray, np.ndarray]],
+    losses: Sequence[Loss],
+    noise: Sequence[float | None],
+    places: Places,
+    held: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """Covariance (p, p) of a joint search vector, and the number of independent samples.
+    """Covariance (q, q) of a joint search vector, and the number of independent samples.
 
-    ``noise`` is that of each record in amplitudes, where it is known.
+    Parameters
+    ----------
+    linear : sequence of (float64 (n,), float64 (n, p))
+        Residuals of each record in amplitudes, and their derivatives.
+    losses : sequence of Loss
+    noise : sequence of float or None
+        Of each record in amplitudes, where it is known.
+    places : tuple of int (p,)
+        Entries of the joint search vector, for each record.
+    held : bool (q,)
+        Entries that are given.
     """
-    size = joint.vector.size
-    free = np.flatnonzero(~joint.held)
+    size = len(held)
+    free = np.flatnonzero(~held)
     bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
     independent = 0.0
-    parts = zip(joint.grids, joint.vector.places, noise, strict=True)
-    count = sum(len(grid.record) for grid in joint.grids)
-    loss = count / max(1, count - len(free))
-    linear = [
-        grid.linearised(theta[here])
-        for grid, here in zip(joint.grids, joint.vector.places, strict=True)
-    ]
+    count = sum(len(left) for left, _ in linear)
+    inflation = count / max(1, count - len(free))
     alike = _alike([left for left, _ in linear])
-    for (grid, here, known), (left, slopes), ratio in zip(parts, linear, alike, strict=True):
-        _, weight = cost_and_weight(left, grid.loss.numbers, np)
-        bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, grid.loss)[:, None] * slopes)
+    parts = zip(linear, losses, noise, places, alike, strict=True)
+    for (left, slopes), loss, known, here, ratio in parts:
+        _, weight = cost_and_weight(left, loss.numbers, np)
+        bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, loss)[:, None] * slopes)
         pull = weight * left
         series = autoregression(pull)
-        level = float((pull**2).mean()) * loss
+        level = float((pull**2).mean()) * inflation
         if known is not None:
             level = known**2
             spread[np.ix_(here, here)] += level * slopes.T @ slopes
             independent += len(left)
         else:
-            spread[np.ix_(here, here)] += loss * ratio * spread_of(slopes, series)
+            spread[np.ix_(here, here)] += inflation * ratio * spread_of(slopes, series)
             still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
             memory = max(1.0, still / max(level, 1e-300))
             independent += len(left) / memory

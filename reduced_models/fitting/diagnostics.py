@@ -1,9 +1,8 @@
-"""Whether what a fit leaves over is noise: its correlation, its signs, and how slow it is."""
+"""Structure of residuals: their correlation, their signs, and how slow they are."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,38 +11,37 @@ _WINDOW = 5.0  # of the autocorrelation time, Sokal's rule
 _SLOW, _FAST = 0.3, 1.7  # of the swing's frequency: between them residuals swing with the motion
 
 
-class Diagnostics(NamedTuple):
-    """What residuals look like.
-
-    Attributes
-    ----------
-    first : float
-        Correlation of each residual with the next one.
-    whiteness, signs, lag, slow, swinging, drift : float
-        As in `reduced_models.models.quality.Quality`. The first two are the tests of Ljung and Box
-        (1978, doi:10.1093/biomet/65.2.297), and of Wald and Wolfowitz (1940,
-        doi:10.1214/aoms/1177731909).
-    """
-
-    first: float
-    whiteness: float
-    signs: float
-    lag: float
-    slow: float
-    swinging: float
-    drift: float
-
-
 def diagnostics(
     time: np.ndarray, residuals: np.ndarray, velocity: np.ndarray, period: float
-) -> Diagnostics:
-    """Those of residuals (n,), solution minus data, of a motion with that velocity and period."""
+) -> dict[str, float]:
+    """Structure of residuals, as fields of `reduced_models.models.quality.Quality`.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        [s]
+    residuals : float64 (n,)
+        Solution minus data [m].
+    velocity : float64 (n,)
+        Of the motion [m/s].
+    period : float
+        Of the motion [s].
+
+    Returns
+    -------
+    dict of str to float
+        ``whiteness`` and ``signs``, the tests of Ljung and Box (1978, doi:10.1093/biomet/65.2.297)
+        and of Wald and Wolfowitz (1940, doi:10.1214/aoms/1177731909); ``lag`` [s], ``slow``,
+        ``swinging``, ``drift``.
+    """
     from scipy.stats import chi2, norm
 
     count = len(residuals)
     power = float((residuals**2).sum())
     if power <= 0.0:
-        return Diagnostics(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+        return {
+            "whiteness": 1.0, "signs": 1.0, "lag": 0.0, "slow": 0.0, "swinging": 0.0, "drift": 1.0
+        }  # fmt: skip
     size = 1 << (2 * count - 1).bit_length()
     spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
     lags = min(_MOST_LAGS, count // 10)
@@ -52,15 +50,15 @@ def diagnostics(
     speed = float((velocity**2).sum())
     lines = np.fft.rfftfreq(size, float(time[-1] - time[0]) / (count - 1)) * period
     slow = float(spectrum[lines < _SLOW].sum() / spectrum.sum())
-    return Diagnostics(
-        first=float(correlation[0]),
-        whiteness=float(chi2.sf(box, lags)),
-        signs=float(2.0 * norm.sf(abs(_sign_score(residuals)))),
-        lag=float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
-        slow=slow,
-        swinging=float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum()),
-        drift=slow / float((lines < _SLOW).mean()),
-    )
+    swinging = float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum())
+    return {
+        "whiteness": float(chi2.sf(box, lags)),
+        "signs": float(2.0 * norm.sf(abs(_sign_score(residuals)))),
+        "lag": float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
+        "slow": slow,
+        "swinging": swinging,
+        "drift": slow / float((lines < _SLOW).mean()),
+    }
 
 
 def autocorrelation_time(values: np.ndarray) -> float:

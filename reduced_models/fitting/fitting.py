@@ -10,21 +10,19 @@ method that solves nothing, from accelerations in the record.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, overload
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Concatenate, Literal, ParamSpec, Protocol, cast, overload
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.fitting.assessment import Training, models_of
-from reduced_models.fitting.bootstrap import REPLICATES
-from reduced_models.fitting.candidate import Candidate, fine_grids
-from reduced_models.fitting.case import Case, split
-from reduced_models.fitting.history import checked_histories, with_histories
+from reduced_models.fitting.assessment import models_of
+from reduced_models.fitting.history import checked_histories, is_history, with_histories
 from reduced_models.fitting.options import (
     HOLDOUT,
     STARTS,
@@ -35,18 +33,23 @@ from reduced_models.fitting.options import (
     check_options,
     fixed_values,
     initial_of,
-    is_history,
     pairs_of,
-    records_of,
     starts_of,
+)
+from reduced_models.fitting.problem import (
+    FitProblem,
+    Intervals,
+    records_of,
+    training_data,
     weights_of,
 )
-from reduced_models.fitting.refinement import JointRecords, judged_fit
-from reduced_models.fitting.search import best_candidate
+from reduced_models.fitting.refinement import SearchResult, fine_grids, judged
+from reduced_models.fitting.search import search_fit
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.words import law_from_text
+from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, without_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, driving
@@ -56,57 +59,37 @@ _CLEARLY = 0.98  # of the spline's error, for another to be taken
 _DRIFT_ROUNDS = 3
 _LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 
-
-@overload
-def fit(
-    record: PistonRecord,
-    law: str | Law = ...,
-    *,
-    map: HeightMap | Literal["auto", "fitted"] = ...,
-    starts: int = ...,
-    holdout: float = ...,
-    confidence: float = ...,
-    seed: int = ...,
-    own: Sequence[str] = ...,
-    bounds: Bounds | None = ...,
-    intervals: Literal["linear", "bootstrap", "profile"] = ...,
-    start: Mapping[str, float] | None = ...,
-    fix: Fixed | None = ...,
-    positive: Sequence[str] = ...,
-    weights: Any = ...,
-    noise: Any = ...,
-    loss: LossName = ...,
-    initial: Initial | None = ...,
-    input_interpolation: Interpolation | None = ...,
-    drift: bool = ...,
-) -> ReducedModel: ...
+P = ParamSpec("P")
+Records = PistonRecord | Sequence[PistonRecord]
 
 
-@overload
-def fit(
-    record: Sequence[PistonRecord],
-    law: str | Law = ...,
-    *,
-    map: HeightMap | Literal["auto", "fitted"] = ...,
-    starts: int = ...,
-    holdout: float = ...,
-    confidence: float = ...,
-    seed: int = ...,
-    own: Sequence[str] = ...,
-    bounds: Bounds | None = ...,
-    intervals: Literal["linear", "bootstrap", "profile"] = ...,
-    start: Mapping[str, float] | None = ...,
-    fix: Fixed | None = ...,
-    positive: Sequence[str] = ...,
-    weights: Any = ...,
-    noise: Any = ...,
-    loss: LossName = ...,
-    initial: Initial | None = ...,
-    input_interpolation: Interpolation | None = ...,
-    drift: bool = ...,
-) -> tuple[ReducedModel, ...]: ...
+class _Fit(Protocol[P]):
+    """A fit of one record, which gives a model, or of several, which gives one for each."""
+
+    @overload
+    def __call__(
+        self, record: PistonRecord, /, *args: P.args, **kwargs: P.kwargs
+    ) -> ReducedModel: ...
+    @overload
+    def __call__(
+        self, record: Sequence[PistonRecord], /, *args: P.args, **kwargs: P.kwargs
+    ) -> tuple[ReducedModel, ...]: ...
 
 
+def _of_one_or_several(
+    function: Callable[Concatenate[Records, P], tuple[ReducedModel, ...]],
+) -> _Fit[P]:
+    """Give the model itself, where there is one record and no sequence."""
+
+    @functools.wraps(function)
+    def fit_records(record: Records, *args: P.args, **kwargs: P.kwargs) -> Any:
+        models = function(record, *args, **kwargs)
+        return models[0] if isinstance(record, PistonRecord) else models
+
+    return cast("_Fit[P]", fit_records)
+
+
+@_of_one_or_several
 def fit(
     record: PistonRecord | Sequence[PistonRecord],
     law: str | Law = "van-der-pol-like",
@@ -118,17 +101,17 @@ def fit(
     seed: int = 0,
     own: Sequence[str] = (),
     bounds: Bounds | None = None,
-    intervals: Literal["linear", "bootstrap", "profile"] = "linear",
+    intervals: Intervals = "linear",
     start: Mapping[str, float] | None = None,
     fix: Fixed | None = None,
     positive: Sequence[str] = (),
     weights: Any = None,
     noise: Any = None,
     loss: LossName = "linear",
-    initial: Initial | None = None,
+    initial: Initial | PistonRecord | Sequence[PistonRecord] | None = None,
     input_interpolation: Interpolation | None = None,
     drift: bool = False,
-) -> ReducedModel | tuple[ReducedModel, ...]:
+) -> tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several at once.
 
     Parameters
@@ -232,56 +215,46 @@ def fit(
     shared, each = fixed_values(fix or {}, len(records))
     pairs = pairs_of(chosen, bounds or {}, shared, each)
     given = weights_of(records, weights, noise)
-    case = Case(
+    problem = FitProblem(
+        law=chosen,
         data=tuple(
-            split(one, holdout, *how, loss) for one, how in zip(records, given, strict=True)
+            training_data(one, holdout, *how, loss, fixed)
+            for one, how, fixed in zip(records, given, each, strict=True)
         ),
+        map=map,
         own=tuple(dict.fromkeys((*own, *each[0]))),
         bounds=pairs,
-        each=each,
         start=starts_of(chosen, start or {}),
-        initial=initial_of(chosen, initial),
+        initial={} if is_history(initial) else initial_of(chosen, initial),
         loss=loss,
         interpolation=input_interpolation or "spline",
         known_noise=noise is not None,
+        starts=starts,
+        confidence=confidence,
+        intervals=intervals,
+        seed=seed,
     )
     histories = checked_histories(chosen, initial, records) if is_history(initial) else []
-    best = best_candidate(chosen, map, case, starts, seed)
-    if not math.isfinite(best.cost):
+    result = search_fit(problem)
+    if not math.isfinite(result.cost):
         raise InputError(
             f"no start led to a solution of {quoted(chosen.name)} that stays finite over the "
             "record; try another law, more starts or a shorter record"
         )
     if driving(chosen.inputs) and input_interpolation is None and holdout > 0.0:
-        best = interpolated(best, case)
-    joint, theta = best.joint, best.theta
+        result = _interpolated(result)
     if histories:
-        joint, theta = with_histories(joint, theta, case.data, histories)
+        result = with_histories(result, histories)
     if drift:
-        joint, theta = drifting(joint, theta, case.samples)
-    found = judged_fit(joint, theta, case.samples)
-    training = Training(
-        samples=case.samples,
-        stops=tuple(data.stop for data in case.data),
-        starts=starts,
-        converged=best.converged,
-        confidence=confidence,
-        bounds={name: pair for name, pair in pairs.items() if pair[0] < pair[1]},
-        fixed={name: pair[0] for name, pair in pairs.items() if pair[0] == pair[1]},
-        replicates=REPLICATES if intervals == "bootstrap" else 0,
-        profile=intervals == "profile",
-        seed=seed,
-        noise=tuple(data.noise if case.known_noise else None for data in case.data),
-        collocation=best.collocation,
-    )
-    models = models_of(found, training)
+        result = _drifting(result)
+    models = models_of(judged(result))
     for note in dict.fromkeys(note for model in models for note in model.notes):
-        warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=2)
-    return models[0] if isinstance(record, PistonRecord) else models
+        warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
+    return models
 
 
 def law_of(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -> Law:
-    """A law by its name, its equation, or as it is; ``declared`` names are parameters.
+    """Law by its name, its equation, or as it is; ``declared`` names are parameters.
 
     Raises
     ------
@@ -297,63 +270,63 @@ def law_of(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -
     return law_named(law)
 
 
-def interpolated(found: Candidate, case: Case) -> Candidate:
-    """A fit with the interpolation of the inputs that has the least held-out error.
+def _interpolated(result: SearchResult) -> SearchResult:
+    """Fit with the interpolation of the inputs that has the least held-out error.
 
     Each is fitted to the training stretches, from the fit with splines, and judged behind them.
     """
-    counts = [min(samples, _MOST_SAMPLES) for samples in case.samples]
+    problem = result.problem
+    counts = [min(samples, _MOST_SAMPLES) for samples in problem.samples]
     # One step a sample at least: what a held input does within a step has no order.
-    aligned = fine_grids(found.joint.unknowns.law, case._replace(interpolation="linear"))
+    aligned = fine_grids(dataclasses.replace(problem, interpolation="linear"))
     errors = {}
     for how in INTERPOLATIONS:
         grids = tuple(
-            grid.on(steps, how) for grid, steps in zip(found.joint.grids, aligned, strict=True)
+            grid.on(steps, how) for grid, steps in zip(result.joint.grids, aligned, strict=True)
         )
-        joint = dataclasses.replace(found.joint, grids=grids)
-        theta = joint.sharpened(found.theta, counts, tolerance=1e-6)
+        joint = dataclasses.replace(result.joint, grids=grids)
+        theta = joint.refit(result.trained, counts, tolerance=1e-6)
         errors[how] = (_behind(joint, theta, counts), joint)
     best = min(INTERPOLATIONS, key=lambda how: errors[how][0])
     if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
-        return found
+        return result
     joint = errors[best][1]
-    return found._replace(joint=joint, theta=joint.sharpened(found.theta, case.samples))
+    return result.trained_as(joint, joint.refit(result.trained, problem.samples))
 
 
 def _behind(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
     """Mean squared residual behind so many samples of each record, over as many at most."""
     total, size = 0.0, 0
-    for grid, place, count in zip(joint.grids, joint.vector.places, counts, strict=True):
-        left = grid.residuals(theta[place])[count : 2 * count]
+    for residuals, count in zip(joint.residuals(theta), counts, strict=True):
+        left = residuals[count : 2 * count]
         if (np.abs(left) >= BLOWN_UP).any():
             return float("inf")
         total, size = total + float(left @ left), size + len(left)
     return total / max(size, 1)
 
 
-def drifting(
-    joint: JointRecords, theta: np.ndarray, counts: Sequence[int]
-) -> tuple[JointRecords, np.ndarray]:
-    """The same records with the gains that leave least of their residuals, and the fit to them.
+def _drifting(result: SearchResult) -> SearchResult:
+    """Fit with the gains that leave least of the records' residuals.
 
     The zero drifts as a random walk beside the noise. What the walk has done so far is followed by
     exponential smoothing of the residuals, the filter of Muth (1960, doi:10.2307/2281542), and
     taken out of the next one; what is left is white where the walk and the noise are as strong as
     the filter's gain says, and is what the fit makes small. The walk starts at zero.
     """
+    joint, theta = result.joint, result.trained
     for _ in range(_DRIFT_ROUNDS):
-        gains = [_gain(each) for each in joint.residuals(theta)]
-        grids = [
+        gains = map(_gain, joint.residuals(theta))
+        grids = tuple(
             dataclasses.replace(grid, gain=gain)
             for grid, gain in zip(joint.grids, gains, strict=True)
-        ]
-        joint = dataclasses.replace(joint, grids=tuple(grids))
-        theta = joint.sharpened(theta, counts, tolerance=1e-6)
-    return joint, theta
+        )
+        joint = dataclasses.replace(joint, grids=grids)
+        theta = joint.refit(theta, result.problem.samples, tolerance=1e-6)
+    return result.trained_as(joint, theta)
 
 
 def _gain(residuals: np.ndarray) -> float:
-    """The gain with the least squares of what is left."""
+    """Gain with the least squares of what is left."""
     from scipy.optimize import minimize_scalar
 
     def left(log_gain: float) -> float:

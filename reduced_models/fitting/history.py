@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TypeGuard
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.fitting.case import Data
-from reduced_models.fitting.hidden_starts import along
-from reduced_models.fitting.refinement import JointRecords
+from reduced_models.fitting.options import Initial
+from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.smoothing import smoothed
+from reduced_models.fitting.start_values import along
 from reduced_models.laws.law import Law
+from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds
 from reduced_models.records.inputs import TIME, column, column_names, drive_at
 
@@ -28,6 +30,15 @@ _NODES_A_SWING = 128
 _GAP = 1.5  # samples between a history and its record
 _ROUNDS = 20
 _SAME = 1e-7  # change of a search vector that is none
+
+
+def is_history(
+    initial: Initial | PistonRecord | Sequence[PistonRecord] | None,
+) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
+    """Whether the start of a motion is told by the motion before it."""
+    if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
+        return all(isinstance(one, PistonRecord) for one in initial)
+    return isinstance(initial, PistonRecord)
 
 
 def checked_histories(
@@ -50,7 +61,7 @@ def checked_histories(
         raise InputError(
             f"initial: {len(given)} motions for {len(records)} records; give one before each"
         )
-    return [_joined(one, record) for one, record in zip(given, records, strict=True)]
+    return [_joined(history, record) for history, record in zip(given, records, strict=True)]
 
 
 def _joined(history: PistonRecord, record: PistonRecord) -> PistonRecord:
@@ -75,28 +86,22 @@ def _joined(history: PistonRecord, record: PistonRecord) -> PistonRecord:
     return PistonRecord.from_columns(parts | {"time": parts["time"] - begin})
 
 
-def with_histories(
-    joint: JointRecords,
-    theta: np.ndarray,
-    data: Sequence[Data],
-    histories: Sequence[PistonRecord],
-) -> tuple[JointRecords, np.ndarray]:
-    """The records with hidden states held where their histories end, and the fit to them."""
-    counts = [len(one.training) for one in data]
-    unknowns = joint.unknowns
-    hidden = slice(unknowns.free + 2, None)
+def with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
+    """Fit with hidden states held where the records' histories end."""
+    problem, joint, theta = result.problem, result.joint, result.trained
+    hidden = slice(joint.unknowns.free + 2, None)
     for _ in range(_ROUNDS):
         former, theta = theta, theta.copy()
         low, high = joint.bounds.low.copy(), joint.bounds.high.copy()
-        for one, history, here in zip(data, histories, joint.vector.places, strict=True):
-            found = _at_the_end(joint, theta[here], history, one.guess.period)
-            place = here[hidden]
-            theta[place] = low[place] = high[place] = found
+        for data, history, here in zip(problem.data, histories, joint.places, strict=True):
+            states = _at_the_end(joint, theta[here], history, data.guess.period)
+            entries = here[hidden]
+            theta[entries] = low[entries] = high[entries] = states
         joint = dataclasses.replace(joint, bounds=Bounds(low, high))
-        theta = joint.sharpened(theta, counts, tolerance=1e-10)
+        theta = joint.refit(theta, problem.samples, tolerance=1e-10)
         if np.abs(theta - former).max() <= _SAME * max(1.0, np.abs(theta).max()):
             break
-    return joint, theta
+    return result.trained_as(joint, theta)
 
 
 def _at_the_end(
@@ -108,12 +113,9 @@ def _at_the_end(
     values, shift, scale, *_ = unknowns.physical(theta)
     start = float(history.time[0])
     nodes = np.linspace(start, 0.0, max(_NODES_A_SWING, round(-_NODES_A_SWING * start / period)))
-    motion = smoothed(history.mapped(shift, scale), period, nodes)
-    kept = motion.time <= 0.0
-    motion = motion._replace(
-        height=motion.height[kept], velocity=motion.velocity[kept],
-        acceleration=motion.acceleration[kept], time=motion.time[kept],
-    )  # fmt: skip
+    mapped = history.mapped(shift, scale)
+    motion = smoothed(mapped.time, mapped.height, period, nodes)
+    motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else column(history, name) for name in law.inputs]
-    drive = drive_at(history.time, columns, motion.time)
-    return np.asarray(along(law, motion, drive)(np.array(values)[:, None]).hidden[:, 0])
+    drive = drive_at(history.time, columns, motion[3])
+    return np.asarray(along(law, motion, drive)(np.array(values)[:, None])[1][:, 0])

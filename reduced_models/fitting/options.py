@@ -1,17 +1,17 @@
-"""What a user asks of a fit, checked before anything is computed."""
+"""Options of a fit, checked before anything is computed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, TypeGuard
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
+from reduced_models.fitting.problem import Intervals
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import LOSSES
@@ -24,33 +24,7 @@ MOST_STARTS = 10_000
 
 Bounds = Mapping[str, tuple[float | None, float | None]]
 Fixed = Mapping[str, float | Sequence[float]]
-Initial = (
-    Literal["free", "rest"] | Mapping[str, float | str] | PistonRecord | Sequence[PistonRecord]
-)
-INTERVALS = ("linear", "bootstrap", "profile")
-
-
-def records_of(record: Any) -> list[PistonRecord]:
-    """One record, or a sequence of them, as a list.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
-    if isinstance(record, PistonRecord):
-        return [record]
-    if isinstance(record, Sequence) and not isinstance(record, str):
-        found = list(record)
-        if not found:
-            raise InputError("there is no record to fit; give at least one")
-        if all(isinstance(one, PistonRecord) for one in found):
-            return found
-    kind = type(record).__name__
-    raise InputError(
-        f"a {kind} is no record; give a PistonRecord, such as "
-        "PistonRecord.from_columns({'time': ..., 'height': ...})"
-    )
+Initial = Literal["free", "rest"] | Mapping[str, float | str]
 
 
 def check_options(
@@ -72,7 +46,7 @@ def check_options(
     if not isinstance(height_map, HeightMap) and height_map not in ("auto", "fitted"):
         raise InputError(f"map = {quoted(height_map)}; give 'auto', 'fitted' or a HeightMap")
     for name, value, known in (
-        ("intervals", intervals, INTERVALS),
+        ("intervals", intervals, get_args(Intervals)),
         ("loss", loss, LOSSES),
         ("input_interpolation", interpolation or "spline", INTERPOLATIONS),
     ):
@@ -172,8 +146,8 @@ def starts_of(law: Law, start: Mapping[str, float]) -> dict[str, float]:
     return found
 
 
-def initial_of(law: Law, initial: Initial | None) -> dict[str, float]:
-    """What is given of height, velocity and hidden states at the start; the rest is free.
+def initial_of(law: Law, initial: object) -> dict[str, float]:
+    """Given height, velocity and hidden states at the start by name; the rest is free.
 
     Raises
     ------
@@ -186,8 +160,6 @@ def initial_of(law: Law, initial: Initial | None) -> dict[str, float]:
         return {}
     if initial == "rest":
         return {"velocity": 0.0, **dict.fromkeys(law.hidden, 0.0)}
-    if is_history(initial):
-        return {}
     names = ("height", "velocity", *law.hidden)
     if not isinstance(initial, Mapping):
         raise InputError(
@@ -203,60 +175,6 @@ def initial_of(law: Law, initial: Initial | None) -> dict[str, float]:
         else:
             found[name] = _number(f"initial {name}", value)
     return found
-
-
-def is_history(
-    initial: Initial | None,
-) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
-    """Whether the start of a motion is told by the motion before it."""
-    if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
-        return all(isinstance(one, PistonRecord) for one in initial)
-    return isinstance(initial, PistonRecord)
-
-
-def weights_of(
-    records: Sequence[PistonRecord], weights: Any, noise: Any
-) -> list[tuple[np.ndarray | None, float | None]]:
-    """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1.
-
-    Raises
-    ------
-    InputError
-        If they are no positive numbers, one a sample.
-    """
-    if weights is not None and noise is not None and np.ndim(noise) > 0:
-        raise InputError("noise of each sample gives their weights; leave weights out")
-    several = len(records) > 1
-    found: list[tuple[np.ndarray | None, float | None]] = []
-    for k, record in enumerate(records):
-        own_weights = _of_record("weights", weights, k, record, several=several)
-        own_noise = _of_record("noise", noise, k, record, several=several)
-        if own_noise is None or own_noise.ndim == 0:
-            level = None if own_noise is None else float(own_noise)
-            found.append((own_weights, level))
-        else:
-            level = float(1.0 / np.sqrt((own_noise**-2.0).mean()))
-            found.append((level / own_noise, level))
-    return found
-
-
-def _of_record(
-    what: str, given: Any, k: int, record: PistonRecord, *, several: bool
-) -> np.ndarray | None:
-    if given is None:
-        return None
-    try:
-        own = np.asarray(given[k] if several and np.ndim(given) != 0 else given, dtype=np.float64)
-    except (TypeError, ValueError, IndexError):
-        own = np.array(np.nan)
-    shapes = [record.time.shape] if what == "weights" else [(), record.time.shape]
-    if own.shape not in shapes or not np.isfinite(own).all() or not (own > 0.0).all():
-        raise InputError(
-            f"{what}: give positive numbers, one a sample ({len(record)})"
-            + (", or one for all" if what == "noise" else "")
-            + (", for each record" if several else "")
-        )
-    return own
 
 
 def check_names(law: Law, names: Sequence[str]) -> None:

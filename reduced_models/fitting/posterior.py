@@ -9,16 +9,18 @@ hierarchical fit says of several records stands in `posterior`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, MissingError
-from reduced_models.fitting.joint_vector import JointVector, joint_vector
-from reduced_models.fitting.options import check_names, records_of
+from reduced_models.fitting.options import check_names
+from reduced_models.fitting.problem import records_of
 from reduced_models.jax_setup import jax
-from reduced_models.least_squares.residuals import GriddedRecord, gridded
+from reduced_models.least_squares.joint_records import JointRecords, joint_places, merged
+from reduced_models.least_squares.levenberg_marquardt import Bounds
+from reduced_models.least_squares.residuals import gridded, residual_function
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.models.roll_out import theta_of_model
 from reduced_models.records.first_guesses import first_guesses
@@ -34,15 +36,6 @@ _STEPS = 48  # of a period
 _WIDE = 100.0  # standard deviations of the linearisation that the prior is wide
 _LEAST = 1e-9  # of a residual, in amplitudes: records without noise
 _FLAT = 1e-12  # of the strongest direction: the data say nothing of one that is weaker
-
-
-class _Joint(NamedTuple):
-    """Records on their grids, and the fit."""
-
-    grids: tuple[GriddedRecord, ...]
-    vector: JointVector
-    theta: np.ndarray
-    free: np.ndarray
 
 
 def posterior(
@@ -91,8 +84,8 @@ def posterior(
         raise MissingError(
             f"{error.name} is not installed; pip install 'granular-damper[posterior]'"
         ) from None
-    joint = _joint(model, record, own)
-    potential, centre, spread = _potential(joint, own)
+    joint, theta = _joint(model, record, own)
+    potential, centre, spread = _potential(joint, theta, own)
     start = np.random.default_rng(seed).normal(0.0, 0.1, (chains, len(centre)))
     kernel = numpyro.infer.NUTS(potential_fn=potential, forward_mode_differentiation=True)
     sampler = numpyro.infer.MCMC(
@@ -106,7 +99,8 @@ def posterior(
     return arviz.from_dict(_named(joint, own, centre + found @ spread.T))
 
 
-def _joint(model: Any, record: Any, own: Sequence[str]) -> _Joint:
+def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
+    """Records on their grids, and the fit."""
     records = [one.from_zero() for one in records_of(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
@@ -115,7 +109,8 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> _Joint:
     # All in the units of the first model: vectors of different units would not add up.
     unknowns, _ = theta_of_model(models[0], first_guesses(records[0]))
     thetas = [theta_of_model(one, None, unknowns)[1] for one in models]
-    vector = joint_vector(unknowns, len(records), own)
+    places = joint_places(unknowns, len(records), own)
+    theta = merged(thetas, places)
     names = unknowns.law.inputs
     grids = tuple(
         gridded(
@@ -125,54 +120,56 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> _Joint:
         )
         for each in records
     )  # fmt: skip
-    free = np.ones(vector.size, dtype=bool)
-    for here in vector.places:
-        free[here[unknowns.free + 2 :]] = False
+    held = np.zeros(len(theta), dtype=bool)
+    for here in places:
+        held[here[unknowns.free + 2 :]] = True
     for k, name in enumerate(unknowns.law.parameters):
         low, high = models[0].intervals[name]
         if low == high:
-            free[[here[k] for here in vector.places]] = False
-    return _Joint(grids, vector, vector.merged(thetas), free)
+            held[[here[k] for here in places]] = True
+    bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
+    return JointRecords(grids, places, bounds), theta
 
 
-def _potential(joint: _Joint, own: Sequence[str]) -> tuple[Any, np.ndarray, np.ndarray]:
+def _potential(
+    joint: JointRecords, theta: np.ndarray, own: Sequence[str]
+) -> tuple[Any, np.ndarray, np.ndarray]:
     """Minus the logarithm of the density of scaled unknowns, with their centre and their scales.
 
     The unknowns are those entries of the search vector, then the logarithm of the noise, then mean
     and logarithm of the spread of each population.
     """
-    vector, theta = joint.vector, joint.theta
-    size, places = vector.size, np.flatnonzero(joint.free)
+    size, free = len(theta), np.flatnonzero(~joint.held)
     normal, left = np.zeros((size, size)), []
-    for grid, here in zip(joint.grids, vector.places, strict=True):
+    for grid, here in zip(joint.grids, joint.places, strict=True):
         each, slopes = grid.linearised(theta[here])
         normal[np.ix_(here, here)] += slopes.T @ slopes
         left.append(each)
     count = sum(map(len, left))
     level = max(float(np.sqrt(np.concatenate(left) @ np.concatenate(left) / count)), _LEAST)
-    strengths, directions = np.linalg.eigh(normal[np.ix_(places, places)])
+    strengths, directions = np.linalg.eigh(normal[np.ix_(free, free)])
     root = directions / np.sqrt(np.maximum(strengths, _FLAT * strengths[-1]))
-    law = joint.grids[0].unknowns.law
-    kept = [np.array([here[law.parameters.index(name)] for here in vector.places]) for name in own]
+    law = joint.unknowns.law
+    kept = [np.array([here[law.parameters.index(name)] for here in joint.places]) for name in own]
     means = [theta[here].mean() for here in kept]
     spreads = [max(theta[here].std(), 1e-3) for here in kept]
     extra = 1 + 2 * len(own)
     total = size + extra
     centre = np.concatenate([theta, [np.log(level)], means, np.log(spreads)])
-    scale = np.zeros((total, len(places) + extra))
-    scale[np.ix_(places, np.arange(len(places)))] = level * root
+    scale = np.zeros((total, len(free) + extra))
+    scale[np.ix_(free, np.arange(len(free)))] = level * root
     tails = [1.0 / np.sqrt(2.0 * count), *spreads, *(0.5 for _ in own)]
-    scale[np.arange(size, total), len(places) + np.arange(extra)] = tails
+    scale[np.arange(size, total), len(free) + np.arange(extra)] = tails
     samples = [grid.samples for grid in joint.grids]
-    residual = joint.grids[0].functions.residual
-    scales = joint.grids[0].scales
+    residual = residual_function(joint.unknowns, "residual")
+    scales = joint.unknowns.scales
 
     def potential(scaled: Any) -> Any:
         full = centre + scale @ scaled
         noise = full[size]
         cost = sum(
             (residual(full[here], each, scales) ** 2).sum()
-            for here, each in zip(vector.places, samples, strict=True)
+            for here, each in zip(joint.places, samples, strict=True)
         )
         minus = 0.5 * cost * jnp.exp(-2.0 * noise) + count * noise
         for k, here in enumerate(kept):
@@ -183,15 +180,15 @@ def _potential(joint: _Joint, own: Sequence[str]) -> tuple[Any, np.ndarray, np.n
         minus += 0.5 * ((scaled / _WIDE) ** 2).sum()
         return jnp.where(jnp.isfinite(minus), minus, jnp.inf)
 
-    return potential, centre, scale[:, : len(places) + extra]
+    return potential, centre, scale
 
 
-def _named(joint: _Joint, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
+def _named(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
     """Draws (chain, draw, ...) by name, in their units."""
-    unknowns, size = joint.grids[0].unknowns, joint.vector.size
+    unknowns, size = joint.unknowns, len(joint.held)
     several = len(joint.grids) > 1
     found: dict[str, Any] = {}
-    for place, here in enumerate(joint.vector.places):
+    for place, here in enumerate(joint.places):
         theta = np.moveaxis(full[..., here], -1, 0)
         values, shift, scale, z0, v0, _ = unknowns.physical(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):

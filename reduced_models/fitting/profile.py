@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.joint_vector import joint_normal
-from reduced_models.fitting.refinement import JointRecords
+from reduced_models.fitting.covariance import sandwich
+from reduced_models.fitting.uncertainty import Interval, intervals_between, named_entries
+from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, search
 
 FAR = math.log(1e6)
@@ -31,24 +31,23 @@ _ROUNDING = 1e-11
 _FIRST = 1.0  # longest first reach: further out, the linearisation is no guide
 
 
-class Ends(NamedTuple):
-    """Where the intervals of entries of a search vector end.
+def profile_intervals(
+    joint: JointRecords, theta: np.ndarray, covariance: np.ndarray, quantile: float
+) -> list[dict[str, Interval]]:
+    """Profile intervals of each record's parameters and map.
 
-    Attributes
-    ----------
-    low, high : float64 (p,)
-        Infinite where the data do not bound an entry, NaN for entries that were not asked for.
+    The variance by which a parameter's profile is measured is that with which the linearisation
+    has its ``covariance`` (q, q).
     """
-
-    low: np.ndarray
-    high: np.ndarray
-
-
-class _Sides(NamedTuple):
-    """The ends that are looked for, side by side: entry, and direction (-1 or 1) of each."""
-
-    entry: np.ndarray
-    sign: np.ndarray
+    unknowns, places = joint.unknowns, joint.places
+    count = len(named_entries(unknowns, theta[places[0]])[0])
+    entries = sorted({int(entry) for here in places for entry in here[:count]})
+    free = np.flatnonzero(~joint.held)
+    normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
+    plain[free] = np.diag(sandwich(normal, normal, 1.0))
+    variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
+    low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
+    return [intervals_between(unknowns, low[here], high[here]) for here in places]
 
 
 def profile_ends(
@@ -58,8 +57,8 @@ def profile_ends(
     covariance: np.ndarray,
     variance: np.ndarray,
     quantile: float,
-) -> Ends:
-    """Ends of profile intervals.
+) -> Bounds:
+    """Ends of profile intervals: infinite where the data do not bound an entry, NaN elsewhere.
 
     Parameters
     ----------
@@ -75,49 +74,48 @@ def profile_ends(
     quantile : float
         Profile t at the ends.
     """
-    count = len(entries)
-    sides = _Sides(np.repeat(np.array(entries, dtype=int), 2), np.tile([-1.0, 1.0], count))
-    room = np.where(
-        sides.sign < 0,
-        theta[sides.entry] - joint.bounds.low[sides.entry],
-        joint.bounds.high[sides.entry] - theta[sides.entry],
+    # Both sides of each entry are looked for together: s of them.
+    entry = np.repeat(np.array(entries, dtype=int), 2)
+    sign = np.tile([-1.0, 1.0], len(entries))
+    slack = np.where(
+        sign < 0, theta[entry] - joint.bounds.low[entry], joint.bounds.high[entry] - theta[entry]
     )
-    most = np.minimum(np.maximum(room, 0.0), FAR)
-    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[sides.entry]
+    most = np.minimum(np.maximum(slack, 0.0), FAR)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[entry]
     reach = np.minimum(np.minimum(quantile * spread, _FIRST), most)
-    guide = theta + sides.sign[:, None] * covariance[sides.entry] / spread[:, None] ** 2
-    found = _crossed(joint, theta, sides, reach, most, guide, variance[sides.entry], quantile)
+    guide = theta + sign[:, None] * covariance[entry] / spread[:, None] ** 2
+    distance = _distance_to_end(
+        joint, theta, entry, sign, reach, most, guide, variance[entry], quantile
+    )
     # Where the profile does not get there, a bound is the end, or there is none.
-    found = np.where(np.isinf(found) & (room < FAR), np.maximum(room, 0.0), found)
-    ends = np.full((2, len(theta)), np.nan)
-    for k, entry in enumerate(entries):
-        ends[0, entry] = theta[entry] - found[2 * k]
-        ends[1, entry] = theta[entry] + found[2 * k + 1]
-    return Ends(ends[0], ends[1])
+    distance = np.where(np.isinf(distance) & (slack < FAR), np.maximum(slack, 0.0), distance)
+    low, high = np.full((2, len(theta)), np.nan)
+    low[entry[::2]] = theta[entry[::2]] - distance[::2]
+    high[entry[::2]] = theta[entry[::2]] + distance[1::2]
+    return Bounds(low, high)
 
 
-def _crossed(
+def _distance_to_end(
     joint: JointRecords,
     theta: np.ndarray,
-    sides: _Sides,
+    entry: np.ndarray,
+    sign: np.ndarray,
     reach: np.ndarray,
     most: np.ndarray,
     guide: np.ndarray,
     variance: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """How far each side goes until its profile t is the quantile; infinite where it does not."""
-    normal = joint_normal([grid.normal() for grid in joint.grids], joint.vector)
+    """Distances (s,) at which the profile t is the quantile; infinite where it never is."""
+    normal = joint.normal()
     least = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(reach), np.zeros_like(reach)
     far, far_t = np.full_like(reach, np.inf), np.full_like(reach, np.inf)
     done = np.full_like(reach, np.nan)
     done[most <= 0.0] = np.inf
     for _ in range(_ROUNDS):
-        start = _along(theta, guide, sides, reach)
-        fits, costs, lacking = _held(
-            joint, normal, start, sides.entry, _RESOLVED * float(variance.min())
-        )
+        start = _along(theta, guide, entry, sign, reach)
+        fits, costs, lacking = _held(joint, normal, start, entry, _RESOLVED * float(variance.min()))
         least = min(least, float(costs.min()))
         rise = np.sqrt(np.maximum(costs - least, 0.0) / variance)
         done = np.where(
@@ -155,17 +153,19 @@ def _next(
     return np.where(np.isfinite(far), between, np.minimum(near * growth, most))
 
 
-def _along(theta: np.ndarray, guide: np.ndarray, sides: _Sides, reach: np.ndarray) -> np.ndarray:
+def _along(
+    theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
     """Search vectors (s, p) with each side's entry moved, the others along the way to a guide.
 
     A guide is the last fit that was good: the profile bends little, and a fit beyond the end may
     have lost the valley.
     """
     rows = np.arange(len(reach))
-    moved = sides.sign * (guide[rows, sides.entry] - theta[sides.entry])
+    moved = sign * (guide[rows, entry] - theta[entry])
     share = np.minimum(reach / np.where(moved > 0.0, moved, np.inf), _GROWTH)
     start = np.asarray(theta + share[:, None] * (guide - theta))
-    start[rows, sides.entry] = theta[sides.entry] + sides.sign * reach
+    start[rows, entry] = theta[entry] + sign * reach
     return start
 
 
@@ -182,7 +182,7 @@ def _held(
     high = np.tile(joint.bounds.high, (len(start), 1))
     low[rows, entry] = high[rows, entry] = start[rows, entry]
     size = sum(len(grid.record) for grid in joint.grids)
-    free = Prior(np.zeros(joint.vector.size), float(size))
+    free = Prior(np.zeros(start.shape[1]), float(size))
     for _ in range(_ATTEMPTS):
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
         start, costs = search(normal, start, free, tolerance, Bounds(low, high))

@@ -1,166 +1,305 @@
-"""The end of a fit: all samples, fine grids, and the adaptive solution as their judge."""
+"""The fit on fine grids: the best start refined, compared with accelerations, and judged.
+
+The best of a search is fitted to all samples, on grids that are refined until the solution agrees
+with the adaptive one. Beside it stands the fit that starts from accelerations in the record, which
+solves nothing.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.fitting.joint_vector import JointVector, joint_normal
+from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.start_values import matched_values
+from reduced_models.fitting.start_vectors import free_entries, with_initial_state
 from reduced_models.laws.solution import Solution, solution
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord
-from reduced_models.least_squares.unknowns import Unknowns
-from reduced_models.records.inputs import column
+from reduced_models.laws.symmetry import canonical
+from reduced_models.least_squares.joint_records import JointRecords, merged
+from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreement
+from reduced_models.least_squares.residuals import (
+    BLOWN_UP,
+    GriddedRecord,
+    cost_and_weight,
+    gridded,
+)
+from reduced_models.least_squares.samples import grid_over
+from reduced_models.records.inputs import Grid, column, driving
 
+FIRST_SWINGS = 2.0
+"""Swings that a search sees first."""
+COARSE_STEPS, FINE_STEPS = 16, 64
+"""Grid steps of a period: the phase error of a period is then 4e-6, and 1e-9."""
 SOLVER_LIMIT, SOLVER_SHARE = 1e-6, 0.05
 """Greatest error of the fitted solution, in amplitudes and in standard deviations of the residual;
 the larger of the two counts."""
-
 FINEST = 2**19
 """Steps of a grid."""
-_PATIENCE = 2  # trials without a gain, of a search that starts near its end
-_NEAR = 1e-6  # first damping of a search that starts near its end
+_SAME_VALLEY = 2.0  # times the cost of the fit
+_PARABOLA = 0.5  # share by which a cost may differ from the parabola about a fit, and belong to it
+_TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
+_BETTER = 0.99  # of a cost: less is another fit
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class JointRecords:
-    """Some records, each on its grid, that one search vector describes.
+class SearchResult:
+    """A problem, and where its fit stands.
 
     Attributes
     ----------
-    grids : tuple of GriddedRecord
-        All of the same unknowns.
-    vector : JointVector
-    bounds : Bounds
-        Of the joint search vector.
-    """
-
-    grids: tuple[GriddedRecord, ...]
-    vector: JointVector
-    bounds: Bounds
-
-    @property
-    def unknowns(self) -> Unknowns:
-        """Law and scales."""
-        return self.grids[0].unknowns
-
-    @property
-    def held(self) -> np.ndarray:
-        """Which entries (p,) of the joint search vector are given."""
-        return np.asarray(self.bounds.low == self.bounds.high)
-
-    def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Residuals (n,) of each record, in amplitudes."""
-        places = self.vector.places
-        return [grid.residuals(theta[here]) for grid, here in zip(self.grids, places, strict=True)]
-
-    def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
-        """J'J (p, p) of all samples."""
-        normal = joint_normal([grid.normal() for grid in self.grids], self.vector)
-        return np.asarray(normal(theta[None])[2][0])
-
-    def sharpened(
-        self, theta: np.ndarray, counts: Sequence[int], tolerance: float = 1e-11
-    ) -> np.ndarray:
-        """The search vector that fits the first samples of each record best, from one near it."""
-        normals = [grid.normal(count) for grid, count in zip(self.grids, counts, strict=True)]
-        prior = Prior(self.vector.joined(self.unknowns.prior), float(sum(counts)))
-        normal = joint_normal(normals, self.vector)
-        found, _ = search(
-            normal, theta[None], prior, tolerance, self.bounds, damping=_NEAR, patience=_PATIENCE
-        )
-        return np.asarray(found[0])
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class JudgedFit:
-    """A fit whose solution was judged.
-
-    Attributes
-    ----------
+    problem : FitProblem
     joint : JointRecords
-    trained, theta : float64 (p,)
-        Search vectors that fit the training stretches, and all of the records.
+        Of the whole records, on fine grids.
+    trained, theta : float64 (q,)
+        Search vectors that fit the training stretches, and all of the records; before `judged` the
+        latter is the former.
+    converged : int
+        Starts that led to this fit.
+    cost : float
+        Sum of the squared training residuals; infinite where the solution diverges.
+    coarse_cost : float
+        The same of the means on the search's coarse grid.
+    collocation : str
+        Where the fit from accelerations in the record, without a solution, led to: ``"same"``,
+        ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is none.
     solver_errors : tuple of float
         Greatest difference to the adaptive solution of each record, in amplitudes.
     """
 
+    problem: FitProblem
     joint: JointRecords
     trained: np.ndarray
     theta: np.ndarray
-    solver_errors: tuple[float, ...]
+    converged: int
+    cost: float
+    coarse_cost: float
+    collocation: str = "none"
+    solver_errors: tuple[float, ...] = ()
+
+    def trained_as(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
+        """The result with another fit to the training stretches."""
+        return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 
 
-def judged_fit(joint: JointRecords, trained: np.ndarray, training: Sequence[int]) -> JudgedFit:
-    """Fit all of the records, from a vector that fits training stretches of so many samples.
+def fine_grids(problem: FitProblem) -> list[Grid]:
+    """Fine grid over each record.
 
-    Grids are refined until their solutions agree with the adaptive ones.
+    One of a driven law, whose steps end at the samples, is no finer than need be at first.
+
+    Raises
+    ------
+    RecordError
+        If a record holds more periods than a fit can follow.
+    """
+    law = problem.law
+    wanted = law.resolution * (COARSE_STEPS if driving(law.inputs) else FINE_STEPS)
+    return [
+        grid_over(data.record, law.inputs, data.guess.period, wanted, problem.interpolation)
+        for data in problem.data
+    ]
+
+
+def refined(
+    problem: FitProblem, coarse: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
+) -> SearchResult:
+    """Fit on fine grids from the best start of a search, compared with collocation's estimate.
+
+    ``vectors`` are the search vectors (s, q) that starts led to on coarse grids, and their costs.
+    """
+    thetas, costs = vectors
+    unknowns = coarse.unknowns
+    grids = [
+        gridded(
+            unknowns, data.record, grid, problem.interpolation, data.weights,
+            problem.loss_of(data, unknowns.amplitude),
+        )
+        for data, grid in zip(problem.data, fine_grids(problem), strict=True)
+    ]  # fmt: skip
+    joint = JointRecords(tuple(grids), coarse.places, coarse.bounds)
+    count = sum(problem.samples)
+    first = _canonical(problem, joint, thetas[int(costs.argmin())])
+    reached = [float(grid.record.time[-1]) for grid in coarse.grids]
+    best = _refit_onwards(problem, joint, first, reached)
+    cost, coarse_cost = _cost(problem, joint, best), float(costs.min())
+    other = _collocated(problem, joint, best, cost)
+    collocation = "none"
+    if other is best:
+        collocation = "same"
+    elif other is not None:
+        tie = count * TIE**2
+        other_cost = _cost(problem, joint, other)
+        collocation = "same" if other_cost * _BETTER <= cost + tie else "worse"
+        if other_cost + tie < _BETTER * cost:
+            coarse_cost *= other_cost / cost
+            best = joint.refit(other, problem.samples)
+            cost, collocation = _cost(problem, joint, best), "better"
+    limit = agreement(np.array([coarse_cost]), count)
+    converged = int((costs <= limit).sum())
+    return SearchResult(problem, joint, best, best, converged, cost, coarse_cost, collocation)
+
+
+def _canonical(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> np.ndarray:
+    """A search vector that means the same, its angles and signs in their canonical form."""
+    unknowns = joint.unknowns
+    kept = {*problem.own, *problem.bounds}
+    theta = theta.copy()
+    names, here = unknowns.law.parameters, joint.places[0]
+    values = dict(zip(names, unknowns.physical(theta[here])[0], strict=True))
+    moved = canonical(unknowns.law, values, kept)
+    for place, name, unit in zip(here, names, unknowns.units, strict=False):
+        if moved[name] != values[name]:
+            theta[place] = moved[name] / unit
+    return theta
+
+
+def _cost(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> float:
+    """Cost of the training stretches; infinite where the solution diverges."""
+    total = 0.0
+    parts = zip(joint.grids, joint.residuals(theta), problem.samples, strict=True)
+    for grid, residuals, size in parts:
+        left = residuals[:size]
+        if (np.abs(left) >= BLOWN_UP).any():
+            return math.inf
+        weighted = left * grid.weights[:size]
+        total += float(cost_and_weight(weighted, grid.loss.numbers, np)[0].sum())
+    return total
+
+
+def _refit_onwards(
+    problem: FitProblem,
+    joint: JointRecords,
+    theta: np.ndarray,
+    reached: Sequence[float],
+    tolerance: float = 1e-11,
+) -> np.ndarray:
+    """Fit the training stretches on fine grids, from a time on that a search vector has seen."""
+    share = min(
+        end / float(data.training.time[-1]) for end, data in zip(reached, problem.data, strict=True)
+    )
+    while share < 0.999:
+        counts = [
+            max(4, int(np.searchsorted(data.training.time, share * data.training.time[-1])))
+            for data in problem.data
+        ]
+        theta = joint.refit(theta, counts, tolerance=max(tolerance, 1e-6))
+        share *= 2.0
+    return joint.refit(theta, problem.samples, tolerance=tolerance)
+
+
+def _collocated(
+    problem: FitProblem, joint: JointRecords, theta: np.ndarray, cost: float
+) -> np.ndarray | None:
+    """Fit that starts from accelerations in the leading record; None where there are none.
+
+    It is ``theta`` itself, a fit of that cost, where it starts in the same parabola.
+    """
+    unknowns, leader = joint.unknowns, problem.leader
+    if unknowns.map is None or unknowns.law.hidden or problem.own:
+        return None
+    given = unknowns.map
+    seen = leader.guess.seen_as(given.shift, given.scale)
+    mapped = leader.look.mapped(given.shift, given.scale)
+    values = np.array(unknowns.physical(theta[joint.places[0]])[0])
+    matched = matched_values(unknowns.law, seen, mapped, values, problem.bounds_of(leader))
+    free = free_entries(
+        unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
+    )
+    starts = [with_initial_state(unknowns, data.guess, free) for data in problem.data]
+    start = np.clip(merged(starts, joint.places)[0], *joint.bounds)
+    if not np.isfinite(start).all():
+        return None
+    # Beside the fit's own start of the motion: what lies in its valley need not go a long way.
+    beside = theta.copy()
+    for here in joint.places:
+        beside[here[: unknowns.free]] = start[here[: unknowns.free]]
+    risen = _cost(problem, joint, beside) - cost
+    if _is_of_one_parabola(joint.normal(problem.samples), theta, beside, risen):
+        return theta
+    if risen <= (_SAME_VALLEY - 1.0) * cost:
+        return joint.refit(beside, problem.samples, tolerance=_TELLING)
+    reached = [FIRST_SWINGS * data.guess.quickest for data in problem.data]
+    return _refit_onwards(problem, joint, start, reached, _TELLING)
+
+
+def _is_of_one_parabola(
+    normal: Normal, theta: np.ndarray, beside: np.ndarray, risen: float
+) -> bool:
+    """Whether cost and slope at a point are about those of the parabola about a fit.
+
+    In another valley the cost may be so by chance; the slope, which falls towards that valley, is
+    not so too.
+    """
+    away = beside - theta
+    foreseen = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
+    slope = float(away @ np.asarray(normal(beside[None])[1][0]))
+    return all(abs(each - foreseen) <= _PARABOLA * foreseen for each in (risen, slope))
+
+
+def judged(result: SearchResult) -> SearchResult:
+    """Fit all of the records, on grids whose solutions agree with the adaptive ones.
 
     Raises
     ------
     InputError
         If a solution does not stay finite or cannot be followed, even on the finest grid.
     """
-    name = joint.unknowns.law.name
+    joint, trained, training = result.joint, result.trained, result.problem.samples
     lengths = [len(grid.record) for grid in joint.grids]
     while True:
-        whole = lengths == list(training)
-        theta = trained if whole else joint.sharpened(trained, lengths)
+        theta = trained if lengths == list(training) else joint.refit(trained, lengths)
         residuals = joint.residuals(theta)
-        if any((np.abs(each) >= BLOWN_UP).any() for each in residuals):
+        if any((np.abs(left) >= BLOWN_UP).any() for left in residuals):
             raise InputError(
-                f"no start led to a solution of {quoted(name)} that stays finite over the record; "
-                "try "
-                "another law, more starts or a shorter record"
+                f"no start led to a solution of {quoted(joint.unknowns.law.name)} that stays "
+                "finite over the record; try another law, more starts or a shorter record"
             )
-        judged = [
-            _judged(grid, residual, theta[here])
-            for grid, residual, here in zip(
-                joint.grids, residuals, joint.vector.places, strict=True
+        errors, grids = [], []
+        for grid, left, here in zip(joint.grids, residuals, joint.places, strict=True):
+            error, limit, complete = _solver_error(grid, left, theta[here])
+            errors.append(error)
+            grids.append(grid if error <= limit else _finer(grid, error, complete=complete))
+        if all(new is old for new, old in zip(grids, joint.grids, strict=True)):
+            return dataclasses.replace(
+                result, joint=joint, trained=trained, theta=theta, solver_errors=tuple(errors)
             )
-        ]
-        if all(one.error <= one.limit for one in judged):
-            return JudgedFit(joint, trained, theta, tuple(one.error for one in judged))
-        joint = _refined(joint, judged)
-        trained = joint.sharpened(trained, training)
+        joint = dataclasses.replace(joint, grids=tuple(grids))
+        trained = joint.refit(trained, training)
 
 
-class _Judged(NamedTuple):
-    """What the adaptive solution says of one on a grid, in amplitudes."""
+def _finer(grid: GriddedRecord, error: float, *, complete: bool) -> GriddedRecord:
+    """The record on twice as many steps, because its solution is off by an error."""
+    finer = grid.grid.finer
+    if finer.steps > FINEST or not complete:
+        cause = f"is off by {error:.2g} amplitudes on a grid of {grid.grid.steps} steps"
+        if not complete:
+            cause = "cannot be followed by the adaptive solver"
+        raise InputError(
+            f"the fitted solution of {quoted(grid.unknowns.law.name)} {cause}; the limit is "
+            f"{SOLVER_LIMIT:g}: fit a shorter record, as of chaos, or a law that is less stiff"
+        )
+    return grid.on(finer)
 
-    error: float
-    limit: float
-    complete: bool
 
+def _solver_error(
+    grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray
+) -> tuple[float, float, bool]:
+    """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness.
 
-def _judged(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray) -> _Judged:
+    The difference is infinite where a solution is not finite; the last says whether the adaptive
+    solution reaches the end of the record.
+    """
+    unknowns = grid.unknowns
     judge = _adaptive_solution(grid, theta)
-    error = _solver_error(grid, residuals, theta, judge)
+    _, shift, scale, *_ = unknowns.physical(theta)
+    fitted = grid.record.height + residuals * unknowns.amplitude
+    error = float(np.abs(shift + scale * judge.z - fitted).max()) / unknowns.amplitude
     limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
-    return _Judged(error, limit, judge.ending == "complete")
-
-
-def _refined(joint: JointRecords, judged: Sequence[_Judged]) -> JointRecords:
-    """The same records on finer grids, where they are needed."""
-    grids = []
-    for grid, one in zip(joint.grids, judged, strict=True):
-        finer = grid.grid if one.error <= one.limit else grid.grid.finer
-        if finer.steps > FINEST or not one.complete:
-            cause = f"is off by {one.error:.2g} amplitudes on a grid of {grid.grid.steps} steps"
-            if not one.complete:
-                cause = "cannot be followed by the adaptive solver"
-            raise InputError(
-                f"the fitted solution of {quoted(grid.unknowns.law.name)} {cause}; the limit is "
-                f"{SOLVER_LIMIT:g}: fit a shorter record, as of chaos, or a law that is less stiff"
-            )
-        grids.append(grid if finer == grid.grid else grid.on(finer))
-    return dataclasses.replace(joint, grids=tuple(grids))
+    return error if math.isfinite(error) else math.inf, limit, judge.ending == "complete"
 
 
 def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
@@ -170,14 +309,3 @@ def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
     inputs = [column(record, name) for name in unknowns.law.inputs]
     how = grid.interpolation
     return solution(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)
-
-
-def _solver_error(
-    grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray, judge: Solution
-) -> float:
-    """Greatest difference of two solutions in amplitudes; infinite where one is not finite."""
-    unknowns = grid.unknowns
-    _, shift, scale, *_ = unknowns.physical(theta)
-    fitted = grid.record.height + residuals * unknowns.amplitude
-    error = float(np.abs(shift + scale * judge.z - fitted).max()) / unknowns.amplitude
-    return error if math.isfinite(error) else math.inf

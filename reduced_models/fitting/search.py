@@ -3,150 +3,157 @@
 Whoever fits all of a long record at once falls into the valleys in which the solution gains or
 loses a whole swing. Here the first two swings are fitted, then four, eight, sixteen, until all of
 the training stretch is seen: at each doubling, the phase at the new end is known to a fraction of a
-swing from what was fitted before.
+swing from what was fitted before. The search sees means of the samples on coarse grids.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.fitting.candidate import Candidate, Searched, fine_grids, refined
-from reduced_models.fitting.case import Case
-from reduced_models.fitting.horizons import (
+from reduced_models.fitting.problem import FitProblem, TrainingData
+from reduced_models.fitting.refinement import (
+    COARSE_STEPS,
     FIRST_SWINGS,
-    Coarse,
-    coarse_normal,
-    coarse_record,
-    horizons,
+    SearchResult,
+    fine_grids,
+    refined,
 )
-from reduced_models.fitting.joint_vector import JointVector, joint_vector
 from reduced_models.fitting.start_vectors import (
     free_entries,
     start_vectors,
-    started,
     swing_draws,
     swing_unknowns,
     unknowns_of,
+    with_initial_state,
 )
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.law import Law
+from reduced_models.least_squares.joint_records import (
+    JointRecords,
+    joint_normal,
+    joint_places,
+    merged,
+)
 from reduced_models.least_squares.levenberg_marquardt import (
     TIE,
     Bounds,
     Normal,
+    Prior,
     in_the_running,
     search,
 )
+from reduced_models.least_squares.residuals import GriddedRecord, normal_equations
+from reduced_models.least_squares.samples import grid_over, means_on_grid, samples_on_grid
 from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
+from reduced_models.records.inputs import driving
 
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
 _RIVAL_TRIALS = 20  # of a law as it stands, beside its fit with a map
 _HOPELESS = 4.0  # times the cost of the fit with a map
 _FREER = 1.5  # times the cost of the swing form: more is the law's own, or another valley
 _POOR = 0.05  # of the amplitude: what is left over where even the swing form may be in a wrong one
+_MOST_COARSE = 2**13  # steps over which all starts are followed; behind them, the best one
+_THIN = 2.0  # samples a coarse step, above which their means are fitted
 _MOST_NUMBERS = 2**26
 """Starts times grid points times unknowns, which stand in memory four times: two gigabytes."""
 
+Vectors = tuple[np.ndarray, np.ndarray]
+"""Search vectors (s, p) that starts led to, and their costs (s,)."""
 
-def best_candidate(
-    law: Law, wanted: HeightMap | str, case: Case, starts: int, seed: int
-) -> Candidate:
-    """The law with the map that is asked for, or that the data ask for."""
+
+def search_fit(problem: FitProblem) -> SearchResult:
+    """Fit the training stretches, with the map that is asked for, or that the data ask for."""
+    law, wanted = problem.law, problem.map
     if not law.mapped or isinstance(wanted, HeightMap):
         given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
-        return refined(case, _searched(law, given, case, starts, seed))
-    found = refined(case, _searched(law, None, case, starts, seed))
+        return refined(problem, *_search(problem, given))
+    mapped = refined(problem, *_search(problem, None))
     if wanted == "fitted":
-        return found
-    limit = _HOPELESS * found.coarse_cost
-    rival = _searched(law, HeightMap(), case, starts, seed, limit)
-    if rival.costs.min() > limit:
-        return found
-    return min(refined(case, rival), found, key=information)
+        return mapped
+    limit = _HOPELESS * mapped.coarse_cost
+    joint, vectors = _search(problem, HeightMap(), limit)
+    if vectors[1].min() > limit:
+        return mapped
+    return min(refined(problem, joint, vectors), mapped, key=_information)
 
 
-def _searched(
-    law: Law,
-    height_map: HeightMap | None,
-    case: Case,
-    starts: int,
-    seed: int,
-    limit: float = math.inf,
-) -> Searched:
-    """Search from random starts over horizons that double.
+def _information(result: SearchResult) -> float:
+    """Bayesian information criterion; residuals below the tie level count as equal."""
+    samples = sum(result.problem.samples)
+    mean = max(result.cost / samples, TIE**2)
+    return samples * math.log(mean) + len(result.theta) * math.log(samples)
+
+
+def _search(
+    problem: FitProblem, height_map: HeightMap | None, limit: float = math.inf
+) -> tuple[JointRecords, Vectors]:
+    """Coarse records, and where random starts lead to over horizons that double.
 
     All but the first are left out where even that costs more than the limit. Starts of the law's
     swing form come first; where the law leaves over more than that form does, which is free of
     the law's bounds, they may lie in the wrong valley, and starts of the law itself are tried too.
     """
     # First of all: a record with too many periods is refused before any search.
-    fine_grids(law, case)
-    unknowns = unknowns_of(law, height_map, case.leader.guess, case.leader.look)
-    vector = joint_vector(unknowns, len(case.data), case.own)
-    edges = [theta_bounds(unknowns, case.bounds_of(data), case.initial) for data in case.data]
-    bounds = Bounds(*(vector.merged(side) for side in zip(*edges, strict=True)))
-    coarse = [coarse_record(unknowns, case, data) for data in case.data]
-    _check_memory(starts, max(len(one.means.weight) for one in coarse), len(vector.places[0]))
-    swung = _swung(unknowns, vector, case, coarse, starts, seed)
-    if swung is not None:
-        theta, least = swung
-        normal, prior = coarse_normal(unknowns, vector, case, coarse, math.inf)
-        found = search(normal, theta, prior, bounds=bounds)
-        poor = prior.samples * _POOR**2
-        if found[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
-            other = _over_horizons(unknowns, vector, case, coarse, bounds, starts, seed, limit)
-            found = min(found, other, key=lambda one: float(one[1].min()))
-    else:
-        found = _over_horizons(unknowns, vector, case, coarse, bounds, starts, seed, limit)
-    reached = tuple(one.end for one in coarse)
-    return Searched(unknowns, vector, bounds, *found, reached)
+    fine_grids(problem)
+    unknowns = unknowns_of(problem.law, height_map, problem.leader)
+    places = joint_places(unknowns, len(problem.data), problem.own)
+    edges = [
+        theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data
+    ]
+    bounds = Bounds(*(merged(side, places) for side in zip(*edges, strict=True)))
+    grids = tuple(_coarse_record(unknowns, problem, data) for data in problem.data)
+    joint = JointRecords(grids, places, bounds)
+    points = max(len(grid.samples.weight) for grid in grids)
+    _check_memory(problem.starts, points, len(places[0]))
+    swing = _swing_vectors(problem, joint)
+    if swing is None:
+        return joint, _over_horizons(problem, joint, limit)
+    theta, least = swing
+    normal, prior = coarse_normal(problem, joint, math.inf)
+    vectors = search(normal, theta, prior, bounds=bounds)
+    poor = prior.samples * _POOR**2
+    if vectors[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
+        other = _over_horizons(problem, joint, limit)
+        vectors = min(vectors, other, key=lambda each: float(each[1].min()))
+    return joint, vectors
 
 
-def _over_horizons(
-    unknowns: Unknowns,
-    vector: JointVector,
-    case: Case,
-    coarse: Sequence[Coarse],
-    bounds: Bounds,
-    starts: int,
-    seed: int,
-    limit: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where random starts of a law lead to, and what that costs."""
-    theta = vector.merged(_start_vectors(unknowns, case, starts, seed))
-    costs, begun = np.zeros(starts), theta
-    for swings in horizons(coarse):
+def _over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Vectors:
+    """Search vectors that random starts of a law lead to, and what they cost."""
+    theta = start = merged(_start_vectors(problem, joint.unknowns), joint.places)
+    costs = np.zeros(problem.starts)
+    for swings in _horizons(problem, joint):
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
-        normal, prior = coarse_normal(unknowns, vector, case, coarse, swings)
-        if unknowns.law.start is None and not first:
-            theta = _better(normal, theta, begun)
+        normal, prior = coarse_normal(problem, joint, swings)
+        if problem.law.start is None and not first:
+            theta = _better(normal, theta, start)
         rival = first and not math.isinf(limit)
         trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
             waiting = None if not costs.any() else in_the_running(costs, prior.samples)
-            theta, costs = search(normal, theta, prior, bounds=bounds, waiting=waiting)
+            theta, costs = search(normal, theta, prior, bounds=joint.bounds, waiting=waiting)
         else:
             waiting = None if first else in_the_running(costs, prior.samples)
             theta, costs = search(
-                normal, theta, prior, _TOLERANCE, bounds, trials=trials, waiting=waiting
+                normal, theta, prior, _TOLERANCE, joint.bounds, trials=trials, waiting=waiting
             )
         if rival and costs.min() > limit:
             break
     return theta, costs
 
 
-def _better(normal: Normal, theta: np.ndarray, begun: np.ndarray) -> np.ndarray:
+def _better(normal: Normal, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
     """What fewer swings made of the starts, or the starts themselves where these fit better.
 
     Those of a law that is known by its equation alone come from all of the record: two swings may
     say nothing of what they tell, such as the frequency of a slow input.
     """
-    worse = np.asarray(normal(begun)[0]) < np.asarray(normal(theta)[0])
-    return np.where(worse[:, None], begun, theta)
+    worse = np.asarray(normal(start)[0]) < np.asarray(normal(theta)[0])
+    return np.where(worse[:, None], start, theta)
 
 
 def _check_memory(starts: int, points: int, unknowns: int) -> None:
@@ -159,59 +166,93 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
         )
 
 
-def _swung(
-    unknowns: Unknowns,
-    vector: JointVector,
-    case: Case,
-    coarse: Sequence[Coarse],
-    starts: int,
-    seed: int,
-) -> tuple[np.ndarray, float] | None:
+def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray, float] | None:
     """Start vectors of a mapped law where random starts of its swing form lead to; its cost."""
-    form, leader = unknowns.law.swing_form, case.leader
-    if form is None or unknowns.map is not None or case.own or case.bounds or case.start:
+    unknowns, leader = joint.unknowns, problem.leader
+    form = unknowns.law.swing_form
+    if form is None or unknowns.map is not None or problem.own or problem.bounds or problem.start:
         return None
-    random = np.random.default_rng(seed)
-    draws = swing_draws(form, leader.guess, leader.look, starts, random)
+    random = np.random.default_rng(problem.seed)
+    draws = swing_draws(form, leader, problem.starts, random)
     if draws is None:
         return None
     swinging = swing_unknowns(unknowns, form, draws)
     free = free_entries(swinging, draws)
-    theta = vector.merged([started(swinging, data.guess, free) for data in case.data])
-    for swings in horizons(coarse):
-        normal, prior = coarse_normal(swinging, vector, case, coarse, swings)
+    theta = merged(
+        [with_initial_state(swinging, data.guess, free) for data in problem.data], joint.places
+    )
+    grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
+    swing = dataclasses.replace(joint, grids=grids)
+    for swings in _horizons(problem, swing):
+        normal, prior = coarse_normal(problem, swing, swings)
         theta, costs = search(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
-    values = swinging.physical(theta[:, vector.places[0]].T)[0]
+    values = swinging.physical(theta[:, joint.places[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
     theta[:, : free.shape[1]] = free_entries(unknowns, mapped)
     return theta, float(costs.min())
 
 
-def _start_vectors(unknowns: Unknowns, case: Case, starts: int, seed: int) -> list[np.ndarray]:
+def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
     """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
-    found = [
+    vectors = [
         start_vectors(
-            unknowns,
-            data.guess,
-            data.look,
-            starts,
-            np.random.default_rng(seed),
-            case.start,
-            case.bounds_of(data),
+            unknowns, data, problem.starts, np.random.default_rng(problem.seed), problem.start,
+            problem.bounds_of(data),
         )
-        for data in case.data
-    ]
-    leader = found[case.data.index(case.leader)]
+        for data in problem.data
+    ]  # fmt: skip
+    leader = vectors[problem.data.index(problem.leader)]
     shared = slice(0, unknowns.free)
-    found[0] = found[0].copy()
-    keep = [unknowns.law.parameters.index(name) for name in case.own]
-    own = found[0][:, keep].copy()
-    found[0][:, shared] = leader[:, shared]
-    found[0][:, keep] = own
-    return found
+    vectors[0] = vectors[0].copy()
+    keep = [unknowns.law.parameters.index(name) for name in problem.own]
+    own = vectors[0][:, keep].copy()
+    vectors[0][:, shared] = leader[:, shared]
+    vectors[0][:, keep] = own
+    return vectors
 
 
-def information(found: Candidate) -> float:
-    """Bayesian information criterion; residuals below the tie level count as equal."""
-    mean = max(found.cost / found.samples, TIE**2)
-    return found.samples * math.log(mean) + len(found.theta) * math.log(found.samples)
+def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) -> GriddedRecord:
+    """Means of a training stretch, or of its first part, on a coarse grid."""
+    training, law, how = data.training, unknowns.law, problem.interpolation
+    wanted = law.resolution * COARSE_STEPS
+    period = data.guess.shortest_period
+    grid = grid_over(training, law.inputs, period, wanted, how)
+    if grid.steps > _MOST_COARSE:
+        count = int(np.searchsorted(training.time, grid.step * _MOST_COARSE, side="right"))
+        training = training.first(count)
+        grid = grid_over(training, law.inputs, period, wanted, how)
+    weights = data.weights[: len(training)]
+    if driving(law.inputs) or len(training) > _THIN * grid.steps:
+        samples = means_on_grid(training, grid, law.inputs, how, weights)
+    else:
+        # A mean of few samples is moved to its grid point by the slope between them, which is off
+        # where they are far apart: by as much as the noise, which the doubling does not survive.
+        samples = samples_on_grid(training, grid, law.inputs, how)
+        padded = np.zeros_like(samples.weight)
+        padded[: len(training)] = weights
+        samples = samples.weighted(padded)
+    loss = problem.loss_of(data, unknowns.amplitude)
+    return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
+
+
+def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tuple[Normal, Prior]:
+    """Normal equations of the first swings of coarse records, and the prior about the starts."""
+    normals, total = [], 0.0
+    for data, grid in zip(problem.data, joint.grids, strict=True):
+        means = grid.samples
+        seen = means.step * (means.place + means.share) <= swings * data.guess.quickest
+        weight = means.weight * seen
+        total += float((weight**2).sum())
+        normals.append(normal_equations(joint.unknowns, means.weighted(weight), grid.loss))
+    return joint_normal(normals, joint.places), joint.prior(total)
+
+
+def _horizons(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
+    """Swings that a search sees one after the other; infinitely many are all of them."""
+    ends = [float(grid.record.time[-1]) for grid in joint.grids]
+    most = max(end / data.guess.quickest for end, data in zip(ends, problem.data, strict=True))
+    swings = FIRST_SWINGS
+    while swings < most:
+        yield swings
+        swings *= 2.0
+    yield math.inf

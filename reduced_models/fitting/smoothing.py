@@ -1,12 +1,8 @@
-"""Height, velocity and acceleration of a record at some times, by local cubics."""
+"""Height, velocity and acceleration of a motion at some times, by local cubics."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-
-from granular.run.record import PistonRecord
 
 _HALF_WINDOW = 0.12  # in periods
 _LEAST = 6  # samples within a window
@@ -15,22 +11,14 @@ _AT_ONCE = 2**16  # samples of windows, in memory
 _CROWDED = 1e-13  # share of the greatest eigenvalue, below which there is nothing but rounding
 
 
-class Smoothed(NamedTuple):
-    """A smoothed motion: height, velocity, acceleration and time, each (n,)."""
+def smoothed(
+    time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int
+) -> np.ndarray:
+    """Height, velocity, acceleration and time (4, n) of a motion, by a cubic about each time.
 
-    height: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    time: np.ndarray
-
-
-def smoothed(record: PistonRecord, period: float, nodes: np.ndarray | int) -> Smoothed:
-    """The motion at some times, by a cubic through the samples about each.
-
-    ``nodes`` are the times, or how many, over all of the record. Times without enough samples about
-    them are left out; where hardly any has enough, the motion is that of the samples themselves.
+    ``nodes`` are the times, or how many, over all of the samples. Times without enough samples
+    about them are left out; where hardly any has enough, the motion is that of the samples.
     """
-    time = record.time
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
@@ -38,8 +26,8 @@ def smoothed(record: PistonRecord, period: float, nodes: np.ndarray | int) -> Sm
     first, last = (np.searchsorted(time, places + side * half) for side in (-1.0, 1.0))
     kept = (last - first >= _LEAST) & np.concatenate([[True], np.diff(places) > 0.0])
     if kept.sum() < _FEWEST:  # too few samples a period: straight from the samples
-        speed = np.gradient(record.height, time)
-        return Smoothed(record.height, speed, np.gradient(speed, time), time)
+        speed = np.gradient(height, time)
+        return np.stack([height, speed, np.gradient(speed, time), time])
     level, slope, bend = np.empty((3, int(kept.sum())))
     sizes = (last - first)[kept]
     for size in np.unique(sizes):
@@ -47,8 +35,8 @@ def smoothed(record: PistonRecord, period: float, nodes: np.ndarray | int) -> Sm
         for here in np.array_split(alike, 1 + size * len(alike) // _AT_ONCE):
             inside = first[kept][here, None] + np.arange(size)
             shifted = (time[inside] - places[kept][here, None]) / half
-            level[here], slope[here], bend[here] = _cubics(shifted, record.height[inside])
-    return Smoothed(level, slope / half, 2.0 * bend / half**2, places[kept])
+            level[here], slope[here], bend[here] = _cubics(shifted, height[inside])
+    return np.stack([level, slope / half, 2.0 * bend / half**2, places[kept]])
 
 
 def _cubics(place: np.ndarray, height: np.ndarray) -> np.ndarray:

@@ -3,20 +3,25 @@
 The record is smoothed by local cubics, which give height, velocity and acceleration at some times;
 parameters are then fitted to the accelerations, from random draws in units that the record's own
 time and lengths make (gradient matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x).
+Hidden states are not in a record, but what drives them is: for trial parameters they are carried
+along the smoothed motion of the first swings, and the accelerations that follow are compared.
 The result only starts the fit through the equation of motion.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.fitting.case import Pairs
-from reduced_models.fitting.hidden_starts import hidden_starts
+from reduced_models.fitting.problem import Pairs
 from reduced_models.fitting.smoothing import smoothed
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.law import Law, Starts
-from reduced_models.laws.symmetry import at_home
+from reduced_models.laws.symmetry import canonical
+from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, search
 from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.inputs import column, drive_at
 
@@ -25,6 +30,14 @@ _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall
 _OTHER_DRAWS = 1
 _STEPS = 20  # of a draw, at most
 _SPREAD = 0.05  # of the logarithm of repeated start values
+_GOOD = 4.0  # times the least mean square: a start that is kept
+
+# Of a law with hidden states:
+_SWINGS, _NODES_A_SWING = 6.0, 32
+_ROUNDS, _HIDDEN_DRAWS, _KEPT = 8, 4096, 48
+_TRIALS = 40
+_STEP = 1e-6  # of the logarithms, for slopes
+_FAR = 1e6
 
 
 def start_values(
@@ -43,7 +56,7 @@ def start_values(
     if law.start is not None:
         return law.start(guess, random, count)
     if law.hidden:
-        draws = hidden_starts(
+        draws = _hidden_starts(
             law, guess, record, lambda size: _random_draws(law, guess, random, size, bounds)
         )
     else:
@@ -99,7 +112,7 @@ def _random_draws(
     draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
     positive = np.array([name in law.positive for name in law.parameters])
     draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
-    values = at_home(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
+    values = canonical(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
     values |= {name: np.full(count, value) for name, value in _held(bounds).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
 
@@ -114,7 +127,7 @@ def _matched(
     """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
-    z, v, a, nodes = smoothed(record, guess.period, _NODES)
+    z, v, a, nodes = smoothed(record.time, record.height, guess.period, _NODES)
     drive = drive_at(record.time, [column(record, name) for name in law.inputs], nodes)
     field = compiled_field(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
@@ -146,13 +159,101 @@ def _matched(
         )
         results.append((float(found.cost), moved(found.x, unit)))
     results.sort(key=lambda pair: pair[0])
-    good = np.array([values for cost, values in results if cost <= 4.0 * results[0][0] + 1e-12])
+    good = np.array([values for cost, values in results if cost <= _GOOD * results[0][0] + 1e-12])
     # Draws that mean the same end at either sign and turns apart: which of them rounding puts first
     # must not tell where a search starts, nor bounds cut off the sign that it starts from.
-    home = at_home(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
+    home = canonical(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
     return np.stack([home[name] for name in law.parameters], axis=1)
 
 
 def _held(bounds: Pairs | None) -> dict[str, float]:
     """Parameters that bounds leave one value."""
     return {name: low for name, (low, high) in (bounds or {}).items() if low == high}
+
+
+def _hidden_starts(
+    law: Law, guess: FirstGuesses, record: PistonRecord, draw: Callable[[int], np.ndarray]
+) -> np.ndarray:
+    """Parameters (k, p) of a law with hidden states, the best first, from random draws (k, p)."""
+    end = min(float(record.time[-1]), _SWINGS * guess.period)
+    nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / guess.period)))
+    motion = smoothed(record.time, record.height, guess.period, nodes)
+    acceleration, times = motion[2:]
+    drive = drive_at(record.time, [column(record, name) for name in law.inputs], times)
+    carried = along(law, motion, drive)
+    scale = max(float(np.abs(acceleration).max()), 1e-300)
+    target = acceleration[:, None]
+
+    def misfits(values: np.ndarray) -> np.ndarray:
+        """Differences (n, m) for parameters (m, p), in units of the greatest acceleration."""
+        found = (carried(values.T)[0] - target) / scale
+        return np.nan_to_num(np.clip(found, -_FAR, _FAR), nan=_FAR)
+
+    best = np.empty((0, len(law.parameters)))
+    for _ in range(_ROUNDS):
+        drawn = np.vstack([best, draw(_HIDDEN_DRAWS)])
+        order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
+        best = drawn[order[:_KEPT]]
+    found, cost = search(
+        _normal(best, misfits), np.zeros_like(best),
+        Prior(np.full(best.shape[1], 0.01), float(len(nodes))), 1e-4, trials=_TRIALS,
+    )  # fmt: skip
+    values = best * np.exp(np.clip(found, -50.0, 50.0))
+    order = np.argsort(cost)
+    good = order[cost[order] <= _GOOD * cost[order[0]] + 1e-12]
+    return np.asarray(values[good])
+
+
+def along(
+    law: Law, motion: np.ndarray, drive: np.ndarray
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Function of parameters (p, m): accelerations (n, m) and hidden states (h, m) at the end.
+
+    Hidden states go from zero along the motion (4, n) that `smoothed` gives, by Heun's method;
+    ``drive`` (n, inputs) holds the inputs.
+    """
+    field = compiled_field(law.equation, law.inputs, "numpy")
+    z, v, _, time = motion
+
+    def carried(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        count = values.shape[1]
+        hidden = np.zeros((len(law.hidden), count))
+        found = np.empty((len(time), count))
+
+        def rates(k: int, states: np.ndarray) -> Any:
+            rows = field(z[k], v[k], *states, *drive[k], *values)
+            return [np.broadcast_to(row, count) for row in rows]
+
+        with np.errstate(all="ignore"):
+            for k in range(len(time)):
+                found[k], *here = rates(k, hidden)
+                if k + 1 < len(time):
+                    step = time[k + 1] - time[k]
+                    slope = np.array(here)
+                    ahead = np.clip(hidden + step * slope, -_FAR, _FAR)
+                    late = np.array(rates(k + 1, ahead)[1:])
+                    moved = hidden + 0.5 * step * (slope + late)
+                    hidden = np.nan_to_num(np.clip(moved, -_FAR, _FAR))
+        return found, hidden
+
+    return carried
+
+
+def _normal(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:
+    """The normal equations of logarithms (m, p) of factors of the units, by differences."""
+
+    def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        count, size = theta.shape
+        moved = np.repeat(theta[None], size + 1, axis=0)
+        moved[np.arange(1, size + 1), :, np.arange(size)] += _STEP
+        values = units * np.exp(np.clip(moved, -50.0, 50.0))
+        left = misfits(values.reshape(-1, size)).reshape(-1, size + 1, count)
+        slopes = (left[:, 1:] - left[:, :1]) / _STEP
+        here = left[:, 0]
+        return (
+            (here**2).sum(axis=0),
+            np.einsum("nps,ns->sp", slopes, here),
+            np.einsum("nps,nqs->spq", slopes, slopes),
+        )
+
+    return normal

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models.fitting.case import Pairs
+from reduced_models.fitting.problem import Pairs, TrainingData
 from reduced_models.fitting.start_values import start_values
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, SwingForm
@@ -19,17 +18,16 @@ from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
 _NEAR = 0.1  # spread of the logarithm of start values that are given
 
 
-def unknowns_of(
-    law: Law, height_map: HeightMap | None, guess: FirstGuesses, record: PistonRecord
-) -> Unknowns:
-    """The unknowns of a law, scaled by what a glance at the record tells."""
+def unknowns_of(law: Law, height_map: HeightMap | None, data: TrainingData) -> Unknowns:
+    """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
+    guess = data.guess
     given = height_map or HeightMap(guess.rest, guess.amplitude)
     seen = guess.seen_as(given.shift, given.scale)
     # A rest level near zero says nothing of a parameter's size: the amplitude counts too.
     away = dataclasses.replace(
         seen, rest=abs(seen.rest) + seen.amplitude, crossings=max(seen.crossings, LEAST_CROSSINGS)
     )
-    seen_record = record.mapped(given.shift, given.scale)
+    seen_record = data.look.mapped(given.shift, given.scale)
     typical = start_values(law, away, seen_record, np.random.default_rng(0), 1)
     units = tuple(
         1.0 if name in law.positive else abs(float(typical[name][0])) or 1.0
@@ -41,8 +39,7 @@ def unknowns_of(
 
 def start_vectors(
     unknowns: Unknowns,
-    guess: FirstGuesses,
-    record: PistonRecord,
+    data: TrainingData,
     count: int,
     random: np.random.Generator,
     near: Mapping[str, float] | None = None,
@@ -55,20 +52,20 @@ def start_vectors(
     """
     if unknowns.map is not None:
         shift, scale = unknowns.map.shift, unknowns.map.scale
-        seen = guess.seen_as(shift, scale)
-        mapped = record.mapped(shift, scale)
+        seen = data.guess.seen_as(shift, scale)
+        mapped = data.look.mapped(shift, scale)
         draws = start_values(unknowns.law, seen, mapped, random, count, bounds)
     else:
-        draws = _mapped_draws(unknowns, guess, count, random)
+        draws = _mapped_draws(unknowns, data.guess, count, random)
     for name, value in (near or {}).items():
         spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
         positive = name in unknowns.law.positive or value != 0.0
         unit = unknowns.units[unknowns.law.parameters.index(name)]
         draws[name] = value * np.exp(spread) if positive else spread * unit
-    return started(unknowns, guess, free_entries(unknowns, draws))
+    return with_initial_state(unknowns, data.guess, free_entries(unknowns, draws))
 
 
-def started(unknowns: Unknowns, guess: FirstGuesses, free: np.ndarray) -> np.ndarray:
+def with_initial_state(unknowns: Unknowns, guess: FirstGuesses, free: np.ndarray) -> np.ndarray:
     """Parameters and map (count, k) with the initial state of a record behind them."""
     count = len(free)
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
@@ -88,16 +85,13 @@ def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndar
 
 
 def swing_draws(
-    form: SwingForm,
-    guess: FirstGuesses,
-    record: PistonRecord,
-    count: int,
-    random: np.random.Generator,
+    form: SwingForm, data: TrainingData, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray] | None:
     """Random parameters (count,) of a swing form; None where it does not hold for the record."""
-    swing = (record.height - guess.rest) / guess.amplitude
+    guess = data.guess
+    swing = (data.look.height - guess.rest) / guess.amplitude
     seen = guess.seen_as(guess.rest, guess.amplitude)
-    return form.start(record.time, swing, seen, random, count)
+    return form.start(data.look.time, swing, seen, random, count)
 
 
 def swing_unknowns(

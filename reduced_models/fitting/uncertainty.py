@@ -1,4 +1,4 @@
-"""How sure fitted parameters are: intervals, and what the data leave open.
+"""Intervals of fitted parameters, and what the data leave open.
 
 Intervals come from the covariance at the minimum. Where a direction is called open, the variance of
 a residual is enlarged by the integrated autocorrelation time instead.
@@ -6,22 +6,19 @@ a residual is enlarged by the integrated autocorrelation time instead.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reduced_models.fitting.covariance import Information, marginal, sandwich
+from reduced_models.fitting.covariance import Information, marginal
 from reduced_models.laws.harmonic_balance import cycles, rates_of
 from reduced_models.laws.small_swing import JUMPS, NoSwing, small_swing
+from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.quality import Direction
 
-if TYPE_CHECKING:
-    from reduced_models.fitting.refinement import JointRecords
-    from reduced_models.least_squares.unknowns import Unknowns
+Interval = tuple[float, float]
 
 OPEN = 0.25
 """A direction is undetermined if the data leave the logarithm along it this uncertain."""
@@ -36,36 +33,28 @@ _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says
 _MOST_VARIANCE = 1e99  # of what the data leave open
 
 
-@dataclasses.dataclass(frozen=True)
-class Analysis:
-    """What is known of the parameters of a fit."""
-
-    intervals: Mapping[str, tuple[float, float]]
-    at_rest: AtRest | NoSwing
-    undetermined: tuple[Direction, ...]
-
-
 def interval_analysis(
     unknowns: Unknowns,
     theta: np.ndarray,
     known: Information,
     confidence: float,
     seen: tuple[float, float],
-) -> Analysis:
-    """Intervals of a fit to a record that saw such heights [m], linearised at its minimum."""
+) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[Direction, ...]]:
+    """Intervals of a fit, its small swing at rest, and the directions that the data leave open.
+
+    All are of the linearisation at the minimum; ``seen`` are the least and the greatest height [m]
+    of the record.
+    """
     quantile = known.quantile(confidence)
-    names, values, logs = _named(unknowns, theta)
+    names, values, logs = named_entries(unknowns, theta)
     intervals = {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
         intervals[name] = _interval(values[k], spread, unknowns, k, logarithmic=logs[k])
     information = _information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
-    return Analysis(
-        intervals=intervals,
-        at_rest=_at_rest(unknowns, theta, known.covariance, quantile, seen),
-        undetermined=open_directions(open_names, information),
-    )
+    at_rest = _at_rest(unknowns, theta, known.covariance, quantile, seen)
+    return intervals, at_rest, open_directions(open_names, information)
 
 
 def bootstrap_intervals(
@@ -74,7 +63,7 @@ def bootstrap_intervals(
     theta: np.ndarray,
     confidence: float,
     known: Information,
-) -> dict[str, tuple[float, float]]:
+) -> dict[str, Interval]:
     """Percentile intervals from search vectors (k, p) that were fitted to resampled records.
 
     Percentiles know nothing of how few independent samples there are: they are moved away from
@@ -89,41 +78,20 @@ def bootstrap_intervals(
     return intervals_between(unknowns, *edges)
 
 
-def profile_intervals(
-    joint: JointRecords, theta: np.ndarray, covariance: np.ndarray, quantile: float
-) -> list[dict[str, tuple[float, float]]]:
-    """Profile intervals of each record's parameters and map.
-
-    The variance by which a parameter's profile is measured is that with which the linearisation
-    has its ``covariance``.
-    """
-    from reduced_models.fitting.profile import profile_ends
-
-    unknowns, places = joint.unknowns, joint.vector.places
-    count = len(_named(unknowns, theta[places[0]])[0])
-    entries = sorted({int(entry) for here in places for entry in here[:count]})
-    free = np.flatnonzero(~joint.held)
-    normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
-    plain[free] = np.diag(sandwich(normal, normal, 1.0))
-    variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
-    low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
-    return [intervals_between(unknowns, low[here], high[here]) for here in places]
-
-
 def at_least_linear(
-    analysis: Analysis, intervals: Mapping[str, tuple[float, float]]
-) -> dict[str, tuple[float, float]]:
+    linear: Mapping[str, Interval],
+    undetermined: Sequence[Direction],
+    intervals: Mapping[str, Interval],
+) -> dict[str, Interval]:
     """Intervals of resampling or profiles, no narrower than linear ones in directions left open.
 
     Along these neither moves: a fit to a resampled record stays where it starts, and a profile ends
     where the prior about the start says so.
     """
-    left_open = {
-        name for direction in analysis.undetermined if direction.open for name in direction.powers
-    }
+    left_open = {name for direction in undetermined if direction.open for name in direction.powers}
     return {
         name: (
-            (min(low, analysis.intervals[name][0]), max(high, analysis.intervals[name][1]))
+            (min(low, linear[name][0]), max(high, linear[name][1]))
             if name in left_open
             else (low, high)
         )
@@ -131,11 +99,9 @@ def at_least_linear(
     }
 
 
-def intervals_between(
-    unknowns: Unknowns, low: np.ndarray, high: np.ndarray
-) -> dict[str, tuple[float, float]]:
+def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> dict[str, Interval]:
     """Intervals between two search vectors (p,)."""
-    names, _, logs = _named(unknowns, low)
+    names, _, logs = named_entries(unknowns, low)
     return {
         name: (
             _interval(low[k], 0.0, unknowns, k, logarithmic=logs[k])[0],
@@ -145,7 +111,10 @@ def intervals_between(
     }
 
 
-def _named(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
+def named_entries(
+    unknowns: Unknowns, theta: np.ndarray
+) -> tuple[list[str], np.ndarray, list[bool]]:
+    """Names of parameters and map, their entries of a search vector, and which are logarithms."""
     law = unknowns.law
     names = [*law.parameters]
     logs = [name in law.positive for name in names]
@@ -178,7 +147,7 @@ def _interval(
 
 def _information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> np.ndarray:
     """Fisher information on the logarithms of free parameters and map, the start left open."""
-    names, values, logs = _named(unknowns, theta)
+    names, values, logs = named_entries(unknowns, theta)
     relative = np.ones(len(names))
     for k, log in enumerate(logs):
         if not log:
@@ -196,7 +165,7 @@ def physical_covariance(
     unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and covariance (p, p), in their units, of what was fitted to a record."""
-    names, values, logs = _named(unknowns, theta)
+    names, values, logs = named_entries(unknowns, theta)
     units = [
         _unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
         for k, (value, log) in enumerate(zip(values, logs, strict=True))

@@ -18,7 +18,8 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import times
 from reduced_models.fitting.fitting import fit, law_of
-from reduced_models.fitting.options import HOLDOUT, STARTS, check_options, records_of
+from reduced_models.fitting.options import HOLDOUT, STARTS, check_options
+from reduced_models.fitting.problem import records_of
 from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
     Comparison,

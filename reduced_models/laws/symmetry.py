@@ -1,7 +1,7 @@
-"""Parameters that mean the same at other values, and where they are at home.
+"""Parameters that mean the same at other values, and their canonical form.
 
 An angle means the same a whole turn further on, and k*sin(z - r) the same with -k half a turn on.
-At home an angle lies in (-pi, pi], and what may change its sign is positive.
+In the canonical form an angle lies in (-pi, pi], and what may change its sign is positive.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _OPEN = (-math.inf, math.inf)
 
 
 class Symmetries(NamedTuple):
-    """What a law does not notice.
+    """Changes of parameters that a law does not notice.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Symmetries(NamedTuple):
 
 
 def symmetries(law: Law) -> Symmetries:
-    """Those of a law, found by trying."""
+    """Symmetries of a law, found by trying."""
     return _symmetries(law.equation, law.inputs, law.parameters, len(law.hidden))
 
 
@@ -84,13 +84,13 @@ def _symmetries(
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
 
 
-def at_home(
+def canonical(
     law: Law,
     values: Mapping[str, np.ndarray],
     kept: Collection[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Values (...) of parameters that mean the same, at home, or within bounds that keep it out.
+    """Values (...) of parameters in their canonical form, or as near to it as bounds let them.
 
     Those that are ``kept``, or that bounds hold at one value, stay.
     """

@@ -63,13 +63,8 @@ class Bounds(NamedTuple):
     high: np.ndarray
 
 
-class Batch(NamedTuple):
-    """A batch of search vectors with what the normal equations say there."""
-
-    theta: np.ndarray
-    cost: np.ndarray
-    gradient: np.ndarray
-    matrix: np.ndarray
+Point = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Search vectors (s, p) with their costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 
 def search(
@@ -121,28 +116,30 @@ def search(
     # Each start has its own where one has: profiles hold another entry in each.
     bounds = Bounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
     wanted = np.ones(len(start), dtype=bool) if waiting is None else waiting
-    best = _batch(normal, np.clip(start, *bounds))
+    best = _point(normal, np.clip(start, *bounds))
     sizes = np.full(len(start), 1.0 / damping)
     idle = np.zeros(len(start), dtype=int)
     for _ in range(trials):
-        precision = best.cost[:, None] / prior.samples * prior.precision
+        theta, cost = best[:2]
+        precision = cost[:, None] / prior.samples * prior.precision
         moved, gain = map(np.asarray, _moved(best, start, precision, sizes, bounds))
-        moved = np.where(np.isfinite(moved), moved, best.theta)
-        total = best.cost + (precision * (best.theta - start) ** 2).sum(axis=1)
+        moved = np.where(np.isfinite(moved), moved, theta)
+        total = cost + (precision * (theta - start) ** 2).sum(axis=1)
         idle = np.where((gain <= _VAIN * tolerance * total) & (sizes >= _LONG), patience, idle)
-        if _over(idle >= patience, wanted, best.cost, prior.samples):
+        if _over(idle >= patience, wanted, cost, prior.samples):
             break
-        trial = _batch(normal, moved)
-        trial_total = trial.cost + (precision * (trial.theta - start) ** 2).sum(axis=1)
+        trial = _point(normal, moved)
+        trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
         judged = _judged(best, start, precision, sizes, moved, total, trial_total)
         better, sizes = map(np.asarray, judged)
         sizes = np.clip(sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
-        best = Batch(*map(functools.partial(_chosen, better), trial, best))
-        if _over(idle >= patience, wanted, best.cost, prior.samples):
+        theta, cost, gradient, matrix = map(functools.partial(_chosen, better), trial, best)
+        best = theta, cost, gradient, matrix
+        if _over(idle >= patience, wanted, cost, prior.samples):
             break
-    return best.theta, best.cost
+    return best[:2]
 
 
 def _over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
@@ -161,23 +158,20 @@ def in_the_running(cost: np.ndarray, samples: float) -> np.ndarray:
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 
 
-def _batch(normal: Normal, theta: np.ndarray) -> Batch:
-    return Batch(theta, *map(np.asarray, normal(theta)))
+def _point(normal: Normal, theta: np.ndarray) -> Point:
+    cost, gradient, matrix = map(np.asarray, normal(theta))
+    return theta, cost, gradient, matrix
 
 
-class _Scaled(NamedTuple):
-    """A search vector's half cost, its slope and its matrix, in scaled entries."""
-
-    slope: jax.Array
-    matrix: jax.Array
-    scale: jax.Array
-
-
-def _scaled(best: Batch, start: jax.Array, precision: jax.Array) -> _Scaled:
-    full = jnp.asarray(best.matrix) + jnp.diag(precision)
+def _scaled(
+    best: Point, start: jax.Array, precision: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Slope and matrix of a search vector's half cost in scaled entries, and their scale."""
+    theta, _, gradient, matrix = best
+    full = jnp.asarray(matrix) + jnp.diag(precision)
     scale = 1.0 / jnp.sqrt(jnp.maximum(jnp.diag(full), 1e-300))
-    slope = jnp.asarray(best.gradient) + precision * (best.theta - start)
-    return _Scaled(scale * slope, full * jnp.outer(scale, scale), scale)
+    slope = jnp.asarray(gradient) + precision * (theta - start)
+    return scale * slope, full * jnp.outer(scale, scale), scale
 
 
 def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
@@ -189,29 +183,30 @@ def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
 @jax.jit
 @jax.vmap
 def _moved(
-    best: Batch, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
+    best: Point, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
 ) -> tuple[jax.Array, jax.Array]:
     """The next search vectors, within the bounds, and what of the cost they promise to save."""
+    theta, cost, *_ = best
     slope, matrix, scale = _scaled(best, start, precision)
     resting = (
-        ((best.theta <= bounds.low) & (slope >= 0.0))
-        | ((best.theta >= bounds.high) & (slope <= 0.0))
+        ((theta <= bounds.low) & (slope >= 0.0))
+        | ((theta >= bounds.high) & (slope <= 0.0))
         | (bounds.low == bounds.high)
     )
     identity = jnp.eye(len(slope))
     matrix = jnp.where(resting[:, None] | resting[None, :], identity, matrix)
     slope = jnp.where(resting, 0.0, slope)
-    place = _quadratic(0.5 * best.cost, slope, matrix)
+    place = _quadratic(0.5 * cost, slope, matrix)
     state = _DESCENT.query(slope, place, _DESCENT.init(slope, place))
     step, _ = _DESCENT.step(size, state)
     gain = -2.0 * slope @ step - step @ matrix @ step
-    return jnp.clip(best.theta + scale * step, bounds.low, bounds.high), gain
+    return jnp.clip(theta + scale * step, bounds.low, bounds.high), gain
 
 
 @jax.jit
 @jax.vmap
 def _judged(
-    best: Batch,
+    best: Point,
     start: jax.Array,
     precision: jax.Array,
     size: jax.Array,
@@ -227,7 +222,7 @@ def _judged(
     state = type(state)(step_size=size)
     origin = jnp.zeros_like(slope)
     length, accepted, _, _ = _TRUST.step(
-        jnp.array(False), origin, (moved - best.theta) / scale, here, there, state
+        jnp.array(False), origin, (moved - best[0]) / scale, here, there, state
     )
     return accepted & (trial_total < total), length
 

@@ -1,4 +1,4 @@
-"""What a law's solution leaves over of a record: residuals and normal equations, compiled.
+"""Residuals of a law's solution on a record, and their normal equations, compiled.
 
 All starts, with their sensitivities, go through the same compiled loop side by side. A solution
 that diverges costs no more than one that does not.
@@ -33,7 +33,7 @@ BLOWN_UP = 1e3
 
 
 class Loss(NamedTuple):
-    """What a residual r costs.
+    """Cost of a residual r.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Loss(NamedTuple):
 
 
 def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
-    """What residuals cost, and the weights with which their squares have the same slope."""
+    """Costs of residuals, and the weights with which their squares have the same slope."""
     size = np_.abs(residuals)
     root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
     soft = 2.0 * residuals**2 / (1.0 + root)
@@ -94,40 +94,38 @@ def with_walk(left: np.ndarray, gain: float) -> np.ndarray:
     return np.asarray(lfilter([1.0, gain - 1.0], [1.0, -1.0], left))
 
 
-class ResidualFunctions(NamedTuple):
-    """Compiled functions of search vectors.
+Kind = Literal["normal", "linear", "residual"]
 
-    Attributes
+
+def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
+    """Compiled function of search vectors.
+
+    Parameters
     ----------
-    normal : callable
-        (theta (s, p), samples, scales, loss) -> cost (s,), gradient J'r (s, p), matrix J'J
-        (s, p, p).
-    linear : callable
-        (theta (p,), samples, scales) -> weighted residuals (n,), in amplitudes, and their
-        derivatives (p, n).
-    residual : callable
-        (theta (p,), samples, scales) -> the residuals alone.
+    unknowns : Unknowns
+    kind : str
+        ``"normal"``: (theta (s, p), samples, scales, loss) -> cost (s,), gradient J'r (s, p),
+        matrix J'J (s, p, p). ``"linear"``: (theta (p,), samples, scales) -> weighted residuals
+        (n,), in amplitudes, and their derivatives (p, n). ``"residual"``: the residuals alone.
     """
-
-    normal: Callable[..., tuple[jax.Array, ...]]
-    linear: Callable[..., tuple[jax.Array, ...]]
-    residual: Callable[..., jax.Array]
-
-    def of(self, samples: Samples, scales: np.ndarray, loss: Loss) -> Normal:
-        """The normal equations of given data."""
-        return lambda theta: self.normal(theta, samples, scales, loss.numbers)
-
-
-def residual_functions(unknowns: Unknowns) -> ResidualFunctions:
-    """The compiled residuals of some unknowns."""
     law = unknowns.law
-    return _compiled(law.equation, law.inputs, unknowns.logarithmic, unknowns.map is None)
+    return _compiled(kind, law.equation, law.inputs, unknowns.logarithmic, unknowns.map is None)
 
 
-@functools.lru_cache(maxsize=PROGRAMS)
+def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
+    """Normal equations of samples, for many search vectors side by side."""
+    function, scales = residual_function(unknowns, "normal"), unknowns.scales
+    return lambda theta: function(theta, samples, scales, loss.numbers)
+
+
+@functools.lru_cache(maxsize=3 * PROGRAMS)
 def _compiled(
-    equation: str, inputs: tuple[str, ...], logarithmic: tuple[bool, ...], fits_map: bool
-) -> ResidualFunctions:
+    kind: Kind,
+    equation: str,
+    inputs: tuple[str, ...],
+    logarithmic: tuple[bool, ...],
+    fits_map: bool,
+) -> Callable[..., Any]:
     field = compiled_field(equation, inputs)
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
@@ -171,7 +169,10 @@ def _compiled(
             jnp.einsum("pns,qns->spq", weight * jacobian, jacobian),
         )
 
-    return ResidualFunctions(jax.jit(normal), jax.jit(linear), jax.jit(residual))
+    functions: dict[Kind, Callable[..., Any]] = {
+        "normal": normal, "linear": linear, "residual": residual
+    }  # fmt: skip
+    return jax.jit(functions[kind])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -184,7 +185,6 @@ class GriddedRecord:
     record : PistonRecord
         That starts at time 0.
     grid : Grid
-    functions : ResidualFunctions
     samples : Samples
     interpolation : str
         Of the inputs.
@@ -198,7 +198,6 @@ class GriddedRecord:
     unknowns: Unknowns
     record: PistonRecord
     grid: Grid
-    functions: ResidualFunctions
     samples: Samples
     interpolation: Interpolation
     weights: np.ndarray
@@ -207,8 +206,9 @@ class GriddedRecord:
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Residuals (n,) of all samples, in amplitudes; not weighted."""
-        found = self.functions.linear(theta, self._seen(None, weighted=False), self.scales)[0]
-        return np.asarray(found)[: len(self.record)]
+        linear = residual_function(self.unknowns, "linear")
+        left = linear(theta, self._seen(None, weighted=False), self.unknowns.scales)[0]
+        return np.asarray(left)[: len(self.record)]
 
     def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
@@ -217,14 +217,10 @@ class GriddedRecord:
     def _linear(
         self, theta: np.ndarray, seen: Samples, count: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        left, slopes = self.functions.linear(theta, seen, self.scales)
+        linear = residual_function(self.unknowns, "linear")
+        left, slopes = linear(theta, seen, self.unknowns.scales)
         each = np.asarray(left)[:count], np.asarray(slopes).T[:count]
         return without_walk(each[0], self.gain), without_walk(each[1], self.gain)
-
-    @property
-    def scales(self) -> np.ndarray:
-        """Of the unknowns."""
-        return self.unknowns.scales
 
     def normal(self, count: int | None = None) -> Normal:
         """The normal equations of the first ``count`` samples, or of all.
@@ -233,15 +229,15 @@ class GriddedRecord:
         """
         seen = self._seen(count)
         last = len(self.record) if count is None else count
-        several = self.functions.of(seen, self.scales, self.loss)
+        several = normal_equations(self.unknowns, seen, self.loss)
 
-        def one(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        def single(theta: np.ndarray) -> tuple[np.ndarray, ...]:
             left, slopes = self._linear(theta[0], seen, last)
             cost, weight = cost_and_weight(left, self.loss.numbers, np)
             weighted = weight[:, None] * slopes
             return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
 
-        return lambda theta: one(theta) if len(theta) == 1 else several(theta)
+        return lambda theta: single(theta) if len(theta) == 1 else several(theta)
 
     def _seen(self, count: int | None, *, weighted: bool = True) -> Samples:
         weight = np.zeros_like(self.samples.weight)
@@ -275,5 +271,4 @@ def gridded(
     """All of a record that starts at time 0, on a grid."""
     samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
     given = np.ones(len(record)) if weights is None else weights
-    functions = residual_functions(unknowns)
-    return GriddedRecord(unknowns, record, grid, functions, samples, how, given, loss)
+    return GriddedRecord(unknowns, record, grid, samples, how, given, loss)

@@ -12,8 +12,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.result_cache import digest
-from reduced_models.fitting.case import split
 from reduced_models.fitting.options import HOLDOUT, STARTS
+from reduced_models.fitting.problem import training_data
 from reduced_models.fitting.start_vectors import start_vectors, unknowns_of
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.height_map import HeightMap
@@ -88,10 +88,10 @@ class Problem(NamedTuple):
 
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """The first of the random starts that ``fit(record, law)`` searches from."""
-    data = split(record, HOLDOUT, None, None)
-    unknowns = unknowns_of(law, HeightMap(), data.guess, data.training)
+    data = training_data(record, HOLDOUT)
+    unknowns = unknowns_of(law, HeightMap(), data)
     random = np.random.default_rng(0)
-    found = start_vectors(unknowns, data.guess, data.training, STARTS, random)
+    found = start_vectors(unknowns, data, STARTS, random)
     return Problem(record, unknowns, found[:starts])
 
 

@@ -141,7 +141,7 @@ def test_import_is_light(package: str) -> None:
 
 PACKAGES = (
     "granular", "granular.observables", "granular.schema", "reduced_models",
-    "reduced_models.fitting", "reduced_models.laws", "reduced_models.machines", "validation",
+    "reduced_models.laws", "reduced_models.machines", "validation",
 )  # fmt: skip
 
 

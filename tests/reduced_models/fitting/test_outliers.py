@@ -9,7 +9,7 @@ import numpy as np
 from granular import PistonRecord
 from reduced_models import fit
 from reduced_models.fitting.bootstrap import middle
-from reduced_models.fitting.case import without_outliers
+from reduced_models.fitting.problem import without_outliers
 from reduced_models.least_squares.residuals import Loss
 
 TIME = np.linspace(0.0, 40.0, 2000)

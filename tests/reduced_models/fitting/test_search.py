@@ -153,15 +153,15 @@ def test_what_residuals_look_like() -> None:
     motion, white = np.sin(3.0 * TIME), random.normal(size=2000)
     speed, period = 3.0 * np.cos(3.0 * TIME), 2.0 * np.pi / 3.0
     plain = diagnostics(TIME, white, speed, period)
-    assert min(plain.whiteness, plain.signs) > 1e-3
+    assert min(plain["whiteness"], plain["signs"]) > 1e-3
     late = diagnostics(TIME, white + 5.0 * speed * 0.1, speed, period)
-    assert late.lag == pytest.approx(0.5, rel=0.1)
-    assert late.swinging > 0.5
-    assert late.whiteness < 1e-12
+    assert late["lag"] == pytest.approx(0.5, rel=0.1)
+    assert late["swinging"] > 0.5
+    assert late["whiteness"] < 1e-12
     slow = diagnostics(TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period)
-    assert slow.drift > 10.0
-    assert slow.slow > slow.swinging
-    assert diagnostics(TIME, 0.0 * motion, speed, period).whiteness == 1.0
+    assert slow["drift"] > 10.0
+    assert slow["slow"] > slow["swinging"]
+    assert diagnostics(TIME, 0.0 * motion, speed, period)["whiteness"] == 1.0
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])

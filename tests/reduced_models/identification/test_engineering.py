@@ -175,6 +175,6 @@ def test_structure_is_called_wrong_though_it_is_small(
     moved = PistonRecord(time, 0.059 + swing + error(time))
     left = moved.height - model.follow(moved).height
     seen = diagnostics(time, left, np.gradient(swing, time), 2.0 * math.pi / 21.0)
-    quality = dataclasses.replace(model.quality, whiteness=seen.whiteness, signs=seen.signs)
+    quality = dataclasses.replace(model.quality, whiteness=seen["whiteness"], signs=seen["signs"])
     found = residual_tests(dataclasses.replace(model, quality=quality), moved)
     assert found.verdict.startswith(words)

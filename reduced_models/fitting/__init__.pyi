@@ -1,5 +1,0 @@
-from .fitting import fit
-
-__all__ = [
-    "fit",
-]  # fmt: skip

@@ -1,0 +1,245 @@
+"""The problem that a fit solves: a law, the records that it is fitted to, and all that is asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.laws.law import Law
+from reduced_models.least_squares.residuals import Loss, LossName
+from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
+from reduced_models.records.inputs import Interpolation
+
+Pairs = Mapping[str, tuple[float, float]]
+Intervals = Literal["linear", "bootstrap", "profile"]
+
+_SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
+"""Of the losses, in standard deviations of the noise: nine tenths as sharp as least squares, and
+more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
+_LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
+_WINDOW = 5  # samples whose median is compared: three of them must be sound
+_FAR = 5.0  # standard deviations of the noise
+
+
+class TrainingData(NamedTuple):
+    """A record from time 0 on, and the stretch of it that a fit may see first.
+
+    Attributes
+    ----------
+    record, training : PistonRecord
+    stop : float
+        End of the training stretch [s].
+    look : PistonRecord
+        The training stretch as first guesses and start values see it: without outliers, where the
+        loss spares them.
+    guess : FirstGuesses
+    weights : float64 (n,)
+        Of the residuals.
+    noise : float
+        Of a residual with the weight 1 [m]; where it was not given, from the record, if the loss
+        asks for it.
+    fixed : mapping of str to float
+        Parameters that are given for this record alone.
+    """
+
+    record: PistonRecord
+    training: PistonRecord
+    stop: float
+    look: PistonRecord
+    guess: FirstGuesses
+    weights: np.ndarray
+    noise: float
+    fixed: Mapping[str, float] = {}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FitProblem:
+    """Records to fit together, and what is asked; see `reduced_models.fitting.fitting.fit`.
+
+    Attributes
+    ----------
+    law : Law
+    data : tuple of TrainingData
+        One a record; the one that swings the furthest sets the scales.
+    map : HeightMap, "auto" or "fitted"
+    own : tuple of str
+        Parameters that each record has for itself.
+    bounds : mapping of str to (float, float)
+        Equal ones where a parameter is given.
+    start : mapping of str to float
+        Values about which parameters are looked for.
+    initial : mapping of str to float
+        Height [m], velocity [m/s] and hidden states at the start, where they are given.
+    loss : str
+    interpolation : str
+        Of the inputs.
+    known_noise : bool
+        The noise was given.
+    starts : int
+    confidence : float
+    intervals : str
+    seed : int
+    """
+
+    law: Law
+    data: tuple[TrainingData, ...]
+    map: HeightMap | Literal["auto", "fitted"]
+    own: tuple[str, ...]
+    bounds: Pairs
+    start: Mapping[str, float]
+    initial: Mapping[str, float]
+    loss: LossName
+    interpolation: Interpolation
+    known_noise: bool
+    starts: int
+    confidence: float
+    intervals: Intervals
+    seed: int
+
+    def bounds_of(self, data: TrainingData) -> Pairs:
+        """Bounds of the parameters of one of the records."""
+        return {**self.bounds, **{name: (value, value) for name, value in data.fixed.items()}}
+
+    @property
+    def leader(self) -> TrainingData:
+        """The record that swings the furthest."""
+        return max(self.data, key=lambda data: data.guess.amplitude)
+
+    @property
+    def samples(self) -> tuple[int, ...]:
+        """Number of samples of each training stretch."""
+        return tuple(len(data.training) for data in self.data)
+
+    @property
+    def noise(self) -> tuple[float | None, ...]:
+        """Noise of each record, where it was given [m]."""
+        return tuple(data.noise if self.known_noise else None for data in self.data)
+
+    def loss_of(self, data: TrainingData, amplitude: float) -> Loss:
+        """Loss of a record's residuals, which count in amplitudes."""
+        scale = _SCALES[self.loss] * max(data.noise / amplitude, _LEAST_SCALE)
+        return Loss(self.loss, scale)
+
+
+def training_data(
+    record: PistonRecord,
+    holdout: float,
+    weights: np.ndarray | None = None,
+    noise: float | None = None,
+    loss: LossName = "linear",
+    fixed: Mapping[str, float] | None = None,
+) -> TrainingData:
+    """Split a record into its training stretch and what is held out, and take a glance at it.
+
+    Raises
+    ------
+    RecordError
+        If the training stretch is too short, or does not move.
+    """
+    whole = record.from_zero()
+    stop = float(whole.time[-1]) * (1.0 - holdout)
+    # Two samples make a record; what is too short to fit is told by its first guesses.
+    count = max(2, int(np.searchsorted(whole.time, stop, side="right")))
+    training = whole.first(count)
+    given = np.ones(len(whole)) if weights is None else weights
+    level = noise or 0.0
+    if noise is None and loss != "linear":
+        level = noise_level(whole.height, whole.time)
+    look = training if loss == "linear" else without_outliers(training)
+    guess = first_guesses(look)
+    return TrainingData(whole, training, stop, look, guess, given, level, fixed or {})
+
+
+def without_outliers(record: PistonRecord) -> PistonRecord:
+    """Move samples of a record that are far from the median about them to it.
+
+    What a fit starts from must not be led by outliers: they are greater than the swing's own
+    amplitude at times, and each makes two passages through rest.
+
+    Far is above five standard deviations of the noise, which third differences tell; where samples
+    are so few that the motion itself goes as far between them, none is moved.
+    """
+    height = record.height
+    if len(height) < _WINDOW:
+        return record
+    around = np.pad(height, _WINDOW // 2, mode="edge")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _WINDOW), axis=1)
+    step = float(np.median(np.abs(np.diff(medians))))
+    limit = _FAR * max(noise_level(height, record.time), step)
+    far = np.abs(height - medians) > limit
+    return dataclasses.replace(record, height=np.where(far, medians, height))
+
+
+def records_of(record: Any) -> list[PistonRecord]:
+    """One record, or a sequence of them, as a list.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if isinstance(record, PistonRecord):
+        return [record]
+    if isinstance(record, Sequence) and not isinstance(record, str):
+        records = list(record)
+        if not records:
+            raise InputError("there is no record to fit; give at least one")
+        if all(isinstance(each, PistonRecord) for each in records):
+            return records
+    kind = type(record).__name__
+    raise InputError(
+        f"a {kind} is no record; give a PistonRecord, such as "
+        "PistonRecord.from_columns({'time': ..., 'height': ...})"
+    )
+
+
+def weights_of(
+    records: Sequence[PistonRecord], weights: Any, noise: Any
+) -> list[tuple[np.ndarray | None, float | None]]:
+    """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1.
+
+    Raises
+    ------
+    InputError
+        If they are no positive numbers, one a sample.
+    """
+    if weights is not None and noise is not None and np.ndim(noise) > 0:
+        raise InputError("noise of each sample gives their weights; leave weights out")
+    several = len(records) > 1
+    both: list[tuple[np.ndarray | None, float | None]] = []
+    for k, record in enumerate(records):
+        own_weights = _of_record("weights", weights, k, record, several=several)
+        own_noise = _of_record("noise", noise, k, record, several=several)
+        if own_noise is None or own_noise.ndim == 0:
+            level = None if own_noise is None else float(own_noise)
+            both.append((own_weights, level))
+        else:
+            level = float(1.0 / np.sqrt((own_noise**-2.0).mean()))
+            both.append((level / own_noise, level))
+    return both
+
+
+def _of_record(
+    what: str, given: Any, k: int, record: PistonRecord, *, several: bool
+) -> np.ndarray | None:
+    if given is None:
+        return None
+    try:
+        own = np.asarray(given[k] if several and np.ndim(given) != 0 else given, dtype=np.float64)
+    except (TypeError, ValueError, IndexError):
+        own = np.array(np.nan)
+    shapes = [record.time.shape] if what == "weights" else [(), record.time.shape]
+    if own.shape not in shapes or not np.isfinite(own).all() or not (own > 0.0).all():
+        raise InputError(
+            f"{what}: give positive numbers, one a sample ({len(record)})"
+            + (", or one for all" if what == "noise" else "")
+            + (", for each record" if several else "")
+        )
+    return own
