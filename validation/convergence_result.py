@@ -11,6 +11,7 @@ import numpy as np
 
 from granular.shared.plotting import COLOURS, STYLES, axes_or_new, figure
 from validation.outside import ORDERS
+from validation.runner import PlainData
 from validation.table import WIDTH, TextTable, legend, table, tabulate
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class Slope(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class ConvergenceResult:
+class ConvergenceResult(PlainData):
     """Errors of one method on one exact problem.
 
     Attributes
@@ -159,26 +160,6 @@ class ConvergenceResult:
         for line in (axes.xaxis, axes.yaxis):
             line.set_minor_formatter("")  # labels between powers of ten would overlap
         return axes
-
-    def to_plain(self) -> dict[str, Any]:
-        """The result as plain data."""
-        plain = dataclasses.asdict(self)
-        plain["fit"] = None if self.fit is None else self.fit._asdict()
-        return plain
-
-    @classmethod
-    def from_plain(cls, plain: dict[str, Any]) -> ConvergenceResult:
-        """The result from what `to_plain` made, also by way of JSON."""
-        fit = plain["fit"]
-        return cls(
-            **{
-                **plain,
-                "steps": tuple(plain["steps"]),
-                "errors": tuple(plain["errors"]),
-                "seconds": tuple(plain["seconds"]),
-                "fit": fit and Slope(**{**fit, "interval": tuple(fit["interval"])}),
-            }
-        )
 
 
 HEADER = (

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -24,7 +24,7 @@ from granular.effects.wall_experimental import force
 from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
-from validation.runner import Section, Task
+from validation.runner import PlainData, Section, Task
 from validation.table import WIDTH, TextTable, legend, table
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class DepaulaRun:
 
 
 @dataclasses.dataclass(frozen=True)
-class DepaulaExperiment:
+class DepaulaExperiment(PlainData):
     """All forms at all steps."""
 
     runs: tuple[DepaulaRun, ...]
@@ -239,21 +239,6 @@ class DepaulaExperiment:
         axes.set_ylabel("peak off the start [m]")
         axes.set_xticks(range(1, 1 + len(self.of(PLAIN)[-1].peaks)))
         return axes
-
-    def to_plain(self) -> dict[str, Any]:
-        """The experiment as plain data."""
-        return dataclasses.asdict(self)
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> DepaulaExperiment:
-        """The experiment from what `to_plain` made, also by way of JSON."""
-        lists = ("peaks", "path")
-        return cls(
-            tuple(
-                DepaulaRun(**{**one, **{name: tuple(one[name]) for name in lists}})
-                for one in plain["runs"]
-            )
-        )
 
 
 def _slope(steps: list[float], errors: list[float]) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
@@ -21,7 +21,7 @@ from granular.schema.scales import Scales
 from granular.shared.errors import RunError
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.exact import bounce, oscillation
-from validation.runner import Section, Task
+from validation.runner import PlainData, Section, Task
 from validation.table import WIDTH, TextTable, legend, table
 from validation.trend import BLOCKS, SIGNIFICANCE, Trend, energy_trend
 
@@ -61,7 +61,7 @@ class EnergyRun(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class EnergyStudy:
+class EnergyStudy(PlainData):
     """The energy of one run.
 
     Attributes
@@ -93,17 +93,6 @@ class EnergyStudy:
     trend: Trend
     heights: tuple[float, ...] = ()
     velocities: tuple[float, ...] = ()
-
-    def to_plain(self) -> dict[str, Any]:
-        """The study as plain data."""
-        return dataclasses.asdict(self)
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> EnergyStudy:
-        """The study from what `to_plain` made, also by way of JSON."""
-        lists = ("times", "errors", "heights", "velocities")
-        trend = Trend(**{**plain["trend"], "interval": tuple(plain["trend"]["interval"])})
-        return cls(**{**plain, **{name: tuple(plain[name]) for name in lists}, "trend": trend})
 
 
 def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:

@@ -33,6 +33,7 @@ from validation.cost.point import (
 )
 from validation.cost.study import WorkPrecision
 from validation.quantities import MeasuredQuantity, quantity_named
+from validation.runner import PlainData
 
 SEEDS = 4
 """Further starts of a scene that has random ones: five show a scatter to a third of itself."""
@@ -51,7 +52,7 @@ APART = 2
 
 
 @dataclasses.dataclass(frozen=True)
-class Recommendation:
+class Recommendation(PlainData):
     """A setting that reaches a tolerance, by one run or by many starts.
 
     Attributes
@@ -113,10 +114,9 @@ class Recommendation:
 
     def to_plain(self) -> dict[str, Any]:
         """Return the recommendation as plain data, with its command."""
-        plain = dataclasses.asdict(self) | {
+        return super().to_plain() | {
             "command": self.command, "floor": self.study.floor, "below_floor": self.below_floor,
         }  # fmt: skip
-        return plain | {"study": self.study.to_plain()}
 
 
 def recommend_settings(

@@ -6,12 +6,14 @@ report that was interrupted goes on where it stopped, and nothing stale is shown
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import math
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, get_args, get_type_hints
 
 from granular.shared.errors import GranularError
 from granular.shared.result_cache import ResultCache, digest
@@ -21,6 +23,50 @@ if TYPE_CHECKING:
     from validation.table import TextTable
 
 Plain = dict[str, Any]
+
+
+class PlainData:
+    """Base of results, which are frozen dataclasses, to be kept as JSON."""
+
+    def to_plain(self) -> Plain:
+        """Return the result as plain data; None for a number that is none."""
+        plain: Plain = _to_plain(self)
+        return plain
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Self:
+        """Return the result that `to_plain` made plain, also by way of JSON."""
+        result: Self = _from_plain(cls, plain)
+        return result
+
+
+def _to_plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        return {one.name: _to_plain(getattr(value, one.name)) for one in dataclasses.fields(value)}
+    if hasattr(value, "_asdict"):
+        return {name: _to_plain(one) for name, one in value._asdict().items()}
+    if isinstance(value, tuple):
+        return [_to_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _from_plain(kind: Any, value: Any) -> Any:
+    """The value of a field of that type."""
+    if value is None:
+        return math.nan if kind is float else None
+    if isinstance(value, list):
+        first = get_args(kind)[0]
+        return tuple(_from_plain(first, one) for one in value)
+    records = [one for one in (kind, *get_args(kind)) if _is_record(one)]
+    if isinstance(value, Mapping) and records:
+        hints = get_type_hints(records[0])
+        return records[0](**{name: _from_plain(hints[name], one) for name, one in value.items()})
+    return value
+
+
+def _is_record(kind: Any) -> bool:
+    """Whether a type is a dataclass or a named tuple."""
+    return dataclasses.is_dataclass(kind) or hasattr(kind, "_fields")
 
 
 class Task(NamedTuple):

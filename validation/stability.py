@@ -11,13 +11,13 @@ import math
 import time
 import warnings
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from granular.methods.method import COMPENSATED
 from granular.shared.errors import GranularError
 from validation.hard_cases import catalogue
 from validation.hard_cases.case import BROKEN, HardCase
-from validation.runner import Section, Task
+from validation.runner import PlainData, Section, Task
 from validation.table import TextTable, table, tabulate
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ OVERLAP = "less than a diameter"
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class Outcome(PlainData):
     """Ending of a case.
 
     Attributes
@@ -61,16 +61,6 @@ class Outcome:
     allowed: bool
     seconds: float
     measured: str = ""
-
-    def to_plain(self) -> dict[str, Any]:
-        """The outcome as plain data; None for an error that was not measured."""
-        error = self.error if math.isfinite(self.error) else None
-        return dataclasses.asdict(self) | {"error": error}
-
-    @classmethod
-    def from_plain(cls, plain: dict[str, Any]) -> Outcome:
-        """The outcome from what `to_plain` made."""
-        return cls(**plain | {"error": math.nan if plain["error"] is None else plain["error"]})
 
 
 def outcome(

@@ -21,7 +21,6 @@ doi:10.1080/00401706.1982.10487790), so it is not smaller than it should be unde
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -74,10 +73,6 @@ class Trend:
         if self.p_value > significance:
             return "none"
         return "gains" if self.rate > 0.0 else "loses"
-
-    def to_plain(self) -> dict[str, Any]:
-        """The trend as plain data."""
-        return dataclasses.asdict(self)
 
 
 def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> Trend:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new
 from validation.cost.point import (
     USUAL,
     Advice,
     Point,
-    SolverSettings,
     advice,
     cost,
     families,
 )
+from validation.runner import PlainData
 from validation.table import TextTable, table
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ LEVELS = {"1 %": 1e-2, "0.1 %": 1e-3, "1e-6": 1e-6}
 
 
 @dataclasses.dataclass(frozen=True)
-class WorkPrecision:
+class WorkPrecision(PlainData):
     """Errors and wall times of many settings.
 
     Attributes
@@ -114,34 +114,6 @@ class WorkPrecision:
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
         return axes
-
-    def to_plain(self) -> dict[str, Any]:
-        """The result as plain data; None for what was not measured."""
-        plain = dataclasses.asdict(self)
-        for row, one in zip(plain["points"], self.points, strict=True):
-            row["setting"] = {**one.setting._asdict(), "changes": dict(one.setting.changes)}
-            row |= {name: _finite(row[name]) for name in ("error", "seconds")}
-        return plain
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> WorkPrecision:
-        """The result from what `to_plain` made, also by way of JSON."""
-        points = tuple(
-            Point(**{
-                **row, "setting": SolverSettings(**row["setting"]), "error": _number(row["error"]),
-                "seconds": _number(row["seconds"]),
-            })
-            for row in plain["points"]
-        )  # fmt: skip
-        return cls(**{**plain, "points": points})
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
 
 
 # Picture ----------------------------------------------------------------------------------------
