@@ -66,7 +66,7 @@ def run(arguments: Sequence[str]) -> None:
 
 
 def _own_parser(modules: dict[str, ModuleType]) -> Parser:
-    """What answers where no command is given."""
+    """Parser that answers where no command is given."""
     parser = Parser(
         prog=PROG,
         usage=f"{PROG} [-h] [--version] COMMAND ...",

@@ -92,11 +92,11 @@ class ConvergenceResult(PlainData):
 
     @property
     def exact(self) -> bool:
-        """Whether no error stands clear of rounding."""
+        """True where no error stands clear of rounding."""
         return max(self.errors) <= CLEAR * self.rounding
 
     def holds(self, tolerance: float) -> bool:
-        """Whether the slope is the declared order within a tolerance, or the method is exact."""
+        """Tell if the slope is the declared order within a tolerance, or the method is exact."""
         if self.exact:
             return True
         return self.fit is not None and abs(self.fit.value - self.order) <= tolerance
@@ -176,13 +176,13 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
 # In the report ----------------------------------------------------------------------------------
 
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
-"""How far a slope may be from the declared order, by orders up to which it holds."""
+"""Greatest distance of a slope from the declared order, by orders up to which it holds."""
 
 WHOLE = 0.99
 """Decades of steps that a slope is to span, for orders up to six; numbers of steps are whole."""
 
 OUTSIDE_REACH = 1e-12
-"""How near an outside reference must come to the exact place [m]."""
+"""Distance from the exact place that an outside reference must reach [m]."""
 
 
 def show_convergence(page: Page, results: Sequence[ConvergenceResult]) -> None:
@@ -233,7 +233,7 @@ def _slope(one: ConvergenceResult) -> str:
 
 
 def convergence_holds(one: ConvergenceResult) -> bool:
-    """Whether a slope is as declared over a decade, or the method is exact on the problem."""
+    """Tell if a slope is as declared over a decade, or the method is exact on the problem."""
     if not one.smooth:
         return one.fit is not None and abs(one.fit.value - min(one.order, 2)) <= 0.1
     if one.method in ORDERS:

@@ -158,7 +158,7 @@ class DepaulaExperiment(PlainData):
         return float(np.expm1(np.abs(away).max()))
 
     def rounding(self) -> dict[float, float]:
-        """What rounding does to the position form at each step [m]."""
+        """Effect of rounding on the position form at each step [m]."""
         clean = {one.step: one.end for one in self.of(COMPENSATED)}
         return {one.step: abs(one.end - clean[one.step]) for one in self.of(PLAIN)}
 

@@ -186,6 +186,6 @@ def _difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float
 
 
 def agree(row: Mapping[str, Any]) -> bool:
-    """Whether an effect costs the same first and last, within a fifth."""
+    """Tell if an effect costs the same first and last, within a fifth."""
     first, last = row["first"], row["last"]
     return bool(abs(first - last) <= AGREE * max(abs(first), abs(last)))

@@ -239,11 +239,11 @@ BINS = 40
 """Parts of a run whose greatest errors are drawn."""
 
 CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
-"""What the trend of each control should be."""
+"""Trend that each control should show."""
 
 
 def energy_holds(one: EnergyStudy) -> bool:
-    """Whether a run is of its kind: without a trend, or with a control's.
+    """Tell if a run is of its kind: without a trend, or with a control's.
 
     Of a user's method that is not symplectic nothing is claimed.
     """

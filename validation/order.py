@@ -133,7 +133,7 @@ def _is_fine(
 
 
 def fits(problem: Problem, method: str) -> bool:
-    """Whether the method suits the problem.
+    """Tell if the method suits the problem.
 
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
     """

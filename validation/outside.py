@@ -45,7 +45,7 @@ class Start(NamedTuple):
 
 
 def takes(scene: Scene) -> bool:
-    """Whether the forces here are all that act: pairs, experimental walls, weight, drag."""
+    """Tell if the forces here are all that act: pairs, experimental walls, weight, drag."""
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls

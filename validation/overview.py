@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from validation.cost.measuring import Truth
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
-"""What the runs of one scene may take [s]."""
+"""Time that the runs of one scene may take [s]."""
 
 MANY_STARTS, FEW_STARTS = 8, 3
 """Starts of a scene whose runs are short, and of one whose are long."""
@@ -56,7 +56,7 @@ OTHERS = ("blanes-moan-4",)
 """Methods beside Verlet's, in steps as long as their share of the time allows."""
 
 SHARE = 0.25
-"""Of the time, for each other method."""
+"""Fraction of the time for each other method."""
 
 SINGLE = 0.3
 """Length of a run without a piston [s]: positions mean something over a short time only."""
@@ -87,7 +87,7 @@ def _hard() -> Plain:
 
 
 def quantities_of(scene: Scene) -> tuple[str, ...]:
-    """What a scene is made for, by its piston and its stages."""
+    """Return the quantities that a scene is made for, by its piston and its stages."""
     if scene.piston is None:
         return ("energy", "positions")
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
@@ -187,7 +187,7 @@ def _error(quantity: MeasuredQuantity, one: Any, reference: Any) -> float:
 
 
 def digit(study: WorkPrecision, best: Point | None) -> str:
-    """What a digit more costs: how many times the time."""
+    """Say how many times the time a digit more takes."""
     measured = study.digit()
     if measured is not None:
         return f"{measured:.2g} times"
@@ -268,7 +268,7 @@ def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
 
 
 def _take(advice: Advice) -> str:
-    """What to take for a level, and its price."""
+    """Setting to take for a level, and its price."""
     if advice.point is None:
         return str(advice)
     method, price = advice.point.setting.method, duration(advice.seconds)

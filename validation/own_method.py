@@ -27,7 +27,7 @@ CONTROL = "explicit-euler"
 """Built-in method whose energy drifts."""
 
 PERIODS = 40
-"""Of the swing whose energy is tested."""
+"""Periods of the swing whose energy is tested."""
 
 HORIZON = 0.02
 """Until when the frictionless bed runs [s]: its positions still mean something."""
@@ -122,6 +122,6 @@ def _cost(
 
 
 def _table(name: str) -> dict[str, Any]:
-    """What tells a user's own method from another one of the name."""
+    """Key that tells a user's own method from another one of the name."""
     setting = method_setting(method_named(name))
     return {} if isinstance(setting, str) else {"table": setting}

@@ -1,4 +1,4 @@
-"""What a run is made for: measured quantities, whose error a work-precision study shows."""
+"""Measured quantities, which runs are made for and whose error a work-precision study shows."""
 
 from __future__ import annotations
 

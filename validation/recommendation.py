@@ -48,7 +48,7 @@ REFERENCES = (*STEPS[2:], "auto/16")
 comes to scatters too much for more to pay."""
 
 APART = 2
-"""How many times a step is halved before it is a reference: its error is a sixteenth then."""
+"""Halvings of a step before it is a reference: its error is a sixteenth then."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Recommendation(PlainData):
 
     @property
     def below_floor(self) -> bool:
-        """Whether the starts scatter by too much for a single run."""
+        """True where the starts scatter by too much for a single run."""
         return self.tolerance < FLOORS * self.study.floor
 
     @property
@@ -171,7 +171,7 @@ def recommend_settings(
 
 
 def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
-    """Whether what is measured is a mean over random starts."""
+    """Tell if a mean over random starts is measured."""
     return quantity.exact is None and not quantity.of_start and starts > 1
 
 
@@ -239,7 +239,7 @@ def _study(
 
 
 def _settled(points: Sequence[Point], floor: float, tolerance: float, count: int = 2) -> bool:
-    """Whether the finest points of a family are good enough."""
+    """Tell if the finest points of a family are good enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:
         return len(unbiased(last)) == count
@@ -247,7 +247,7 @@ def _settled(points: Sequence[Point], floor: float, tolerance: float, count: int
 
 
 def _too_dear(points: Sequence[Point], best: Advice) -> bool:
-    """Whether the next step of a family would cost far more than the best one so far."""
+    """Tell if the next step of a family would cost far more than the best one so far."""
     done = [one for one in points if not one.failed]
     if not done or best.point is None or best.point in points[-1:]:
         return False
@@ -255,7 +255,7 @@ def _too_dear(points: Sequence[Point], best: Advice) -> bool:
 
 
 def _hopeless(setting: SolverSettings, tried: Sequence[Point], best: Advice) -> bool:
-    """Whether already a family's longest step must cost far more than the best one so far.
+    """Tell if already a family's longest step must cost far more than the best one so far.
 
     By its force calls: a run's time is that of its steps times those of each.
     """

@@ -65,7 +65,7 @@ def _from_plain(kind: Any, value: Any) -> Any:
 
 
 def _is_record(kind: Any) -> bool:
-    """Whether a type is a dataclass or a named tuple."""
+    """Tell if a type is a dataclass or a named tuple."""
     return dataclasses.is_dataclass(kind) or hasattr(kind, "_fields")
 
 

@@ -134,7 +134,7 @@ def show_outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
 
 
 def stability_verdict(outcomes: Sequence[Outcome]) -> str:
-    """What the catalogue shows, in two sentences."""
+    """Say in two sentences how the cases ended."""
     accurate = sum(one.kind == ACCURATE for one in outcomes)
     wrong = sum(not one.allowed for one in outcomes)
     return (
@@ -195,7 +195,7 @@ def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
 
 
 def case_table(names: Collection[str]) -> TextTable:
-    """What is hard about each case, and what its error is."""
+    """Return a table of what is hard about each case, and of what its error is."""
     rows = [(one.name, one.what, one.measure.words) for one in catalogue() if one.name in names]
     return table(("case", "what is hard", "error"), rows)
 

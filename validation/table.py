@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from granular.shared.html import Page
 
 WIDTH = 5.6
-"""Of a figure [inch]: narrow enough for its letters to be read on a phone."""
+"""Width of a figure [inch]: narrow enough for its letters to be read on a phone."""
 
 LONGEST_NUMBER = 16
 """Letters of a number with its unit; what is longer is words."""

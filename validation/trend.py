@@ -1,4 +1,4 @@
-"""Whether an energy has a trend: a statistical test, not a bound.
+"""Trend of an energy: a statistical test, not a bound.
 
 The energy error of a symplectic method swings with the motion, for ever, and rounding lets it
 wander like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3);
@@ -65,7 +65,7 @@ class Trend:
 
     @property
     def drift(self) -> float:
-        """What the slope adds up to over the series."""
+        """Slope over the whole series."""
         return self.rate * self.duration
 
     def verdict(self, significance: float = SIGNIFICANCE) -> str:

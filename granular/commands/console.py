@@ -98,7 +98,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
 
 
 def _of_system(error: OSError) -> str:
-    """What the machine could not do, such as write to a full disk."""
+    """Say what the machine could not do, such as write to a full disk."""
     if error.filename is None:
         with contextlib.suppress(OSError):  # what is left to print would fail once more at the exit
             sys.stdout.close()

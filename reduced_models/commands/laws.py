@@ -273,7 +273,7 @@ def discover(options: Any) -> None:
 
 
 def _height_map(text: str) -> HeightMap:
-    """Of "SHIFT:SCALE", two lengths."""
+    """Read "SHIFT:SCALE", two lengths."""
     from granular.schema.units import si_value
     from reduced_models.laws.height_map import HeightMap
 

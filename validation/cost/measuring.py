@@ -153,7 +153,7 @@ def starts_of(scene: Scene, seeds: int) -> tuple[Scene, ...]:
 
 
 def varies(scene: Scene) -> bool:
-    """Whether another seed is another start."""
+    """Tell if another seed is another start."""
     if scene.arrangement.positions is not None:  # which take no seed
         return False
     other = scene.replace(**{"arrangement.seed": scene.arrangement.seed + 1})

@@ -15,7 +15,7 @@ SURE = 0.95
 
 
 class SolverSettings(NamedTuple):
-    """How a scene is run.
+    """Settings that a scene is run with.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class SolverSettings(NamedTuple):
 
     @property
     def outside(self) -> bool:
-        """Whether it is an outside reference."""
+        """True for an outside reference."""
         return self.method in ORDERS
 
     @property
@@ -43,7 +43,7 @@ class SolverSettings(NamedTuple):
 
     @property
     def family(self) -> str:
-        """What settings that differ in their step alone have in common."""
+        """Name that settings have in common which differ in their step alone."""
         changes = (f"{key.rpartition('.')[2]} {one}" for key, one in self.changes.items())
         return ", ".join([self.method, *changes])
 
@@ -68,7 +68,7 @@ def certainty(starts: int) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """What one setting gave.
+    """Error and time of one setting.
 
     Attributes
     ----------
@@ -98,17 +98,17 @@ class Point:
 
     @property
     def bound(self) -> float:
-        """What the error is at most, as far as the starts tell."""
+        """Upper bound of the error, as far as the starts tell."""
         return self.error + certainty(self.starts) * self.doubt
 
     @property
     def least(self) -> float:
-        """What the error is at least."""
+        """Lower bound of the error."""
         return max(0.0, self.error - certainty(self.starts) * self.doubt)
 
 
 def cost(point: Point) -> tuple[float, float]:
-    """What to sort by for the fastest, and of those the most accurate."""
+    """Key that sorts by time, and settings as fast by their error."""
     return point.seconds, point.error
 
 
@@ -131,7 +131,7 @@ deviations hold all but one start in four hundred."""
 
 
 class Advice(NamedTuple):
-    """What to do for a tolerance.
+    """Advice for a tolerance.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ class Advice(NamedTuple):
 
     @property
     def below_floor(self) -> bool:
-        """Whether the starts scatter by too much for a single run."""
+        """True where the starts scatter by too much for a single run."""
         return self.tolerance < FLOORS * self.floor
 
     @property
@@ -180,12 +180,12 @@ def duration(seconds: float) -> str:
 
 
 def starts_for(floor: float, tolerance: float) -> int:
-    """How many starts to average over for two standard errors of their mean to be a tolerance."""
+    """Number of starts for two standard errors of their mean to be a tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
 def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
-    """What to do for a tolerance.
+    """Advise what to take for a tolerance.
 
     Below `FLOORS` floors the fastest setting whose error cannot be told from nought is named, and
     how many starts it takes; otherwise the fastest one that `holding` names.

@@ -39,7 +39,7 @@ def joined(results: Sequence[Studies]) -> Studies:
 
 
 OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-"""Of the outside references; for the bed the first and the third, which take seconds."""
+"""Tolerances of the outside references; for the bed the first and the third, which take seconds."""
 
 DAMPER_STEPS = {
     "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
@@ -49,7 +49,7 @@ DAMPER_STEPS = {
 
 
 def work_precision_tasks(full: bool) -> list[Task]:
-    """What accuracy costs: grain, frictionless bed and compression; in full also the damper."""
+    """Return the tasks: grain, frictionless bed and compression; in full also the damper."""
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
     kept = ("energy", "positions")
     many = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
@@ -148,7 +148,7 @@ def show_studies(page: Page, results: Sequence[Studies]) -> None:
 
 
 def choices(studies: Sequence[WorkPrecision]) -> TextTable:
-    """Which setting to take for each level, and what it takes beside the default one."""
+    """Return a table of the setting to take for each level, and its time over the default one's."""
     rows = []
     for one in studies:
         usual = one.usual()

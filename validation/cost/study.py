@@ -62,7 +62,7 @@ class WorkPrecision(PlainData):
         return tuple(front)
 
     def advice(self, tolerance: float) -> Advice:
-        """Which setting to take for a tolerance, and from how many starts."""
+        """Return the setting to take for a tolerance, and from how many starts."""
         return advice(self.points, self.floor, tolerance)
 
     def cheapest(self, tolerance: float) -> Point | None:
@@ -80,7 +80,7 @@ class WorkPrecision(PlainData):
         return families(self.points)
 
     def digit(self) -> float | None:
-        """What a digit costs: how many times as long, along the front; None without two points."""
+        """Return how many times as long a digit takes, along the front; None without two points."""
         ones = [one for one in self.front() if one.error > max(0.0, one.doubt)]
         if len(ones) < 2 or not ones[-1].error < ones[0].error:
             return None

@@ -36,7 +36,7 @@ from validation.exact.quadrature import (
 
 TIME = 0.025
 SPEED = 1.0
-"""Of each grain [m/s]."""
+"""Speed of each grain [m/s]."""
 APART, ASIDE = 6.0, 0.5
 """Distance at the start along and across the velocities [D]."""
 

@@ -55,7 +55,7 @@ def _slabs(**bottom: Any) -> Scene:
 
 
 def piston_cases() -> tuple[HardCase, ...]:
-    """What a piston may do to a bed."""
+    """Return the hard cases of what a piston does to a bed."""
     gap = {"gap_start": "5 D", "gap_end": "10 D"}
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
