@@ -161,12 +161,12 @@ spacing = float(np.sqrt(2.0 / np.sqrt(3.0) * np.nanmean(cells.area)))
 g = radial_distribution(places, np.linspace(0.3, 3.5, 49) * spacing)
 middle = 0.5 * (g.edges[1:] + g.edges[:-1])
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
-axes.plot(1e3 * middle, g.g)
+axes.plot(1e3 * middle, g.values)
 for shell in np.sqrt((1, 3, 4, 7)):
     axes.axvline(1e3 * shell * spacing, color="#999999", linestyle="--", linewidth=0.8)
 axes.set(xlabel="distance [mm]", ylabel="g(r)")
 plt.show()
-first_peak = float(middle[np.argmax(g.g)]) / spacing
+first_peak = float(middle[np.argmax(g.values)]) / spacing
 print(f"first peak at {first_peak:.2f} spacings, a spacing being {spacing / DIAMETER:.2f} D")
 
 # %% [markdown]

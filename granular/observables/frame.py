@@ -136,12 +136,12 @@ def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
 
 def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -> Iterator[Frame]:
     """Frames of a run, by their indices; all of them if none are given."""
-    data = run.dataset
+    data = run.dataset if indices is None else run.dataset.isel(frame=np.asarray(indices))
     heights = None if run.scene.piston is None else data["frame_height"].values
     times, velocities, forces = (data[k].values for k in ("frame_time", "velocity", "force"))
     positions = run.scene.cell.inside(data["position"].values)
     of_grains = data["species"].values, data["diameter"].values, run.scene.grains.masses()
-    for k in range(len(times)) if indices is None else indices:
+    for k in range(len(times)):
         height = float("nan") if heights is None else float(heights[k])
         yield Frame(
             run.scene, float(times[k]), positions[k], velocities[k], forces[k], height, *of_grains
