@@ -1,8 +1,8 @@
 """Records as instruments write them: what stands in a file, and what it is taken for.
 
-A file is read in two steps. Its *sheet* (`sheet`) is what stands in it: columns of numbers with
-their names and units, where lost samples are NaN. Text comes by `delimited` (CSV and its many
-kin), other formats by `excel`, `labview`, `matlab` and `parquet`; `opening` tells them apart. What
-the columns are taken for (`meaning`) follows from names and units, or from what the user says
-(`reading`): which is the time, which the coordinate, and what must be done to them.
+A file goes one way: `opening` reads its bytes and knows its format; the format's file (`delimited`
+for CSV and its many kin, `workbook`, `instruments`, `matlab`, `parquet`) makes a `sheet` of them,
+columns of numbers with names and units in which lost samples are NaN; `roles` chooses which column
+is the time and which the coordinate, by `names` or by what the user says (`reading`); and `meaning`
+makes SI of them, says what was done, and hands on what a record is made from.
 """

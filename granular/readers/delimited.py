@@ -5,21 +5,18 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from granular.readers.clock import is_stamp, seconds_of
+from granular.readers.cells import LOST, is_number, is_stamp, seconds_of
 from granular.readers.delimited_form import (
-    LOST,
     SEPARATORS,
     Form,
     Line,
     are_decimals,
     fields_of,
     form_of,
-    is_number,
     is_row,
     trimmed,
     with_points,
@@ -37,13 +34,11 @@ _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
 
-def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int = 0) -> Sheet:
+def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Sheet:
     """The table in a text.
 
     Parameters
     ----------
-    path : Path
-        For messages.
     text : str
     decimal : str or None
         Sign of the decimals; guessed without.
@@ -61,23 +56,23 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
         if line.strip()
     ]
     if not lines:
-        raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
-    _check_width(path, lines)
+        raise RecordError("is empty; a header and samples are wanted")
+    _check_width(lines)
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
-        raise RecordError(f"{visible(path)}: is empty; a header and samples are wanted")
+        raise RecordError("is empty; a header and samples are wanted")
     form = form_of(plain, decimal)
     if form is None:
-        raise RecordError(_no_table(path, plain or lines))
+        raise RecordError(_no_table(plain or lines))
     start, head = _begin(plain, form)
-    _check_above(path, head, form)
+    _check_above(head, form)
     names, units = _header(head, form, lines, plain[start].number)
     below, commas = plain[start:], form.decimal == ","
-    if form.separator == "," and not names and _has_decimal_commas(path, below, form, decimal):
+    if form.separator == "," and not names and _has_decimal_commas(below, form, decimal):
         below, commas = with_points(below), True
         form = form_of(below, ".") or form
-    rows, notes = _end(path, below, form)
-    columns = _columns(path, rows, form, names, units)
+    rows, notes = _end(below, form)
+    columns = _columns(rows, form, names, units)
     words = f"text separated by {SEPARATORS[form.separator]}"
     if commas:
         words += ", decimal commas"
@@ -85,18 +80,18 @@ def read_delimited(path: Path, text: str, decimal: str | None = None, skip: int 
     return Sheet(columns, numbers, bool(names), words, notes)
 
 
-def _check_width(path: Path, lines: Sequence[Line]) -> None:
+def _check_width(lines: Sequence[Line]) -> None:
     for line in lines:
         if len(line.text) > 2 * _MOST_COLUMNS:
             width = 1 + max(map(line.text.count, SEPARATORS))
             if width > _MOST_COLUMNS:
                 raise RecordError(
-                    f"{visible(path)}: line {line.number} has {width} values; at most "
+                    f"line {line.number} has {width} values; at most "
                     f"{_MOST_COLUMNS} columns are read: write a sample to a line, and fewer columns"
                 )
 
 
-def _no_table(path: Path, lines: Sequence[Line]) -> str:
+def _no_table(lines: Sequence[Line]) -> str:
     head = next((line.text for line in lines), "")
     separator = max(SEPARATORS, key=lambda mark: len(fields_of(head, mark)))
     names = fields_of(head, separator)
@@ -105,16 +100,16 @@ def _no_table(path: Path, lines: Sequence[Line]) -> str:
         for name, cell in zip(names, cells, strict=False):
             if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in LOST:
                 return (
-                    f"{visible(path)}: {visible(name_and_unit(name)[0])} of sample {row} (line "
+                    f"{visible(name_and_unit(name)[0])} of sample {row} (line "
                     f"{line.number}) is {quoted(cell)}, not a number; correct or drop it"
                 )
     if len(names) > 1:
         return (
-            f"{visible(path)}: 0 samples in columns of numbers; at least two columns, a time and a "
-            f"coordinate, are wanted below a header such as 'time [s], height [mm]'"
+            "0 samples in columns of numbers; at least two columns, a time and a "
+            "coordinate, are wanted below a header such as 'time [s], height [mm]'"
         )
     return (
-        f"{visible(path)}: no column 'time' and no other: line {lines[0].number}, {quoted(head)}, "
+        f"no column 'time' and no other: line {lines[0].number}, {quoted(head)}, "
         "is not separated by commas, semicolons, tabs or spaces; a time and a coordinate are wanted"
     )
 
@@ -150,7 +145,7 @@ def _is_header(fields: Sequence[str], form: Form) -> bool:
     )
 
 
-def _check_above(path: Path, head: Sequence[Line], form: Form) -> None:
+def _check_above(head: Sequence[Line], form: Form) -> None:
     """Refuse rows that have other numbers of fields than a header above them, or than it names."""
     for place in range(len(head) - 1, -1, -1):
         fields = fields_of(head[place].text, form.separator)
@@ -161,19 +156,19 @@ def _check_above(path: Path, head: Sequence[Line], form: Form) -> None:
         odd = [one for one in below if is_number(one, form.decimal)]
         if odd or (not below and len(fields) < form.width):
             raise RecordError(
-                f"{visible(path)}: sample 0 has {len(below) or form.width} values for "
+                f"sample 0 has {len(below) or form.width} values for "
                 f"{len(fields)} columns (below line {head[place].number}); separate all lines "
                 "alike, and by another sign than the decimals"
             )
         return
 
 
-def _has_decimal_commas(path: Path, lines: Sequence[Line], form: Form, decimal: str | None) -> bool:
+def _has_decimal_commas(lines: Sequence[Line], form: Form, decimal: str | None) -> bool:
     """Whether commas separate and are decimal ones too; refuse to guess where they may be."""
     found = are_decimals(lines, form, decimal)
     if found is None:
         raise RecordError(
-            f"{visible(path)}: {quoted(lines[0].text)} is {form.width} whole numbers, or "
+            f"{quoted(lines[0].text)} is {form.width} whole numbers, or "
             f"{form.width // 2} with decimal commas; say which (decimal: '.' or ','), or separate "
             "by semicolons"
         )
@@ -225,7 +220,7 @@ def _names_a_column(cell: str) -> bool:
     return role_of(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 
 
-def _end(path: Path, lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:
+def _end(lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:
     """The rows, without words at the end and without a last row that is cut off."""
     rows, notes = list(lines), []
     odd = [k for k, line in enumerate(rows) if _width(line.text, form) != form.width]
@@ -242,7 +237,7 @@ def _end(path: Path, lines: Sequence[Line], form: Form) -> tuple[list[Line], lis
     if odd:
         line = rows[odd[0]]
         raise RecordError(
-            f"{visible(path)}: sample {odd[0]} has {_width(line.text, form)} values for "
+            f"sample {odd[0]} has {_width(line.text, form)} values for "
             f"{form.width} columns (line {line.number}); separate all lines like the others"
         )
     return rows, notes
@@ -260,9 +255,9 @@ def _width(line: str, form: Form) -> int:
 
 
 def _columns(
-    path: Path, rows: Sequence[Line], form: Form, names: Sequence[str], units: Sequence[str]
+    rows: Sequence[Line], form: Form, names: Sequence[str], units: Sequence[str]
 ) -> list[Column]:
-    frame = _frame(path, rows, form)
+    frame = _frame(rows, form)
     found = []
     for k in range(form.width):
         name, unit = name_and_unit(names[k]) if k < len(names) else ("", None)
@@ -272,7 +267,7 @@ def _columns(
     return found
 
 
-def _frame(path: Path, rows: Sequence[Line], form: Form) -> Any:
+def _frame(rows: Sequence[Line], form: Form) -> Any:
     import pandas
 
     # Exact to the last bit by default from pandas 3 on.
@@ -288,9 +283,7 @@ def _frame(path: Path, rows: Sequence[Line], form: Form) -> Any:
         )  # fmt: skip
     except (ValueError, OverflowError, pandas.errors.ParserError) as error:
         words = " ".join(str(error).split())
-        raise RecordError(
-            f"{visible(path)}: cannot be read as CSV: {visible(words)}; write it anew"
-        ) from None
+        raise RecordError(f"cannot be read as CSV: {visible(words)}; write it anew") from None
 
 
 def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:

@@ -8,15 +8,9 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from granular.readers.clock import is_stamp
+from granular.readers.cells import LOST, is_number, is_stamp
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
-LOST = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-",
-        "--", "---", "?")  # fmt: skip
-"""How programs write a sample that is not there."""
-_LOST = frozenset(LOST)
-
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
 _LOOKED_AT = 200
 """Lines at the beginning, in the middle and at the end, from which the form is told."""
 _ENOUGH, _FEWEST = 2**20, 12
@@ -95,7 +89,7 @@ def _tried(
         width -= 1
     numbers = collections.Counter(field for k in same for field in numeric[k])
     lost = collections.Counter(
-        field for k in same for field, cell in enumerate(rows[k]) if cell in _LOST
+        field for k in same for field, cell in enumerate(rows[k]) if cell in LOST
     )
     core = tuple(
         field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same)
@@ -143,15 +137,6 @@ def with_points(lines: Sequence[Line]) -> list[Line]:
 
 def _with_point(cell: str) -> bool:
     return "." in cell and is_number(cell, ".") and not is_stamp(cell)
-
-
-def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell is a number, or a date or time of day."""
-    if decimal == ",":
-        if "." in cell:
-            return is_stamp(cell)
-        cell = cell.replace(",", ".", 1)
-    return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
 
 
 def fields_of(line: str, separator: str) -> list[str]:

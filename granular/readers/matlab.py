@@ -6,27 +6,24 @@ import io
 import struct
 import zlib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from granular.readers.names import TIME, name_and_unit, role_of
 from granular.readers.reading import Reading
-from granular.readers.sheet import Column, Sheet
-from granular.readers.text import read_bytes
+from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quoted
 
-_MOST_BYTES = 256 * 2**20
-_MOST_UNPACKED = 512 * 2**20
-_MOST_ELEMENTS, _MOST_DEPTH = 100_000, 50
+_MAX_UNPACKED = 512 * 2**20
+_MAX_ELEMENTS, _MAX_DEPTH = 100_000, 50
 """Of a variable: parts of structures and cells, and how deep they are within each other."""
 _HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
 """Bytes before the first variable of a file of version 5 to 7, and types of its elements."""
 
 
-def read_matlab(path: Path, reading: Reading) -> Sheet:
+def read_matlab(content: bytes, reading: Reading) -> Sheet:
     """The vectors of one length in a MATLAB file of version 4 to 7.
 
     Times are a vector, or follow from the numbers ``Tstart`` and ``Tinterval`` of PicoScope.
@@ -34,7 +31,7 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
 
     Parameters
     ----------
-    path : Path
+    content : bytes
     reading : Reading
         ``sheet`` names a structure, or a matrix, whose columns are taken.
 
@@ -46,30 +43,16 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
     """
     import scipy.io
 
-    content = read_bytes(path, _MOST_BYTES)
-    try:
-        _check_unpacked(path, content)
-        found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
-    except RecordError:
-        raise
-    except NotImplementedError:
-        raise RecordError(
-            f"{visible(path)}: is of MATLAB's version 7.3, which is not read; save it with "
-            "save(..., '-v7')"
-        ) from None
-    except Exception as error:  # scipy raises what its parser meets
-        raise RecordError(
-            f"{visible(path)}: cannot be read as a MATLAB file: {visible(error)}; save it anew, or "
-            "as CSV"
-        ) from None
-    variables = {name: value for name, value in found.items() if not name.startswith("__")}
-    if reading.sheet is not None:
-        if reading.sheet not in variables:
+    with parsing("a MATLAB file"):
+        _check_unpacked(content)
+        try:
+            found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
+        except NotImplementedError:
             raise RecordError(
-                f"{visible(path)}: no variable {quoted(reading.sheet)}; found: "
-                f"{', '.join(map(quoted, variables))}"
-            )
-        variables = {reading.sheet: variables[reading.sheet]}
+                "is of MATLAB's version 7.3, which is not read; save it with save(..., '-v7')"
+            ) from None
+    variables = {name: value for name, value in found.items() if not name.startswith("__")}
+    variables = dict(reading.chosen(variables, "variable"))
     vectors = _vectors(variables)
     lengths = [len(values) for values in vectors.values()]
     length = max(lengths, key=lengths.count, default=0)
@@ -82,16 +65,16 @@ def read_matlab(path: Path, reading: Reading) -> Sheet:
     if "Tinterval" in variables and columns and not timed:
         for one in columns:
             one.channel = len(one.name) == 1
-        columns.insert(0, _times(path, variables, length))
+        columns.insert(0, _times(variables, length))
     if len(columns) < 2:
         raise RecordError(
-            f"{visible(path)}: holds no two vectors of one length; found: "
+            f"holds no two vectors of one length; found: "
             f"{', '.join(map(quoted, variables)) or 'nothing'}; save time and height as vectors"
         )
     return Sheet(columns, None, any(one.name for one in columns), "MATLAB file")
 
 
-def _check_unpacked(path: Path, content: bytes) -> None:
+def _check_unpacked(content: bytes) -> None:
     """Refuse what unpacks to far more; a file of version 4 is as long as what it holds."""
     order = {b"IM": "<", b"MI": ">"}.get(content[_HEAD - 2 : _HEAD])
     if order is None:
@@ -101,17 +84,17 @@ def _check_unpacked(path: Path, content: bytes) -> None:
         kind, size = struct.unpack_from(f"{order}II", content, place)
         element = content[place : place + 8 + size]
         if kind == _COMPRESSED:
-            element = zlib.decompressobj().decompress(element[8:], _MOST_UNPACKED - unpacked + 1)
+            element = zlib.decompressobj().decompress(element[8:], _MAX_UNPACKED - unpacked + 1)
         unpacked += len(element)
-        if unpacked > _MOST_UNPACKED:
+        if unpacked > _MAX_UNPACKED:
             raise RecordError(
-                f"{visible(path)}: unpacks to more than {_MOST_UNPACKED // 2**20} MB, the limit; "
+                f"unpacks to more than {_MAX_UNPACKED // 2**20} MB, the limit; "
                 "save time and height alone, or sample less often"
             )
         if _is_nested(element, order):
             raise RecordError(
-                f"{visible(path)}: a structure or cell array in it has more than {_MOST_ELEMENTS} "
-                f"parts, or they are more than {_MOST_DEPTH} deep; save time and height as vectors"
+                f"a structure or cell array in it has more than {_MAX_ELEMENTS} "
+                f"parts, or they are more than {_MAX_DEPTH} deep; save time and height as vectors"
             )
         place += 8 + size
 
@@ -124,7 +107,7 @@ def _is_nested(content: bytes, order: str) -> bool:
         while place + 8 <= end:
             kind, size = struct.unpack_from(f"{order}II", content, place)
             count += 1
-            if count > _MOST_ELEMENTS or len(spans) > _MOST_DEPTH:
+            if count > _MAX_ELEMENTS or len(spans) > _MAX_DEPTH:
                 return True
             first, small = place + 8, kind >> 16  # of a small element the content stands in its tag
             place = first if small else first + -(-size // 8) * 8
@@ -134,12 +117,12 @@ def _is_nested(content: bytes, order: str) -> bool:
     return False
 
 
-def _times(path: Path, variables: Mapping[str, Any], length: int) -> Column:
+def _times(variables: Mapping[str, Any], length: int) -> Column:
     """Times by PicoScope's start and interval."""
     first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
     if not _is_finite(first) or not _is_finite(step) or step <= 0.0:
         raise RecordError(
-            f"{visible(path)}: Tstart = {quoted(first)} and Tinterval = {quoted(step)}; a start "
+            f"Tstart = {quoted(first)} and Tinterval = {quoted(step)}; a start "
             "and an interval above 0, both in s, are wanted: or save the times as a vector"
         )
     return Column(TIME, "s", float(first) + float(step) * np.arange(length))

@@ -1,98 +1,255 @@
-"""Files of all formats as sheets."""
+"""Files of all formats: bytes to a sheet of columns, and a sheet to what its columns mean."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import codecs
+import contextlib
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from granular.readers.delimited import read_delimited
-from granular.readers.description import describing, is_description, read_description
-from granular.readers.labview import is_labview, read_labview, read_tdms
+from granular.readers.instruments import is_labview, is_rigol, read_labview, read_rigol, read_tdms
 from granular.readers.matlab import read_matlab
-from granular.readers.meaning import Meaning, meaning_of
+from granular.readers.meaning import Meaning, checked, meaning_of, spread
+from granular.readers.names import ACCELERATION, FORCE, TIME, plain_unit, role_of
 from granular.readers.parquet import read_parquet
-from granular.readers.reading import Reading
-from granular.readers.rigol import is_rigol, read_rigol
-from granular.readers.sheet import Sheet
-from granular.readers.text import decoded, read_bytes
+from granular.readers.reading import Reading, describing, is_description, read_description
+from granular.readers.roles import is_of, time_of
+from granular.readers.sheet import Column, Sheet
+from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
 from granular.readers.workbook import read_workbook, refuse_old
-from granular.shared.errors import RecordError
-from granular.shared.messages import visible
+from granular.schema.units import unit_size
+from granular.shared.errors import RecordError, RecordWarning, SceneError
+from granular.shared.files import reading as reading_file
+from granular.shared.messages import quoted, visible
 
-Reader = Callable[[Path, Reading], Sheet]
+MAX_BYTES = 256 * 2**20
+"""Of a file; in text some six million samples: reading takes ten times as much memory."""
 
-BINARY: dict[str, Reader] = {
-    ".parquet": read_parquet,
-    ".pq": read_parquet,
-    ".xlsx": read_workbook,
-    ".xlsm": read_workbook,
-    ".ods": read_workbook,
-    ".tdms": read_tdms,
-    ".mat": read_matlab,
-}
-"""Formats that are no text, by the endings of their names."""
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_LEGACY = "cp1252"
+"""What Windows writes in Western Europe and America where a program does not say otherwise."""
+_ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
+"""What a column is called whose numbers have a unit."""
+_MAX_SHOWN = 20
 
 
-def read_meaning(path: Path, said: Reading, reader: Reader | None = None) -> Meaning:
-    """What a file says, or the file that a description names.
+class Format(NamedTuple):
+    """A format of files: the reader of its bytes, and how many it takes at most."""
+
+    read: Callable[[bytes, Reading], Sheet]
+    most: int = MAX_BYTES
+
+
+def read_meaning(path: Path, said: Reading, form: Format | None = None) -> Meaning:
+    """Columns of a file, or of the file that a description names, with their meaning, in SI.
 
     Parameters
     ----------
     path : Path
     said : Reading
         Goes before what a description says.
-    reader : callable, optional
-        Reads the sheet; without, by the ending of the file's name.
+    form : Format, optional
+        Without, by the ending of the file's name.
 
     Raises
     ------
     RecordError
         If it cannot be read as such; the message names the file.
     """
-    if is_description(path):
-        file, described = read_description(path)
-        with describing(path, file):
-            return _meaning(file, described.and_then(said), open_sheet)
-    return _meaning(path, said, reader or open_sheet)
+    if not is_description(path):
+        return _meaning(path, said, form)
+    file, described = read_description(path)
+    with describing(path, file):
+        return _meaning(file, described.and_then(said), None)
 
 
-def _meaning(path: Path, said: Reading, reader: Reader) -> Meaning:
-    sheet = reader(path, said)
-    try:
+def _meaning(path: Path, said: Reading, form: Format | None) -> Meaning:
+    sheet = open_sheet(path, said, form)
+    with _naming(path):
         return meaning_of(sheet, said)
-    except RecordError as error:
-        raise RecordError(f"{visible(path)}: {error}") from None
 
 
-def open_sheet(path: Path, reading: Reading) -> Sheet:
-    """What stands in a file; its name's ending tells a format that is no text.
+def open_sheet(path: Path, said: Reading, form: Format | None = None) -> Sheet:
+    """Sheet of a file; its name's ending tells a format that is no text.
 
     Raises
     ------
     RecordError
         If it cannot be read as such, or what reads it is not installed.
     """
-    reader = BINARY.get(path.suffix.lower())
-    return read_text_sheet(path, reading) if reader is None else reader(path, reading)
+    read, most = form or BINARY.get(path.suffix.lower(), TEXT)
+    content = _read_bytes(path, most)
+    with _naming(path):
+        return read(content, said)
 
 
-def read_text_sheet(path: Path, reading: Reading) -> Sheet:
-    """The table of a file of text, whatever its name.
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Context whose errors begin with the name of a file."""
+    try:
+        yield
+    except RecordError as error:
+        raise RecordError(f"{visible(path)}: {error}") from None
+
+
+def _read_bytes(path: Path, most: int) -> bytes:
+    with reading_file(path, most, RecordError), path.open("rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:  # of a file that says that it is empty, as in /proc
+        raise RecordError(
+            f"{visible(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
+        )
+    return content
+
+
+# Text ------------------------------------------------------------------------------------------
+
+
+def read_text(content: bytes, said: Reading) -> Sheet:
+    """Sheet of a file of text, in any of the encodings that instruments write.
 
     Raises
     ------
     RecordError
-        If there is none.
+        If it is no text, or holds no table.
     """
-    content = read_bytes(path)
-    refuse_old(path, content)
-    text, encoding = decoded(path, content)
+    refuse_old(content)
+    text, encoding = _decoded(content)
     if is_labview(text):
-        sheet = read_labview(path, text, reading)
+        sheet = read_labview(text, said)
     elif is_rigol(text):
-        sheet = read_rigol(path, text)
+        sheet = read_rigol(text)
     else:
-        sheet = read_delimited(path, text, reading.decimal, reading.skip)
+        sheet = read_delimited(text, said.decimal, said.skip)
     if encoding not in ("utf-8", "utf-8-sig"):
         sheet.form += f", in {encoding}"
     return sheet
+
+
+def _decoded(content: bytes) -> tuple[str, str]:
+    """Text of some bytes, and its encoding."""
+    marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
+    if marked is None and b"\0" in content[:4096]:
+        marked = _wide(content)
+    encoding = marked or "utf-8"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        if marked is not None:
+            raise _no_text(str(error)) from None
+        text, encoding = content.decode(_LEGACY, errors="replace"), _LEGACY
+    if any(character in text[:65536] for character in "\0\x01\x02\x03\x04\x05\x06\x08"):
+        raise _no_text("it holds control characters")
+    return text, encoding
+
+
+def _wide(content: bytes) -> str | None:
+    """UTF-16 without its mark has a zero in every other byte of plain text."""
+    start = content[: min(len(content), 4096) // 2 * 2]
+    even, odd = start[::2].count(0), start[1::2].count(0)
+    if odd > 0.4 * len(start) / 2 and not even:
+        return "utf-16-le"
+    return "utf-16-be" if even > 0.4 * len(start) / 2 and not odd else None
+
+
+def _no_text(reason: str) -> RecordError:
+    return RecordError(f"cannot be read as text: {visible(reason)}; save it as CSV in UTF-8")
+
+
+TEXT = Format(read_text)
+PARQUET = Format(read_parquet)
+_WORKBOOK = Format(read_workbook, MAX_WORKBOOK_BYTES)
+BINARY = {
+    ".parquet": PARQUET,
+    ".pq": PARQUET,
+    ".xlsx": _WORKBOOK,
+    ".xlsm": _WORKBOOK,
+    ".ods": _WORKBOOK,
+    ".tdms": Format(read_tdms),
+    ".mat": Format(read_matlab),
+}
+"""Formats that are no text, by the endings of their names."""
+
+
+# A time and one other column -------------------------------------------------------------------
+
+
+def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and numbers of a file, read as a laboratory record is.
+
+    Parameters
+    ----------
+    path : Path
+    unit : str
+        That the numbers are converted to, where the file says another one of its kind.
+
+    Returns
+    -------
+    times, numbers : float64 (n,)
+
+    Raises
+    ------
+    RecordError
+        If it cannot be read as such; the message names the file, and the line.
+    """
+    sheet = open_sheet(path, Reading())
+    with _naming(path):
+        time = time_of(sheet)
+        other = _other(sheet, time, unit)
+        name = visible(other.name) or f"column {sheet.columns.index(other) + 1}"
+        times = checked(sheet, TIME, time) * _size(TIME, time, "s")
+        values = checked(sheet, name, other) * _size(name, other, unit)
+    here, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
+    if not here.all():
+        first = sheet.place(int(np.argmin(here)))
+        notes.append(f"{(~here).sum()} of {len(here)} samples are lost and left out: {first} first")
+    times = spread(times[here], notes)
+    if notes:
+        warnings.warn(f"{visible(path)}: {'; '.join(notes)}", RecordWarning, stacklevel=2)
+    return times, values[here]
+
+
+def _other(sheet: Sheet, time: Column, unit: str) -> Column:
+    """The only column beside the time, of that unit, or of that name; without names the next."""
+    others = [one for one in sheet.columns if one is not time]
+    choices: Sequence[list[Column]] = (
+        others,
+        [one for one in others if one.unit is not None and is_of(one.unit, unit)],
+        [one for one in others if role_of(one.name) == _ROLES.get(unit, "")],
+        [] if any(one.name for one in others) else others[:1],
+    )
+    found = next((some for some in choices if len(some) == 1), None)
+    if found is None:
+        names = ", ".join(quoted(one.name) for one in others[:_MAX_SHOWN])
+        raise RecordError(
+            f"holds {len(others)} columns beside the time ({names}); leave one, or write its unit "
+            f"behind its name, such as 'value [{unit}]'"
+        )
+    return found[0]
+
+
+def _size(name: str, column: Column, wanted: str) -> float:
+    """What the numbers of a column are multiplied by; those without a unit stay as they are."""
+    if column.unit is None or column.clock:
+        return 1.0
+    try:
+        size, dimension = unit_size(plain_unit(column.unit))
+    except SceneError as error:
+        raise RecordError(f"{name}: {error}") from None
+    if dimension not in (unit_size(wanted)[1], unit_size("1")[1]):
+        raise RecordError(
+            f"{name}: the unit {quoted(column.unit)} does not fit; one of {wanted} is wanted: "
+            "correct it, or convert the numbers"
+        )
+    return size

@@ -1,10 +1,18 @@
-"""What stands in a file: columns of numbers with their names and units."""
+"""Sheets: columns of numbers with their names and units, of a file or of a table in memory."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
+
+from granular.readers.cells import LOST, seconds_of
+from granular.readers.names import name_and_unit
+from granular.shared.errors import RecordError
+from granular.shared.messages import quoted, visible
 
 
 @dataclasses.dataclass(eq=False)
@@ -63,3 +71,90 @@ class Sheet:
         if self.lines is None:
             return f"sample {row}"
         return f"sample {row} (line {int(self.lines[row])})"
+
+
+@contextlib.contextmanager
+def parsing(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
+    """Context in which a library reads a file; it turns errors of any kind into one line.
+
+    Parameters
+    ----------
+    kind : str
+        What the file should be.
+    package, extra : str
+        The library, where an installation may lack it, and the extra that brings it.
+
+    Raises
+    ------
+    RecordError
+        If the library fails or is not installed.
+    """
+    try:
+        yield
+    except RecordError:
+        raise
+    except ImportError:
+        raise RecordError(
+            f"{kind} needs {package}, which is not installed; pip install "
+            f"'granular-damper[{extra}]', or save it as CSV"
+        ) from None
+    except Exception as error:  # each library has its own kinds, and its versions others
+        words = visible(" ".join(str(error).split()))
+        raise RecordError(f"cannot be read as {kind}: {words}; save it anew, or as CSV") from None
+
+
+def sheet_of(table: Any) -> Sheet:
+    """The columns of a DataFrame, of an xarray object, or of a mapping of names to arrays.
+
+    The index of a DataFrame that has a name, and coordinates, are columns too; units stand in the
+    names, or in an xarray variable's attributes.
+
+    Raises
+    ------
+    RecordError
+        If it is no such table.
+    """
+    if hasattr(table, "to_dataset") and hasattr(table, "dims"):  # a DataArray
+        table = table.to_dataset(name=table.name or "height")
+    if hasattr(table, "data_vars"):
+        every = table.variables.items()
+        columns = {name: (one.values, one.attrs.get("units")) for name, one in every
+                   if one.ndim == 1}  # fmt: skip
+        form = "xarray"
+    elif hasattr(table, "iloc") and hasattr(table, "columns"):
+        if table.index.name is not None:
+            table = table.reset_index()
+        columns = {name: (table[name].to_numpy(), None) for name in table.columns}
+        form = "DataFrame"
+    elif isinstance(table, Mapping):
+        columns, form = {name: (np.asarray(one), None) for name, one in table.items()}, "columns"
+    else:
+        raise RecordError(
+            f"{quoted(type(table).__name__)} is no table; give a DataFrame, an xarray object or a "
+            "mapping of names to arrays"
+        )
+    lengths = {len(values) for values, _ in columns.values()}
+    if len(lengths) > 1:
+        raise RecordError(f"columns have the lengths {sorted(lengths)}; give columns of one length")
+    made = [_column(str(name), *column) for name, column in columns.items()]
+    return Sheet(made, None, True, form)
+
+
+def _column(header: str, values: np.ndarray, unit: str | None) -> Column:
+    name, in_name = name_and_unit(header)
+    unit = in_name or unit
+    if values.dtype.kind in "iuf":
+        return Column(name, unit, values.astype(np.float64))
+    if values.dtype.kind in "mM":
+        seconds = (values - values[0]) / np.timedelta64(1, "ns") * 1e-9
+        return Column(name, "s", np.asarray(seconds, dtype=np.float64), clock="date")
+    try:
+        if values.dtype.kind == "O" and not any(isinstance(one, str | bool) for one in values):
+            return Column(name, unit, np.array(values, dtype=np.float64))
+    except (TypeError, ValueError):
+        pass
+    texts = [str(one) for one in values]
+    found = seconds_of(texts, LOST)
+    if found is not None:
+        return Column(name, "s", found[0], clock=found[1])
+    return Column(name, unit, None, (0, texts[0] if texts else ""))

@@ -1,4 +1,8 @@
-"""Workbooks of Excel and LibreOffice."""
+"""Workbooks of Excel and LibreOffice, measured before anything of them is kept.
+
+A workbook is XML in a zip archive, where few bytes stand for many: by squeezing, by a cell far
+from all others, and by cells and rows that are repeated.
+"""
 
 from __future__ import annotations
 
@@ -6,33 +10,50 @@ import csv
 import datetime
 import io
 import itertools
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
-from zipfile import ZipFile
+import re
+import warnings
+import xml.parsers.expat
+from collections.abc import Iterable, Iterator, Sequence
+from typing import IO, Any, NamedTuple
+from xml.etree.ElementTree import Element, iterparse
+from zipfile import ZipFile, ZipInfo
 
 from granular.readers.delimited import read_delimited
 from granular.readers.reading import Reading
-from granular.readers.sheet import Sheet
-from granular.readers.text import read_bytes
-from granular.readers.workbook_rows import (
-    MOST_CELLS,
-    check_parts,
-    excel_sheets,
-    libre_office_sheets,
-    table_of,
-)
+from granular.readers.sheet import Sheet, parsing
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quoted
 
-_MOST_BYTES = 64 * 2**20
+MAX_BYTES = 64 * 2**20
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """What a workbook of Excel 97 to 2003 begins with."""
 _ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
 """What stands in a cell whose formula has no value."""
 
+Rows = Iterable[tuple[int, Sequence[Any]]]
+"""Numbers of repeats, and the cells of a row."""
 
-def refuse_old(path: Path, content: bytes) -> None:
+MAX_ROWS, MAX_CELLS = 2**20, 2**22
+"""Rows that a sheet of Excel has, and the cells of four columns of them."""
+
+
+class _Limit(NamedTuple):
+    """Megabytes of parts when they are unpacked, and elements of XML in them."""
+
+    megabytes: int
+    elements: int
+
+
+_PARTS = {
+    "xl/worksheets/": _Limit(512, 12_000_000),
+    "content.xml": _Limit(512, 12_000_000),
+    "xl/sharedStrings.xml": _Limit(64, 3_000_000),
+    "": _Limit(16, 200_000),
+}
+"""By how their names begin. A full sheet of four columns has 9.4 million elements in 200 MB."""
+
+
+def refuse_old(content: bytes) -> None:
     """Refuse a workbook in the form of Excel 97 to 2003.
 
     Raises
@@ -42,12 +63,11 @@ def refuse_old(path: Path, content: bytes) -> None:
     """
     if content.startswith(_OLD):
         raise RecordError(
-            f"{visible(path)}: is a workbook of Excel 97 to 2003 (.xls), which is not read; save "
-            "it as .xlsx or CSV"
+            "is a workbook of Excel 97 to 2003 (.xls), which is not read; save it as .xlsx or CSV"
         )
 
 
-def read_workbook(path: Path, reading: Reading) -> Sheet:
+def read_workbook(content: bytes, reading: Reading) -> Sheet:
     """A sheet of a workbook: the first that holds a table, or that which is named.
 
     Raises
@@ -55,61 +75,42 @@ def read_workbook(path: Path, reading: Reading) -> Sheet:
     RecordError
         If it cannot be read as such, there is no such sheet, or what reads it is not installed.
     """
-    tables = _tables(path, read_bytes(path, _MOST_BYTES))
-    if reading.sheet is not None and reading.sheet not in tables:
-        raise RecordError(
-            f"{visible(path)}: no sheet {quoted(reading.sheet)}; found: "
-            f"{', '.join(map(quoted, tables))}"
-        )
-    names = list(tables) if reading.sheet is None else [reading.sheet]
+    tables = reading.chosen(_tables(content), "sheet")
     failed: RecordError | None = None
-    for name in names:
+    for name, table in tables.items():
         try:
-            sheet = read_delimited(path, _text(tables[name]), None, reading.skip)
+            sheet = read_delimited(_csv(table), None, reading.skip)
         except RecordError as error:
             failed = failed or error
             continue
         sheet.form = f"sheet {quoted(name)} of a workbook"
         return sheet
-    raise failed or RecordError(f"{visible(path)}: holds no sheet; save the table in one")
+    raise failed or RecordError("holds no sheet; save the table in one")
 
 
-def _tables(path: Path, content: bytes) -> dict[str, list[Sequence[Any]]]:
-    try:
-        with ZipFile(io.BytesIO(content)) as archive:
-            check_parts(archive)
-            if path.suffix.lower() == ".ods":
-                sheets = libre_office_sheets(archive)
-            else:
-                sheets = excel_sheets(io.BytesIO(content))
-            tables: dict[str, list[Sequence[Any]]] = {}
-            left = MOST_CELLS
-            for name, rows in sheets:
-                tables[name] = table_of(rows, left)
-                left -= len(tables[name]) * _width(tables[name])
-            return tables
-    except ImportError:
-        raise RecordError(
-            f"{path.suffix} files need openpyxl, which is not installed; pip install "
-            "'granular-damper[workbooks]', or save as CSV"
-        ) from None
-    except RecordError as error:
-        raise RecordError(
-            f"{visible(path)}: {error}: save the columns that are wanted as CSV"
-        ) from None
-    except Exception as error:  # zip, XML and openpyxl have their own kinds
-        words = " ".join(str(error).split())
-        raise RecordError(
-            f"{visible(path)}: cannot be read as a workbook: {visible(words)}; save it anew, or as "
-            "CSV"
-        ) from None
+def _tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
+    with (
+        parsing("a workbook", "openpyxl", "workbooks"),
+        ZipFile(io.BytesIO(content)) as archive,
+    ):
+        check_parts(archive)
+        if "content.xml" in archive.namelist():
+            sheets = libre_office_sheets(archive)
+        else:
+            sheets = excel_sheets(io.BytesIO(content))
+        tables: dict[str, list[Sequence[Any]]] = {}
+        left = MAX_CELLS
+        for name, rows in sheets:
+            tables[name] = table_of(rows, left)
+            left -= len(tables[name]) * _width(tables[name])
+        return tables
 
 
 def _width(table: Sequence[Sequence[Any]]) -> int:
     return max(map(len, table), default=0)
 
 
-def _text(table: Sequence[Sequence[Any]]) -> str:
+def _csv(table: Sequence[Sequence[Any]]) -> str:
     """A sheet as text; what the program shows for a cell stays exact."""
     width = _width(table)
     written = io.StringIO()
@@ -125,3 +126,164 @@ def _cell(value: Any) -> str:
     if isinstance(value, datetime.datetime | datetime.time):
         return value.isoformat()
     return " ".join(str(value).split())
+
+
+# Limits ----------------------------------------------------------------------------------------
+
+
+def _too_large(what: str) -> RecordError:
+    return RecordError(f"{what}: save the columns that are wanted as CSV")
+
+
+def check_parts(archive: ZipFile) -> None:
+    """Refuse an archive whose parts of XML hold too much, before any of them is read.
+
+    Raises
+    ------
+    RecordError
+        The message says what is too much, and the limit.
+    """
+    parts: dict[str, list[ZipInfo]] = {start: [] for start in _PARTS}
+    for info in archive.infolist():
+        if info.filename.endswith((".xml", ".rels")):
+            parts[next(start for start in _PARTS if info.filename.startswith(start))].append(info)
+    for start, most in _PARTS.items():
+        size = sum(info.file_size for info in parts[start]) / 2**20
+        if size > most.megabytes:
+            raise _too_large(
+                f"its parts {start or 'beside sheets and texts'} unpack to {size:.0f} MB; at most "
+                f"{most.megabytes} MB are read"
+            )
+        elements = itertools.count(1)
+        for info in parts[start]:
+            with archive.open(info) as part:
+                _check_elements(info.filename, part, elements, most.elements)
+
+
+def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: int) -> None:
+    rows = itertools.count(1)
+
+    def begin(kind: str, _attributes: object) -> None:
+        if next(elements) > most:
+            raise _too_large(f"{name} in it, and those before, hold more than {most} elements")
+        if kind.endswith("row") and next(rows) > MAX_ROWS:
+            raise _too_large(f"{name} in it holds more than {MAX_ROWS} rows, the limit")
+
+    def refuse(*_declared: object) -> None:
+        raise _too_large(f"{name} in it declares entities, which no workbook needs")
+
+    parser = xml.parsers.expat.ParserCreate()
+    parser.StartElementHandler = begin
+    parser.EntityDeclHandler = refuse
+    parser.ParseFile(part)
+
+
+def table_of(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
+    """The rows up to the last that holds something, repeated ones as often as they are.
+
+    Raises
+    ------
+    RecordError
+        If they have more than `MAX_ROWS`, or than so many cells as a rectangle.
+    """
+    table: list[Sequence[Any]] = []
+    number = widest = 0
+    for repeat, cells in rows:
+        number += repeat
+        width = next((k for k in range(len(cells), 0, -1) if cells[k - 1] is not None), 0)
+        if not width:
+            continue
+        widest = max(widest, width)
+        if number > MAX_ROWS or number * widest > most:
+            raise _too_large(
+                f"a sheet reaches to row {number} and column {widest}; at most {MAX_ROWS} rows, "
+                f"and {MAX_CELLS} cells of all sheets, are read"
+            )
+        table += [()] * (number - repeat - len(table))
+        table += [cells[:width]] * repeat
+    return table
+
+
+# Excel -----------------------------------------------------------------------------------------
+
+
+def excel_sheets(file: IO[bytes]) -> Iterator[tuple[str, Rows]]:
+    """Names and rows of the sheets of a file in Office Open XML."""
+    import openpyxl
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of parts that are no table
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
+        for sheet in book.worksheets:
+            sheet.reset_dimensions()  # those that are written may be wrong
+            yield sheet.title, ((1, row) for row in sheet.iter_rows(values_only=True))
+
+
+# LibreOffice -----------------------------------------------------------------------------------
+
+_OFFICE, _TABLE, _TEXT = (
+    f"{{urn:oasis:names:tc:opendocument:xmlns:{name}:1.0}}" for name in ("office", "table", "text")
+)
+_CELLS = (f"{_TABLE}table-cell", f"{_TABLE}covered-table-cell")
+_VALUES = {"date": "date-value", "time": "time-value", "boolean": "boolean-value"}
+_SPAN = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
+
+
+def libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
+    """Names and rows of the sheets of an OpenDocument spreadsheet."""
+    with archive.open("content.xml") as part:
+        events = iterparse(part, ("start", "end"))
+        for event, element in events:
+            if (event, element.tag) == ("start", f"{_TABLE}table"):
+                yield element.get(f"{_TABLE}name", ""), _rows_until_end(events)
+
+
+def _rows_until_end(events: Iterator[tuple[str, Element]]) -> Rows:
+    for event, element in events:
+        if event == "start":
+            continue
+        if element.tag == f"{_TABLE}table-row":
+            yield _repeat(element, "rows"), _cells(element)
+            element.clear()
+        elif element.tag == f"{_TABLE}table":
+            return
+
+
+def _repeat(element: Element, what: str) -> int:
+    return int(element.get(f"{_TABLE}number-{what}-repeated", "1"))
+
+
+def _cells(row: Element) -> list[Any]:
+    cells: list[Any] = []
+    empty = 0
+    for cell in row:
+        if cell.tag not in _CELLS:
+            continue
+        value, repeat = _value(cell), _repeat(cell, "columns")
+        if value is None:
+            empty += repeat
+            continue
+        if len(cells) + empty + repeat > MAX_CELLS:
+            raise _too_large(f"a row has more than {MAX_CELLS} cells, the limit")
+        cells += [None] * empty + [value] * repeat
+        empty = 0
+    return cells
+
+
+def _value(cell: Element) -> str | None:
+    kind = cell.get(f"{_OFFICE}value-type")
+    if kind is None:
+        return None
+    value = cell.get(f"{_OFFICE}{_VALUES.get(kind, 'value')}")
+    if value is None:
+        return " ".join(map(_text, cell.findall(f"{_TEXT}p"))) or None
+    if kind == "date" and "T" not in value:
+        return f"{value}T00:00:00"
+    span = _SPAN.fullmatch(value) if kind == "time" else None
+    return value if span is None else ":".join(span.groups())
+
+
+def _text(paragraph: Element) -> str:
+    for space in paragraph.iter(f"{_TEXT}s"):
+        space.text = " "
+    return "".join(paragraph.itertext())

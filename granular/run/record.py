@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from granular.readers.meaning import Meaning
-    from granular.readers.opening import Reader
+    from granular.readers.opening import Format
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
@@ -185,9 +185,9 @@ class PistonRecord:
         cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
     ) -> PistonRecord:
         """Read a record from a file of text, whatever its name; see `from_file`."""
-        from granular.readers.opening import read_text_sheet
+        from granular.readers.opening import TEXT
 
-        return cls._read(Path(path), read_text_sheet, units, said)
+        return cls._read(Path(path), TEXT, units, said)
 
     @classmethod
     def from_parquet(
@@ -198,9 +198,9 @@ class PistonRecord:
         A unit stands behind a name, ``height [mm]``, or in the metadata of its field as ``units``
         (or ``unit``).
         """
-        from granular.readers.parquet import read_parquet
+        from granular.readers.opening import PARQUET
 
-        return cls._read(Path(path), read_parquet, units, said)
+        return cls._read(Path(path), PARQUET, units, said)
 
     @classmethod
     def from_table(
@@ -225,8 +225,8 @@ class PistonRecord:
         >>> len(record)
         2000
         """
-        from granular.readers.frames import sheet_of
         from granular.readers.meaning import meaning_of
+        from granular.readers.sheet import sheet_of
 
         meaning = meaning_of(sheet_of(table), Reading(units=units or {}, **said))
         if meaning.notes:
@@ -237,13 +237,13 @@ class PistonRecord:
     def _read(
         cls,
         path: Path,
-        reader: Reader | None,
+        form: Format | None,
         units: Mapping[str, str] | None,
         said: dict[str, Any],
     ) -> PistonRecord:
         from granular.readers.opening import read_meaning
 
-        meaning = read_meaning(path, Reading(units=units or {}, **said), reader)
+        meaning = read_meaning(path, Reading(units=units or {}, **said), form)
         try:
             record = cls.of_meaning(meaning)
         except RecordError as error:

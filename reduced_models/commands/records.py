@@ -119,8 +119,12 @@ examples:
 )  # fmt: skip
 def look(options: Any) -> None:
     """Show what was understood, and keep it if asked."""
-    from granular.readers.description import is_description, read_description, write_description
-    from granular.readers.reading import Reading
+    from granular.readers.reading import (
+        Reading,
+        is_description,
+        read_description,
+        write_description,
+    )
     from reduced_models.records.look import look as look_at
     from reduced_models.records.look import plot_look
 

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.readers.description import is_description, read_description
-from granular.readers.reading import Reading
+from granular.readers.reading import Reading, is_description, read_description
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quoted, visible

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from granular.readers.clock import seconds_of
+from granular.readers.cells import seconds_of
 
 
 @pytest.mark.parametrize("zone", ["", "Z", "+02:00", "-0530"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.readers import workbook_rows
+from granular.readers import workbook
 from granular.readers.opening import open_sheet
 from granular.readers.reading import Reading
 from granular.shared.errors import RecordError
@@ -90,8 +90,8 @@ def test_limits_hold_for_all_sheets_together(
             sheet.append([k, np.sin(k)])
     book.save(tmp_path / "a.xlsx")
     assert len(PistonRecord.from_file(tmp_path / "a.xlsx", sheet="b")) == 20
-    most = workbook_rows._Most(512, 2 * 21 * 5)
-    monkeypatch.setitem(workbook_rows._PARTS, "xl/worksheets/", most)
+    most = workbook._Limit(512, 2 * 21 * 5)
+    monkeypatch.setitem(workbook._PARTS, "xl/worksheets/", most)
     with pytest.raises(RecordError, match=r"sheet3\.xml in it, and those before, hold more than"):
         PistonRecord.from_file(tmp_path / "a.xlsx")
     with zipfile.ZipFile(tmp_path / "a.xlsx") as archive:

@@ -1,4 +1,4 @@
-"""Dates and times of day as seconds."""
+"""Cells of tables: numbers, lost samples, and dates and times of day as seconds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+LOST = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-",
+        "--", "---", "?")  # fmt: skip
+"""How programs write a sample that is not there."""
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?", re.ASCII)
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)", re.ASCII)
 _DAY = 86400.0
@@ -15,6 +20,15 @@ _DAY = 86400.0
 def is_stamp(cell: str) -> bool:
     """Whether a cell is a date with time, as of ISO 8601, or a time of day."""
     return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Whether a cell is a number, or a date or time of day."""
+    if decimal == ",":
+        if "." in cell:
+            return is_stamp(cell)
+        cell = cell.replace(",", ".", 1)
+    return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
 
 
 def seconds_of(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:

@@ -1,22 +1,21 @@
-"""Measurements of LabVIEW: text (.lvm), and TDMS."""
+"""Measurements of instruments: LabVIEW's text (.lvm) and TDMS, waveforms of Rigol oscilloscopes."""
 
 from __future__ import annotations
 
+import io
+import math
 import re
-from pathlib import Path
 
 import numpy as np
 
 from granular.readers.delimited import read_delimited
 from granular.readers.names import TIME
 from granular.readers.reading import Reading
-from granular.readers.sheet import Column, Sheet
-from granular.readers.text import read_bytes
+from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quoted
 
 _END = "***End_of_Header***"
-_MOST_BYTES = 256 * 2**20
 
 
 def is_labview(text: str) -> bool:
@@ -24,7 +23,7 @@ def is_labview(text: str) -> bool:
     return text.lstrip().startswith("LabVIEW Measurement")
 
 
-def read_labview(path: Path, text: str, reading: Reading) -> Sheet:
+def read_labview(text: str, reading: Reading) -> Sheet:
     """The first segment of a LabVIEW measurement file (.lvm).
 
     Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``.
@@ -38,7 +37,7 @@ def read_labview(path: Path, text: str, reading: Reading) -> Sheet:
     lines = re.split(r"\r\n|\r|\n", text)
     ends = [k for k, line in enumerate(lines) if line.strip().startswith(_END)]
     if not ends:
-        raise RecordError(f"{visible(path)}: has no line {_END}; write the measurement anew")
+        raise RecordError(f"has no line {_END}; write the measurement anew")
     mark = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
     file_head = _entries(lines[: ends[0]], mark)
     decimal = reading.decimal or file_head.get("Decimal_Separator", ["."])[0]
@@ -49,22 +48,22 @@ def read_labview(path: Path, text: str, reading: Reading) -> Sheet:
     if later is not None:
         notes.append(f"segments from line {later + 1} on are left out")
     body = "\n".join([*[""] * begin, *lines[begin:later]])
-    sheet = read_delimited(path, _padded(body, file_head), decimal, 0)
+    sheet = read_delimited(_padded(body, file_head), decimal, 0)
     sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
     channels = [one for one in sheet.columns if one.name.lower() not in ("x_value", "comment")]
     for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
         column.unit = column.unit or unit or None
-    _name_times(path, sheet)
+    _name_times(sheet)
     if file_head.get("X_Columns", [""])[0] == "No":
-        step = _number(path, head, "Delta_X", decimal)
-        first = _number(path, head, "X0", decimal)
+        step = _number(head, "Delta_X", decimal)
+        first = _number(head, "X0", decimal)
         count = 0 if sheet.lines is None else len(sheet.lines)
         sheet.columns = [one for one in sheet.columns if one.name != TIME]
         sheet.columns.insert(0, Column(TIME, "s", first + step * np.arange(count)))
     return sheet
 
 
-def _name_times(path: Path, sheet: Sheet) -> None:
+def _name_times(sheet: Sheet) -> None:
     """``X_Value`` is the time; each channel may have one (``X_Columns Multi``), if all agree."""
     times = [one for one in sheet.columns if one.name.lower() == "x_value"]
     for column in times:
@@ -73,7 +72,7 @@ def _name_times(path: Path, sheet: Sheet) -> None:
         if not _agree(times[0], column):
             number = sheet.columns.index(column) + 1
             raise RecordError(
-                f"{visible(path)}: column {number} holds other times than the first; export the "
+                f"column {number} holds other times than the first; export the "
                 "channels with one column of times, or each in a file of its own"
             )
         sheet.columns.remove(column)
@@ -100,18 +99,18 @@ def _entries(lines: list[str], mark: str) -> dict[str, list[str]]:
     return found
 
 
-def _number(path: Path, head: dict[str, list[str]], name: str, decimal: str) -> float:
+def _number(head: dict[str, list[str]], name: str, decimal: str) -> float:
     text = head.get(name, [""])[0].replace(decimal, ".")
     try:
         return float(text)
     except ValueError:
         raise RecordError(
-            f"{visible(path)}: {name} is {quoted(text)}, not a number, and there is no column of "
+            f"{name} is {quoted(text)}, not a number, and there is no column of "
             "times; export with times"
         ) from None
 
 
-def read_tdms(path: Path, reading: Reading) -> Sheet:
+def read_tdms(content: bytes, reading: Reading) -> Sheet:
     """The first group of a TDMS file that holds channels of one length; ``sheet`` names another.
 
     Times are a channel of that name, or follow from the channels' ``wf_increment``.
@@ -121,35 +120,17 @@ def read_tdms(path: Path, reading: Reading) -> Sheet:
     RecordError
         If it cannot be read as such, there is no such group, or npTDMS is not installed.
     """
-    try:
+    with parsing("a TDMS file", "npTDMS", "labview"):
         from nptdms import TdmsFile
-    except ImportError:
-        raise RecordError(
-            ".tdms files need npTDMS, which is not installed; pip install "
-            "'granular-damper[labview]', or export as CSV"
-        ) from None
-    import io
 
-    content = read_bytes(path, _MOST_BYTES)
-    try:
-        groups = {
-            group.name: group.channels() for group in TdmsFile.read(io.BytesIO(content)).groups()
-        }
-    except Exception as error:  # npTDMS raises what its parser meets
-        raise RecordError(
-            f"{visible(path)}: cannot be read as TDMS: {visible(error)}; export it anew, or as CSV"
-        ) from None
-    if reading.sheet is not None and reading.sheet not in groups:
-        raise RecordError(
-            f"{visible(path)}: no group {quoted(reading.sheet)}; found: "
-            f"{', '.join(map(quoted, groups))}"
-        )
-    chosen = groups if reading.sheet is None else {reading.sheet: groups[reading.sheet]}
+        file = TdmsFile.read(io.BytesIO(content))
+        groups = {group.name: group.channels() for group in file.groups()}
+    chosen = reading.chosen(groups, "group")
     name, channels = next(
         ((name, some) for name, some in chosen.items() if some and len(some[0])), ("", [])
     )
     if not channels:
-        raise RecordError(f"{visible(path)}: holds no channel with samples; export it anew")
+        raise RecordError("holds no channel with samples; export it anew")
     columns = [
         Column(one.name, one.properties.get("unit_string") or None,
                np.asarray(one[:], dtype=np.float64))
@@ -161,3 +142,57 @@ def read_tdms(path: Path, reading: Reading) -> Sheet:
         first = channels[0].properties.get("wf_start_offset", 0.0)
         columns.insert(0, Column(TIME, "s", first + step * np.arange(len(channels[0]))))
     return Sheet(columns, None, True, f"group {quoted(name)} of a TDMS file")
+
+
+# Rigol -----------------------------------------------------------------------------------------
+
+_HEAD = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
+
+
+def is_rigol(text: str) -> bool:
+    """Whether a text is such a waveform."""
+    return _HEAD.match(text) is not None
+
+
+def read_rigol(text: str) -> Sheet:
+    """The channels of a waveform; sample n is at ``Start`` + n ``Increment``.
+
+    The layout is that of files of the DS1000Z, DS2000 and DS4000.
+
+    Raises
+    ------
+    RecordError
+        If start or increment is no number, or there are no samples.
+    """
+    names, said = (line.rstrip(",").split(",") for line in text.splitlines()[:2])
+    channels = names[1:-2]
+    if len(said) != len(names):
+        raise RecordError(f"line 2 has {len(said)} entries, line 1 {len(names)}; save it anew")
+    first, step = _seconds(said[-2]), _seconds(said[-1])
+    sheet = read_delimited(text, ".", 2)
+    if len(sheet.columns) != len(channels) + 1:
+        raise RecordError(
+            f"line 3 has {len(sheet.columns)} values for {len(channels) + 1} columns; save it anew"
+        )
+    sequence, *values = (column.values for column in sheet.columns)
+    if sequence is None:
+        raise RecordError("the numbers of samples are none; save it anew")
+    sheet.columns = [
+        Column(TIME, "s", np.asarray(first + step * sequence)),
+        *map(Column, channels, said[1:-2], values),
+    ]
+    sheet.header, sheet.form = True, "waveform of a Rigol oscilloscope"
+    return sheet
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RecordError(
+            f"line 2 ends with {quoted(text)}, where start and increment in "
+            "seconds are wanted; save it anew"
+        )
+    return value
