@@ -45,7 +45,7 @@ from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepared
 
 SEEDS = 4
-"""Random starts of the bed at every place."""
+"""Random starts of the bed at every position."""
 MAX_SEEDS = 10_000
 _SHORT = 0.99
 _UNKNOWN = math.log(1e6)  # half-width of an interval on the logarithm that says nothing any more
@@ -81,7 +81,7 @@ def calibrate(
         ``grains.remanence``. Mass and remanence (and drag) scale together without a free swing
         noticing much: the force tells them apart.
     seeds : int
-        Random starts of the bed at every place, from the scene's own on.
+        Random starts of the bed at every position, from the scene's own on.
     law : str or Law
         Whose level of rest, period and damping ratio are compared; where the record is driven, an
         equation with the drive's column.
@@ -193,7 +193,7 @@ def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.n
     """
     settings = {**simulator.settings, "dt": halved(simulator.settings["dt"])}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
-    point = finer.points([centre.place])[0]
+    point = finer.points([centre.position])[0]
     if point.failure:
         return None, 1
     doubled = 2.0 ** method_of(simulator.settings["method"]).order
@@ -208,8 +208,8 @@ def _result(
     shift: np.ndarray | None,
     confidence: float,
 ) -> Calibration:
-    place = ended.centre.place + (ended.estimate.step if ended.settled else 0.0)
-    values = simulator.changes(place)
+    position = ended.centre.position + (ended.estimate.step if ended.settled else 0.0)
+    values = simulator.changes(position)
     return Calibration(
         parameters=tuple(
             _estimate(one, k, values[one.key], ended, shift, confidence)

@@ -61,7 +61,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEn
         if (np.abs(estimate.step) <= short).all():
             return SearchEnd(centre, estimate, scatter, len(points) * len(simulator.seeds), True)
         step = estimate.step * min(1.0, radius / float(np.abs(estimate.step).max()))
-        trial = simulator.points([centre.place + step])[0]
+        trial = simulator.points([centre.position + step])[0]
         if trial.failure:
             radius = 0.25 * float(np.abs(step).max())
             continue
@@ -78,7 +78,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEn
 
 
 def _scatter(points: Sequence[SimulatedPoint]) -> np.ndarray:
-    """Covariance (d, d) of the features over random starts, the mean over all places."""
+    """Covariance (d, d) of the features over random starts, the mean over all positions."""
     parts = [np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points]
     return np.asarray(np.mean(parts, axis=0))
 

@@ -113,7 +113,7 @@ def _mean_force(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
     return float(weight @ force), noise_level(force, time) * float(np.sqrt((weight**2).sum()))
 
 
-_DIGITS = 12  # of a parameter: places that differ by rounding are the same simulation
+_DIGITS = 12  # of a parameter: positions that differ by rounding are the same simulation
 
 
 class Parameter(NamedTuple):
@@ -174,7 +174,7 @@ class SimulatedPoint(NamedTuple):
 
     Attributes
     ----------
-    place : float64 (p,)
+    position : float64 (p,)
         Logarithms of the parameters.
     records : tuple of PistonRecord
         One a random start.
@@ -184,7 +184,7 @@ class SimulatedPoint(NamedTuple):
         Why there are none; empty where there are.
     """
 
-    place: np.ndarray
+    position: np.ndarray
     records: tuple[PistonRecord, ...]
     logs: np.ndarray
     failure: str = ""
@@ -204,7 +204,7 @@ class SceneSimulator:
     scene : Scene
     parameters : tuple of Parameter
     seeds : tuple of int
-        Of the random starts, the same at every place.
+        Of the random starts, the same at every position.
     law : str or Law
         Of the features.
     duration : float
@@ -223,28 +223,28 @@ class SceneSimulator:
     force: bool
     settings: Mapping[str, Any]
 
-    def changes(self, place: np.ndarray) -> dict[str, float]:
-        """The scene's changes at a place (p,)."""
+    def changes(self, position: np.ndarray) -> dict[str, float]:
+        """The scene's changes at a position (p,)."""
         return {
             one.key: float(f"{math.exp(log):.{_DIGITS}g}")
-            for one, log in zip(self.parameters, place, strict=True)
+            for one, log in zip(self.parameters, position, strict=True)
         }
 
-    def points(self, places: Sequence[np.ndarray]) -> list[SimulatedPoint]:
-        """Simulations at some places, side by side."""
+    def points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
+        """Simulations at some positions, side by side."""
         cases = [
-            self.changes(place) | {"arrangement.seed": seed}
-            for place in places
+            self.changes(position) | {"arrangement.seed": seed}
+            for position in positions
             for seed in self.seeds
         ]
         study = sweep(self.scene, cases=cases, measure=piston_columns, **self.settings)
         count = len(self.seeds)
         return [
-            self._point(place, study.outcomes[k * count : (k + 1) * count])
-            for k, place in enumerate(places)
+            self._point(position, study.outcomes[k * count : (k + 1) * count])
+            for k, position in enumerate(positions)
         ]
 
-    def _point(self, place: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> SimulatedPoint:
+    def _point(self, position: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> SimulatedPoint:
         records, rows = [], []
         for seed, outcome in zip(self.seeds, outcomes, strict=True):
             try:
@@ -255,10 +255,10 @@ class SceneSimulator:
                 figures = features(record, self.law, force=self.force)
             except InputError as error:
                 where = ", ".join(
-                    f"{key} = {value:.5g}" for key, value in self.changes(place).items()
+                    f"{key} = {value:.5g}" for key, value in self.changes(position).items()
                 )
                 cause = f"the simulation with {where} from random start {seed} failed: {error}"
-                return SimulatedPoint(place, (), np.empty((0, 0)), cause)
+                return SimulatedPoint(position, (), np.empty((0, 0)), cause)
             records.append(record)
             rows.append(np.log(figures.values))
-        return SimulatedPoint(place, tuple(records), np.array(rows))
+        return SimulatedPoint(position, tuple(records), np.array(rows))

@@ -115,8 +115,8 @@ def design(
         chosen, target
     )  # refuses what the maps do not hold, before anything is simulated
     rounds: list[Round] = []
-    ways = candidate_targets(target)
-    for one in ways:
+    targets = candidate_targets(target)
+    for one in targets:
         aim = (frequency, damping)
         first = len(rounds)
         for _ in range(CORRECTIONS):
@@ -135,7 +135,7 @@ def design(
                 if out is not None:
                     result.save(out, chosen)
                 return result
-            if len(ways) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            if len(targets) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
             aim = _next_aim(target, rounds[first:])
     raise DesignError(_miss_text(result), result)

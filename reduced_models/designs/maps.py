@@ -132,7 +132,9 @@ class DamperMaps:
         self.study = sound
         places = [one.coordinates() for one in self.dampers]
         self.surfaces: Mapping[str, Surface] = {
-            name: _fit_surface(np.array([_terms(place, DEGREES[name]) for place in places]), values)
+            name: _fit_surface(
+                np.array([_terms(coordinates, DEGREES[name]) for coordinates in places]), values
+            )
             for name, values in _figures(sound).items()
         }
 
@@ -144,14 +146,14 @@ class DamperMaps:
         InputError
             If it lies outside.
         """
-        place = damper.coordinates()
-        if np.abs(place).max() > _EDGE:
+        coordinates = damper.coordinates()
+        if np.abs(coordinates).max() > _EDGE:
             limits = ", ".join(
                 f"{name} {low:g} to {high:g}"
                 for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
             )
             raise InputError(f"{damper} lies outside the maps; keep to {limits}")
-        values = {name: self.at(name, place) for name in (*LOGARITHMIC, *PLAIN)}
+        values = {name: self.at(name, coordinates) for name in (*LOGARITHMIC, *PLAIN)}
         height, frequency, ratio = (math.exp(values[name]) for name in LOGARITHMIC)
         k1 = (2.0 * math.pi * frequency) ** 2
         return Prediction(
@@ -160,9 +162,9 @@ class DamperMaps:
             k2=values["quadratic"] * k1 / height, k3=values["cubic"] * k1 / height**2,
         )  # fmt: skip
 
-    def at(self, name: str, place: np.ndarray) -> float:
+    def at(self, name: str, coordinates: np.ndarray) -> float:
         """A map at a place (4,); the logarithm of the first three figures."""
-        return float(_terms(place, DEGREES[name]) @ self.surfaces[name].coefficients)
+        return float(_terms(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
     def view(self) -> LivePage:
         """The maps under sliders, as a page for a notebook; ``.save`` writes it for a browser."""
@@ -220,8 +222,8 @@ def _powers(degree: int) -> tuple[tuple[int, ...], ...]:
     return tuple(p for p in itertools.product(range(degree + 1), repeat=4) if sum(p) <= degree)
 
 
-def _terms(place: np.ndarray, degree: int) -> np.ndarray:
-    single = np.polynomial.legendre.legvander(place, degree)
+def _terms(coordinates: np.ndarray, degree: int) -> np.ndarray:
+    single = np.polynomial.legendre.legvander(coordinates, degree)
     powers = _powers(degree)
     return np.array([math.prod(single[k, p] for k, p in enumerate(one)) for one in powers])
 

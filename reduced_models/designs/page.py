@@ -137,9 +137,9 @@ def plot_maps(maps: DamperMaps, share: float = 0.0) -> Figure:
         Of small grains, from 0 to 0.5.
     """
     with figure(1, len(COUNTS), width=10.0, height=3.6) as (drawing, axes):
-        for place, count in zip(axes, COUNTS, strict=True):
-            draw_map(place, maps, count, share)
-            place.set_title(f"{count} grains", fontsize=10)
+        for panel, count in zip(axes, COUNTS, strict=True):
+            draw_map(panel, maps, count, share)
+            panel.set_title(f"{count} grains", fontsize=10)
         add_legend(drawing)
         axes[0].set_ylabel("drag of a grain [kg/s]")
         return drawing
@@ -150,14 +150,16 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
     side = np.linspace(-1.0, 1.0, _SIDE)
     grains = Candidate(1.0, count, 1.0, share).coordinates()[[1, 3]]
     places = [[np.array([one, grains[0], other, grains[1]]) for one in side] for other in side]
-    dampers = [[_exact(place, count) for place in row] for row in places]
+    dampers = [[_exact(coordinates, count) for coordinates in row] for row in places]
     mass = np.array([[one.mass for one in row] for row in dampers])
     drag = np.array([[one.drag for one in row] for row in dampers])
     for name, one in LINES.items():
-        values = one.factor * np.exp([[maps.at(name, place) for place in row] for row in places])
+        values = one.factor * np.exp(
+            [[maps.at(name, coordinates) for coordinates in row] for row in places]
+        )
         lines = axes.contour(mass, drag, values, one.levels, colors="none")
-        for level, ways in zip(lines.levels, lines.allsegs, strict=True):
-            longest: np.ndarray = max(ways, key=len, default=np.empty((0, 2)))
+        for level, segments in zip(lines.levels, lines.allsegs, strict=True):
+            longest: np.ndarray = max(segments, key=len, default=np.empty((0, 2)))
             if len(longest) > _SHORTEST:
                 axes.plot(*longest.T, one.style, color=one.colour, linewidth=1.1)
                 _label(axes, name, float(level), longest)
@@ -175,12 +177,12 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
     axes.set_xlabel("mass of the piston [kg]")
 
 
-def _label(axes: Axes, name: str, level: float, way: np.ndarray) -> None:
+def _label(axes: Axes, name: str, level: float, line: np.ndarray) -> None:
     """The level at an end of its line, where no other line has its labels."""
     along, end, offset, (left, top) = ENDS[name]
     axes.annotate(
-        f"{level:g}", way[end(way[:, along])], offset, textcoords="offset points", ha=left, va=top,
-        color=LINES[name].colour, fontsize=8, annotation_clip=False,
+        f"{level:g}", line[end(line[:, along])], offset, textcoords="offset points", ha=left,
+        va=top, color=LINES[name].colour, fontsize=8, annotation_clip=False,
     )  # fmt: skip
 
 
@@ -195,6 +197,6 @@ def add_legend(drawing: Figure) -> None:
     )  # fmt: skip
 
 
-def _exact(place: np.ndarray, count: int) -> Candidate:
+def _exact(coordinates: np.ndarray, count: int) -> Candidate:
     """The damper at a place, with the number of grains of the picture."""
-    return candidate_at(place)._replace(grains=count)
+    return candidate_at(coordinates)._replace(grains=count)

@@ -42,8 +42,8 @@ def design_points(count: int = POINTS) -> list[Candidate]:
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
     inside = 2.0 * qmc.Sobol(4, scramble=True, seed=1).random(count) - 1.0
     # Small beds first: they say soonest whether something is wrong.
-    places = sorted(np.vstack([corners, inside]), key=lambda place: place[1])
-    return [candidate_at(place) for place in places]
+    places = sorted(np.vstack([corners, inside]), key=lambda coordinates: coordinates[1])
+    return [candidate_at(coordinates) for coordinates in places]
 
 
 def run_study(

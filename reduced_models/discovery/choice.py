@@ -222,10 +222,10 @@ def _empty(judge: Judge) -> float:
 def _shares(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int) -> np.ndarray:
     """Share of the resamples of the white integrals in which each structure is best."""
     union = in_order({term for terms in structures for term in terms})
-    place = {term: k for k, term in enumerate(union)}
+    index = {term: k for k, term in enumerate(union)}
     columns, _ = unit_columns(judge.whitening @ judge.weak.matrix(union))
     target = judge.whitening @ judge.weak.target
-    chosen = [np.array([place[term] for term in terms]) for terms in structures]
+    chosen = [np.array([index[term] for term in terms]) for terms in structures]
     random = np.random.default_rng(seed)
     wins = np.zeros(len(structures))
     for _ in range(_RESAMPLES):

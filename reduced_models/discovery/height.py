@@ -109,14 +109,14 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     variants = [expression]
     for phased in (False, True):
         changed: dict[sympy.Expr, sympy.Expr] = {}
-        for place, call in enumerate(sorted(_calls(expression), key=str)):
+        for k, call in enumerate(sorted(_calls(expression), key=str)):
             argument, modulus = call.args
             inner = sympy.Poly(argument, t) if argument.is_polynomial(t) else None
             if inner is None or inner.degree() != 1 or not modulus.is_number:
                 continue
             rate, shift = (float(number) for number in inner.all_coeffs())
             # Numbers that are equal would be one number: each is moved by a little of its own.
-            apart = 1e-9 * (place + 1)
+            apart = 1e-9 * (k + 1)
             new = sympy.Float(rate * (1.0 + apart)) * t
             if phased or shift:
                 new += sympy.Float(shift + apart)

@@ -61,11 +61,11 @@ class HiddenState(NamedTuple):
 def _yielding(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
     """Ds = dx (1 - |s| s sign(dx)/e^2): a tangent back to zero, a hyperbolic one from there on."""
     sign = 1.0 if strain >= 0.0 else -1.0
-    along, way = sign * state / scale, abs(strain) / scale
+    along, distance = sign * state / scale, abs(strain) / scale
     since = np.where(
         along < 0.0, np.arctan(np.minimum(along, 0.0)), np.arctanh(np.clip(along, 0.0, _NEAR_ONE))
     )
-    reached = since + way
+    reached = since + distance
     return np.asarray(
         sign * scale * np.where(reached < 0.0, np.tan(np.minimum(reached, 0.0)), np.tanh(reached))
     )

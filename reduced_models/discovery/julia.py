@@ -56,18 +56,18 @@ _SERIES = {
 _RANGE = (1e-6, 0.9999)
 
 
-def _scipy_function(place: int) -> Callable[..., Any]:
+def _scipy_function(index: int) -> Callable[..., Any]:
     """SciPy's sn, cn or dn of u and m."""
 
     def value(u: Any, m: Any) -> Any:
         from scipy.special import ellipj
 
-        return ellipj(u, m)[place]
+        return ellipj(u, m)[index]
 
     return value
 
 
-ELLIPTIC = {name: Function(_scipy_function(place), 2, 2) for place, name in enumerate(_SERIES)}
+ELLIPTIC = {name: Function(_scipy_function(k), 2, 2) for k, name in enumerate(_SERIES)}
 """Jacobi's functions by the names that PySR knows them by."""
 
 

@@ -184,11 +184,11 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
     before = np.maximum(sizes[peaks], usual)
     centres, half = peaks.astype(float), 1.0
     first, end = np.clip((centres[:, None] - 1.0, centres[:, None] + 1.0), 0.0, float(last))
-    places = np.arange(last + 1.0)
+    samples = np.arange(last + 1.0)
     greatest = before
     for _ in range(_ZOOMS):
         near = np.clip(centres[:, None] + half * _GRID, first, end)
-        along = [None if each is None else np.interp(near, places, each) for each in (z, v, u)]
+        along = [None if each is None else np.interp(near, samples, each) for each in (z, v, u)]
         values = np.abs(term.values(along[0], along[1], along[2]))  # type: ignore[arg-type]  # z, v
         if not np.isfinite(values).all():
             return True

@@ -134,8 +134,8 @@ class Discovery:
 
     def __str__(self) -> str:
         lines = [f"discovered by {self.method}, {self.map}:"]
-        for place, one in enumerate(self.candidates):
-            mark = "*" if place == self.chosen else " "
+        for k, one in enumerate(self.candidates):
+            mark = "*" if k == self.chosen else " "
             lines.append(f" {mark} {one.complexity:3d}  {one.error:9.4g}  {one.text}")
         lines.append("   nodes, error in noise levels, equation; * is chosen")
         shares = ", ".join(f"{name}: {share:.2f}" for name, share in self.inclusion.items())

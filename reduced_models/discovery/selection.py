@@ -74,9 +74,9 @@ class Judge:
 
     def criterion(self, squares: float, count: int) -> float:
         """Return the criterion of an equation with so many free numbers and that sum of squares."""
-        ways = math.log(math.comb(max(self.size, count), count))
+        choices = math.log(math.comb(max(self.size, count), count))
         samples = math.log(self.weak.samples)
-        return squares / self.excess + count * samples + 2.0 * ways
+        return squares / self.excess + count * samples + 2.0 * choices
 
 
 def in_one_unit(judges: Sequence[Judge]) -> list[Judge]:
@@ -171,7 +171,7 @@ def _rank(
             squares = float(left @ left)
             scores.append(
                 ScoredTerms(
-                    tuple(terms[place] for place in chosen),
+                    tuple(terms[index] for index in chosen),
                     solved[k] / sizes[chosen],
                     judge.misfit(squares, count),
                     judge.criterion(squares, count),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -86,7 +87,7 @@ class Structures(NamedTuple):
     ----------
     candidates : list of CandidateEquation
     judge : Judge
-    inclusion : dict of str to float
+    inclusion : mapping of str to float
         Share of the members of an ensemble that held each term.
     others : list of CandidateEquation
         With other hidden states, to be shown only.
@@ -98,7 +99,7 @@ class Structures(NamedTuple):
 
     candidates: list[CandidateEquation]
     judge: Judge
-    inclusion: dict[str, float] = {}  # noqa: RUF012  # nobody changes it
+    inclusion: Mapping[str, float] = MappingProxyType({})
     others: Sequence[CandidateEquation] = ()
     notes: tuple[str, ...] = ()
     memory: Memory | None = None
@@ -188,9 +189,9 @@ def symbolic_candidates(
     if len(subsets) or not union or len(union) > _MOST_UNION:
         more = [term for term in union if term not in terms]
         union = [*terms, *more][:_MOST_UNION]
-    place = {term: k for k, term in enumerate(union)}
+    index = {term: k for k, term in enumerate(union)}
     supports = [
-        [place[term] for term in parts if term in place] for _, parts in sums if parts is not None
+        [index[term] for term in parts if term in index] for _, parts in sums if parts is not None
     ]
     groups = [*subsets, *_eliminate(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)

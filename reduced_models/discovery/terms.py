@@ -94,8 +94,8 @@ class OwnTerm:
         """
         order = np.argsort(z)
         steps = np.diff(z[order], prepend=z[order[:1]])
-        places = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0
-        areas = steps * (self.by_primitive(places) @ _WEIGHTS) / 2.0
+        nodes = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0
+        areas = steps * (self.by_primitive(nodes) @ _WEIGHTS) / 2.0
         areas_below = np.empty(len(z))
         areas_below[order] = np.cumsum(areas)
         return areas_below
@@ -182,11 +182,11 @@ def _read(text: str, column: str | None) -> sympy.Expr:
     return exact
 
 
-def _slope(expression: sympy.Expr, place: int) -> sympy.Expr:
+def _slope(expression: sympy.Expr, index: int) -> sympy.Expr:
     """Derivative by z (0) or z' (1); that of a jump is left out."""
     import sympy
 
-    return sympy.diff(expression, symbols()[place]).replace(
+    return sympy.diff(expression, symbols()[index]).replace(
         sympy.DiracDelta, lambda *_: sympy.Integer(0)
     )
 

@@ -117,7 +117,7 @@ class Integrals:
         return weights
 
     def _speed_weights(self, term: AnyTerm) -> Any:
-        """Those of a term that holds the speed in another way than z', by parts as well."""
+        """Weights of a term that holds the speed otherwise than as z', by parts as well."""
         motion = self.motion
         here = motion.smooth, motion.velocity, motion.drive
         by_speed = term.by_speed(*here)
@@ -192,7 +192,7 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
     centres = np.linspace(time[0] + half, time[-1] - half, count)
     quadrature = np.gradient(time)
     parts: list[list[np.ndarray]] = [[], [], []]
-    places, starts = [], [0]
+    columns, starts = [], [0]
     for centre in centres:
         first, last = np.searchsorted(time, (centre - half, centre + half))
         s = (time[first:last] - centre) / half
@@ -204,9 +204,9 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
         )
         for part, value in zip(parts, values, strict=True):
             part.append(value * quadrature[first:last])
-        places.append(np.arange(first, last))
+        columns.append(np.arange(first, last))
         starts.append(starts[-1] + last - first)
-    indices = np.concatenate(places)
+    indices = np.concatenate(columns)
     bump, slope, curvature = (
         csr_array((np.concatenate(part), indices, starts), shape=(count, len(time)))
         for part in parts

@@ -226,7 +226,7 @@ def _by_ratio(
     function: Callable[[float], float], ratio: float, low: float, high: float, name: str,
     symbol: str, unit: str,
 ) -> Quantity:  # fmt: skip
-    """A function of the damping ratio that grows, or of its ends the other way round."""
+    """A quantity that grows with the damping ratio; or falls, where its ends change places."""
     ends = [function(each) if 0.0 < each < _UNDERDAMPED else math.inf for each in (low, high)]
     return Quantity(name, symbol, unit, function(ratio), *ends)
 
