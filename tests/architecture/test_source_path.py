@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
-MOST_FILES = 45
+MOST_FILES = 40
 SOURCES = {"PistonRecord", "Scene", "Trajectory"}
 
 
