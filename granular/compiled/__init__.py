@@ -7,6 +7,7 @@ to call a kernel takes about a sixth of the time of compiling it, so most kernel
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable
 from typing import Any, NoReturn, TypeVar, overload
 
@@ -16,9 +17,16 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from granular.compiled.cache import KernelCache
-from granular.compiled.linking import EntryCompiler, InnerCompiler
 from granular.compiled.source import PACKAGE
+
+PLAIN = os.environ.get("GRANULAR_PLAIN_NUMBA", "") not in ("", "0")
+"""Whether kernels are compiled by Numba's own ``njit``, without anything of `linking`, `reference`
+and `cache`: slower at each start, and of use where a new version of Numba has moved its insides."""
+if PLAIN:
+    InnerCompiler = EntryCompiler = Compiler
+else:
+    from granular.compiled.cache import KernelCache
+    from granular.compiled.linking import EntryCompiler, InnerCompiler
 
 __all__ = ["Array", "compiled", "entry"]
 
@@ -95,6 +103,7 @@ def _kernel(function: Any, compiler: type[Compiler], **options: bool) -> Any:
         error_model="numpy", nogil=True, fastmath={"contract"}, pipeline_class=compiler, **options
     )(function)
     # What stands elsewhere is not in the digest of the sources, and is compiled in every process.
-    if isinstance(kernel, CPUDispatcher) and function.__module__.startswith(f"{PACKAGE.name}."):
+    own = function.__module__.startswith(f"{PACKAGE.name}.")
+    if own and not PLAIN and isinstance(kernel, CPUDispatcher):
         kernel._cache = KernelCache(function, kernel.targetoptions)
     return kernel

@@ -19,6 +19,8 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
 
+from granular.compiled import PLAIN
+
 T = TypeVar("T")
 
 
@@ -118,5 +120,5 @@ def _itself(whole: T) -> T:
     return whole
 
 
-by_reference = _itself if numba.config.DISABLE_JIT else _by_reference
+by_reference: Any = numba.njit(_itself) if PLAIN or numba.config.DISABLE_JIT else _by_reference
 """The address of a named tuple, good until the kernel returns; of anything else, that itself."""
