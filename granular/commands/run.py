@@ -95,7 +95,7 @@ study.toml:
 def sweep(options: Any) -> None:
     """Run a study."""
     from granular.own import import_own
-    from granular.studies.file import load_study
+    from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
     from granular.studies.workers import executor
 

@@ -95,7 +95,14 @@ class OwnMeasure:
         """Return the function's figures of a run."""
         found = contents(self.file)[self.name]
         if (marked := observable_of(found)) is not None:
-            return {marked.name: per_frame(run, found).values[-1].tolist()}
+            last = per_frame(run, found)[-1]
+            if "label" not in last.dims:
+                return {marked.name: last.values.tolist()}
+            labels = map(str, last["label"].values)
+            return {
+                f"{marked.name}.{k}": one.values.tolist()
+                for k, one in zip(labels, last, strict=True)
+            }
         figures: Mapping[str, Any] = found(run)
         return figures
 

@@ -127,6 +127,9 @@ def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) 
     (tmp_path / "mine.py").write_text(OWN)
     measure = import_own([tmp_path / "mine.py"]).measures["greatest_force"]
     assert measure(run) == {"greatest_force": per_frame(run, greatest_force).values[-1]}
+    (tmp_path / "named.py").write_text(OWN.replace("return", "return {'all': 1.0}\n    return"))
+    measure = import_own([tmp_path / "named.py"]).measures["greatest_force"]
+    assert measure(run) == {"greatest_force.all": 1.0}
 
 
 def test_an_installed_distribution_offers_observables(installed: Callable[..., None]) -> None:

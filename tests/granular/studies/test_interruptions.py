@@ -22,9 +22,8 @@ import granular.run.simulation
 import granular.shared.result_cache
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import StoreError
-from granular.studies.file import load_study
 from granular.studies.measures import last_values
-from granular.studies.sweep import Study
+from granular.studies.sweep import Study, load_study
 
 ROOT = Path(__file__).parents[3]
 

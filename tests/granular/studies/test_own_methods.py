@@ -11,7 +11,7 @@ import pytest
 
 from granular import Method, load_scene, sweep
 from granular.methods import METHODS
-from granular.studies.file import load_study
+from granular.studies.sweep import load_study
 
 PLAIN = METHODS["position-verlet"]
 TWIN = Method("twin", 2, kicks=PLAIN.kicks, drifts=PLAIN.drifts)

@@ -13,8 +13,8 @@ import pytest
 from granular import Scene, Trajectory, load_scene, sweep
 from granular.shared.errors import InputError, SceneError
 from granular.studies.cases import make_cases, measure_name
-from granular.studies.file import load_study
 from granular.studies.measures import last_values, piston_columns
+from granular.studies.sweep import load_study
 
 
 def falling(**changes: Any) -> Scene:
