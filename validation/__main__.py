@@ -181,9 +181,10 @@ def cheapest(options: Any) -> None:
 
 
 DEPAULA = option(
-    "--depaula", action="store_true",
+    "--depaula",
+    action="store_true",
     help="instead, de Paula's test of its method, with and without rounding",
-)  # fmt: skip
+)
 
 PROGRAM = Program(
     "python -m validation",

@@ -183,9 +183,7 @@ class DepaulaExperiment(PlainData):
             )
             for one in self.runs
         ]  # fmt: skip
-        header = (
-            "form", "step [s]", "error [m]", "rounding [m]", "peak difference [m]", "seconds"
-        )  # fmt: skip
+        header = ("form", "step [s]", "error [m]", "rounding [m]", "peak difference [m]", "seconds")
         return table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -131,9 +131,7 @@ def planned(
         calls = METHODS[name].force_calls
         runs = seconds * SHARE / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
-        ladder += [
-            SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)
-        ]  # fmt: skip
+        ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)]
     reference = SolverSettings("stormer-verlet", steps[rungs]) if random else finest(scene)
     return ladder, starts_of(scene, starts - 1), reference
 

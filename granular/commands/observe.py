@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 
 @command(
-    "observe", "observables of every frame of a run, as a table",
+    "observe",
+    "observables of every frame of a run, as a table",
     RUN,
     option("names", metavar="NAME", nargs="+", help="of an observable; see below, or your own"),
     IMPORT,
@@ -44,7 +45,7 @@ mine.py:
   @observable("N", "greatest force on a grain")
   def greatest_force(frame):
       return np.nanmax(np.linalg.norm(frame.forces, axis=1))""",
-)  # fmt: skip
+)
 def observe(options: Any) -> None:
     """Make a table of observables."""
     from granular.observables.catalogue import find_observable, frame_table
@@ -61,7 +62,8 @@ def observe(options: Any) -> None:
 
 
 @command(
-    "defects", "follow dislocations, vacancies and other defects of a run from frame to frame",
+    "defects",
+    "follow dislocations, vacancies and other defects of a run from frame to frame",
     RUN,
     option("--start", type=in_unit("s"), metavar="T", default=0.0, help="first time"),
     option("--stop", type=in_unit("s"), metavar="T", help="last time"),
@@ -82,7 +84,7 @@ what is written to the directory:
   events.csv   births, annihilations, reactions, and what enters and leaves at the rim
   paths.csv    where each defect was in each frame
   paths.png    the paths over the Voronoi cells of the last frame""",
-)  # fmt: skip
+)
 def defects(options: Any) -> None:
     """Follow the defects."""
     from granular.observables.defect_tracks import track_defects

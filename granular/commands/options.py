@@ -31,17 +31,20 @@ DT = option(
     "--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2"
 )
 METHOD = option(
-    "--method", default="stormer-verlet",
+    "--method",
+    default="stormer-verlet",
     help="integration method, by name (stormer-verlet); 'granular scenes --methods' lists them",
-)  # fmt: skip
+)
 THREADS = option(
-    "--threads", type=int,
+    "--threads",
+    type=int,
     help="number of threads; the result is the same to the last bit with any number",
-)  # fmt: skip
+)
 ACCURACY = option(
-    "--accuracy", metavar="TEXT",
+    "--accuracy",
+    metavar="TEXT",
     help="choose dt, method and sum over pairs for this error, such as '1e-3 rest height'",
-)  # fmt: skip
+)
 WORKERS = option("--workers", type=int, metavar="N", help="processes (all processors)")
 
 

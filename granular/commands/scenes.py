@@ -113,14 +113,15 @@ def show(options: Any) -> None:
 
 
 @command(
-    "schema", "print the JSON schema of scene or study files, for editors",
+    "schema",
+    "print the JSON schema of scene or study files, for editors",
     option("--of", choices=("scene", "study"), default="scene", help="kind of file"),
     option("-o", "--out", metavar="FILE", help="write it there instead of printing it"),
     examples="""\
 examples:
   %(prog)s -o scene.schema.json
   %(prog)s --of study -o study.schema.json""",
-)  # fmt: skip
+)
 def schema(options: Any) -> None:
     """Print a schema, or write it to a file."""
     from granular.scene.json_schema import scene_schema, study_schema

@@ -171,8 +171,9 @@ def _particle_files(
     apart = not foreign_effects(run.scene)
     if apart:
         tables["comPart"] = (
-            "compression [m D/T^2]", lambda frame: _compression(run, frame) / force
-        )  # fmt: skip
+            "compression [m D/T^2]",
+            lambda frame: _compression(run, frame) / force,
+        )
     times = run.dataset["frame_time"].values
     chosen = {every: _nearest(times, cadence, every) for every in (FINE, USUAL, COARSE)}
     files: dict[str, Iterator[str]] = {}

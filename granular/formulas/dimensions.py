@@ -23,8 +23,9 @@ def unit_text(dimension: Dimension) -> str:
     """A dimension as the unit that has it: ``kg s^-2``; ``1`` without one."""
     parts = [
         name if power == 1 else f"{name}^{power}"
-        for name, power in zip(BASE, dimension, strict=True) if power
-    ]  # fmt: skip
+        for name, power in zip(BASE, dimension, strict=True)
+        if power
+    ]
     return " ".join(parts) or "1"
 
 
@@ -59,9 +60,7 @@ def dimension_of(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
 
 def _alike(tree: Applied, parts: list[Dimension]) -> Dimension:
     # A zero has every unit.
-    found = [
-        part for part, one in zip(parts, tree.operands, strict=True) if _number(one) != 0
-    ]  # fmt: skip
+    found = [part for part, one in zip(parts, tree.operands, strict=True) if _number(one) != 0]
     for part in found[1:]:
         if part != found[0]:
             raise InputError(

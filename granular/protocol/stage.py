@@ -128,8 +128,9 @@ class Course(Parametric, Stage):
 
         def at(times: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
-                found = [np.broadcast_to(of(times, *start, *given), times.shape)
-                         for of in (value, slope)]  # fmt: skip
+                found = [
+                    np.broadcast_to(of(times, *start, *given), times.shape) for of in (value, slope)
+                ]
             return np.array(found, dtype=np.float64)
 
         count = LEAST_KNOTS

@@ -54,8 +54,9 @@ def _dates(cells: Sequence[str]) -> np.ndarray | float:
     import pandas
 
     try:
-        stamps = pandas.to_datetime([cell.replace(",", ".") for cell in cells], utc=True,
-                                    format="ISO8601")  # fmt: skip
+        stamps = pandas.to_datetime(
+            [cell.replace(",", ".") for cell in cells], utc=True, format="ISO8601"
+        )
     except ValueError:  # a month 13
         return float("nan")
     nanoseconds = stamps.tz_convert(None).to_numpy().astype("datetime64[ns]").astype(np.int64)

@@ -120,11 +120,12 @@ def _no_table(lines: Sequence[Line]) -> str:
 def _begin(lines: Sequence[Line], form: Form) -> tuple[int, Sequence[Line]]:
     """Where the rows begin, and the lines above them."""
     full = next(
-        k for k, line in enumerate(lines)
+        k
+        for k, line in enumerate(lines)
         if len(fields := trimmed(fields_of(line.text, form.separator), form.width)) == form.width
         and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
         and is_row(fields, form)
-    )  # fmt: skip
+    )
     start = full
     # A row with a wrong number stands above the first that is right, and below the header.
     while start and is_row(fields_of(lines[start - 1].text, form.separator), form):

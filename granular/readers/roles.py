@@ -148,9 +148,10 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     """The only other column of numbers, or of those without names the next."""
     taken = list(map(id, chosen.values()))
     free = [
-        one for one in sheet.columns
+        one
+        for one in sheet.columns
         if id(one) not in taken and one.values is not None and np.isfinite(one.values).any()
-    ]  # fmt: skip
+    ]
     _check_channels(free)
     lengths = [one for one in free if _fits(one, HEIGHT) and role_of(one.name) in (None, HEIGHT)]
     nameless = [one for one in lengths if not one.name]

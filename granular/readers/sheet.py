@@ -118,8 +118,9 @@ def sheet_of(table: Any) -> Sheet:
         table = table.to_dataset(name=table.name or "height")
     if hasattr(table, "data_vars"):
         every = table.variables.items()
-        columns = {name: (one.values, one.attrs.get("units")) for name, one in every
-                   if one.ndim == 1}  # fmt: skip
+        columns = {
+            name: (one.values, one.attrs.get("units")) for name, one in every if one.ndim == 1
+        }
         form = "xarray"
     elif hasattr(table, "iloc") and hasattr(table, "columns"):
         if table.index.name is not None:

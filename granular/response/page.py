@@ -125,9 +125,7 @@ def _beside_lines(
     if beside is None:
         return handles
     sizes = found.dataset.amplitude.values.tolist()
-    for (name, curves), look in zip(
-        beside.curves.items(), _DASHES, strict=False
-    ):  # fmt: skip
+    for (name, curves), look in zip(beside.curves.items(), _DASHES, strict=False):
         for size, curve in curves.items():
             colour = COLOURS[sizes.index(size) % len(COLOURS)]
             axes.plot(beside.frequencies, 1e3 * curve, color=colour, linestyle=look, lw=1.3)
@@ -273,13 +271,14 @@ def _equivalents(page: Page, found: Response) -> None:
 def _swings(page: Page, found: Response, size: float) -> None:
     part, diameter = shown_part(found, size), found.scene.grains.species[0].diameter
     columns = {
-        "Hz": (part.frequency, 1.0, 4), "mm": (part.displacement, 1e3, 3),
+        "Hz": (part.frequency, 1.0, 4),
+        "mm": (part.displacement, 1e3, 3),
         "piston [D]": (part.get("stroke"), 1.0 / diameter, 2),
         "added kg": (part.get("effective_mass"), 1.0, 3),
         "added kg/s": (part.get("added_damping"), 1.0, 3),
         "loss factor": (part.get("loss_factor"), 1.0, 2),
         "unsteady": (part.get("unsteady"), 1.0, 2),
-    }  # fmt: skip
+    }
     known = {
         head: [_figure(scale * float(x), digits) for x in values.values]
         for head, (values, scale, digits) in columns.items()

@@ -231,8 +231,9 @@ def _dataset(
     if host.bodies:
         found |= compare_linear(scene, host, key, sizes, frequencies, swing)
     if host.excitation is not None and host.excitation.of_base:
-        shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else
-                                            -(omega**2))  # fmt: skip
+        shake = np.array(sizes)[:, None] * (
+            np.ones_like(omega) if key == "acceleration" else -(omega**2)
+        )
         whole = swing - shake / omega**2
         ratio = np.abs(whole) / np.abs(shake / omega**2)
         found["transmissibility"] = ("1", "amplitude over that of the base", ratio)

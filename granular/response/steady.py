@@ -121,9 +121,7 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     seen = {"displacement": data.host_displacement.values}
     if "piston_height" in data:
         seen["stroke"] = data.piston_height.values
-    frequencies, swings = swept_amplitudes(
-        time, list(seen.values()), (low, high, length), points
-    )  # fmt: skip
+    frequencies, swings = swept_amplitudes(time, list(seen.values()), (low, high, length), points)
     found = {
         name: ("frequency", np.abs(one), {"units": "m"})
         for name, one in zip(seen, swings, strict=True)

@@ -114,9 +114,10 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
         found["stroke"] = ("m", what, data.stroke.values[None])
     found |= compare_linear(run.scene, host, key, sizes, frequencies, swing)
     settings = {
-        "dt": run.settings()["dt"], "duration": drive.duration,
+        "dt": run.settings()["dt"],
+        "duration": drive.duration,
         "sweep": [drive.frequency, drive.to],
-    }  # fmt: skip
+    }
     return Response(run.scene, response_dataset(key, sizes, frequencies, found), settings)
 
 

@@ -118,9 +118,10 @@ def prices_of(scene: Scene, quantity: str) -> Prices | None:
         return ("rest height" in one.floors) is not rests, apart(one)
 
     near = [
-        one for one in table()
+        one
+        for one in table()
         if one.kind == kind and quantity in one.floors and apart(one) <= math.log(ALIKE)
-    ]  # fmt: skip
+    ]
     return min(near, key=unlike, default=None)
 
 

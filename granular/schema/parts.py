@@ -214,8 +214,9 @@ class Cell(Section):
         if self.sides == "closed" and self.height is not None:
             raise FieldError(
                 "only a periodic cell has a height; a closed one ends at the piston "
-                "(piston.height)", "height",
-            )  # fmt: skip
+                "(piston.height)",
+                "height",
+            )
 
     def to_plain(self) -> dict[str, Any]:
         """As of `Section.to_plain`; periodic sides are told of where there are some."""

@@ -155,8 +155,9 @@ class Calibration:
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
             for k, motion in enumerate(self.motions):
                 label = "simulated, one line a random start" if k == 0 else None
-                top.plot(motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7,
-                         label=label)  # fmt: skip
+                top.plot(
+                    motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7, label=label
+                )
             top.set_ylabel("height [mm]")
             top.set_xlabel("time [s]")
             top.legend()

@@ -16,7 +16,8 @@ MOST_SAMPLES = 10**7
 
 
 @command(
-    "simulate", "predict a motion by a model that was saved",
+    "simulate",
+    "predict a motion by a model that was saved",
     MODEL,
     option("--until", required=True, metavar="T", help="end of the motion [s]"),
     option("--samples", type=int, default=1000, help="number of samples"),
@@ -28,7 +29,7 @@ MOST_SAMPLES = 10**7
 examples:
   %(prog)s model.json --until 3 -o motion.csv
   %(prog)s model.json --until 3 --height "60 mm" --velocity 0""",
-)  # fmt: skip
+)
 def simulate(options: Any) -> None:
     """Predict a motion by a saved model."""
     import numpy as np

@@ -55,9 +55,10 @@ class DesignTarget(NamedTuple):
         InputError
         """
         for name, value, unit in (
-            ("frequency", self.frequency, " Hz"), ("damping", self.damping, ""),
+            ("frequency", self.frequency, " Hz"),
+            ("damping", self.damping, ""),
             ("mass", self.mass, " kg"),
-        ):  # fmt: skip
+        ):
             if value is not None and not (_is_number(value) and 0.0 < value < math.inf):
                 raise InputError(f"{name} = {quoted(value)}; give a number above 0{unit}")
         if self.grains is not None and self.mass is not None:

@@ -140,8 +140,9 @@ class Design:
             ("frequency", frequency_tolerance * self.target.frequency),
             ("damping_ratio", damping_tolerance * self.target.damping),
         )
-        return all(high - low <= 2.0 * room for name, room in pairs
-                   for low, high in [self.spread(name)])  # fmt: skip
+        return all(
+            high - low <= 2.0 * room for name, room in pairs for low, high in [self.spread(name)]
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -120,10 +120,11 @@ class DropScores:
             words += f", where another random start alone changes {_percent(max(self.scatter))}"
         if others:
             said = (
-                f"{row.name} {_percent(row.median)}" if math.isfinite(row.median)
+                f"{row.name} {_percent(row.median)}"
+                if math.isfinite(row.median)
                 else f"{row.name} diverges"
                 for row in others
-            )  # fmt: skip
+            )
             words += "; " + ", ".join(said)
         return words + "."
 

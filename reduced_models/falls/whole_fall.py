@@ -64,9 +64,10 @@ class WholeFall(NamedTuple):
 
     def __str__(self) -> str:
         settled = (
-            f"settles in {self.settling_time:.3g} s" if math.isfinite(self.settling_time)
+            f"settles in {self.settling_time:.3g} s"
+            if math.isfinite(self.settling_time)
             else "does not settle in the time that is followed"
-        )  # fmt: skip
+        )
         return (
             f"falls from {1e3 * self.height:.4g} mm to rest at {1e3 * self.rest:.4g} mm, and "
             f"{settled}\n"

@@ -125,9 +125,10 @@ def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]
     return tuple(
         name
         for name in column_names(record)
-        if name not in named and math.isfinite(spread := float(np.ptp(column(record, name))))
+        if name not in named
+        and math.isfinite(spread := float(np.ptp(column(record, name))))
         and spread > 0.0
-    )  # fmt: skip
+    )
 
 
 HOPELESS = 4.0

@@ -295,8 +295,7 @@ def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
     first = scene.protocol[0]
     rest, height = run.stage(first.name).height, scene.piston.height
     grid = scene.arrangement.height
-    stage = {"kind": "free", "name": first.name,
-             "duration": float(fall.time[-1] - fall.time[0])}  # fmt: skip
+    stage = {"kind": "free", "name": first.name, "duration": float(fall.time[-1] - fall.time[0])}
     alone = {"protocol": [stage], "output.record": first.name}
     drops = []
     for ratio in DROPS:

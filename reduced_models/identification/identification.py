@@ -197,8 +197,9 @@ def _notes(
 ) -> tuple[str, ...]:  # fmt: skip
     """Doubts about a run, fits that failed, and columns that were not used."""
     notes = [] if run is None else list(run_notes(run))
-    notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows
-              if row.failure]  # fmt: skip
+    notes += [
+        f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure
+    ]
     if run is None:
         notes += [
             f"the column {visible(name)} was not used; as a drive of all laws: --input "

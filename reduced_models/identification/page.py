@@ -208,8 +208,9 @@ def add_equations(page: Page, model: ReducedModel) -> None:
         for name, rate in model.law.sympy_hidden().items()
     }
     for equation, rates in (
-        (model.equation, symbols), (model.printed_equation, model.printed_hidden),
-    ):  # fmt: skip
+        (model.equation, symbols),
+        (model.printed_equation, model.printed_hidden),
+    ):
         page.equation(mathml(equation))
         for name, rate in rates.items():
             page.equation(mathml_of_rate(name, rate))

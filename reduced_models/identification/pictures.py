@@ -80,17 +80,19 @@ def _add_curves(
     """
     shown, time = _axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
-        drawing, (top, bottom),
-    ):  # fmt: skip
+        drawing,
+        (top, bottom),
+    ):
         top.plot(
             *downsampled(time, shown.scale * record.height), color=GREY, linewidth=3.0, label=label
         )
         for name, values, look in curves:
             count = len(values)
             t, line, missed = downsampled(
-                time[:count], shown.scale * values,
+                time[:count],
+                shown.scale * values,
                 difference.scale * (record.height[:count] - values),
-            )  # fmt: skip
+            )
             top.plot(t, line, label=plain_label(name), linewidth=1.2, **look)
             bottom.plot(t, missed, linewidth=1.2, **look)
         if held_out_from is not None:
@@ -173,10 +175,11 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
         ("law", "error [% of the rms swing]", "times the best"),
         [
             (name, number(100.0 * one.relative, 3), number(one.relative / max(best, 1e-300), 3))
-            if math.isfinite(one.relative) else (name, "diverges", "")
+            if math.isfinite(one.relative)
+            else (name, "diverges", "")
             for one, name in ranked
         ],
-    )  # fmt: skip
+    )
     _add_curves(
         page,
         "The other lift, and what the best laws predict of it.",
@@ -234,8 +237,9 @@ def _add_ledger(page: Page, run: Trajectory) -> None:
     stored = np.sum([value for key, value in parts.items() if key.endswith("_energy")], axis=0)
     residual = stored - stored[0] + parts.get("drag_loss", 0.0) - parts.get("work", 0.0)
     with figure(2, 1, height=6.2, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
-        drawing, (top, bottom),
-    ):  # fmt: skip
+        drawing,
+        (top, bottom),
+    ):
         for k, (key, value) in enumerate(parts.items()):
             shown = value - value[0] if key in ("weight_energy", "piston_energy") else value
             t, energy = downsampled(time, 1e3 * shown)

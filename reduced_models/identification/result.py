@@ -278,9 +278,10 @@ def lift_verdict(table: Comparison) -> str:
     if others:
         worse = [
             f"{other} is {times(one.relative / max(best.relative, 1e-300))} times worse"
-            if math.isfinite(one.relative) else f"{other} diverges"
+            if math.isfinite(one.relative)
+            else f"{other} diverges"
             for one, other in others
-        ]  # fmt: skip
+        ]
         words += "; " + ", ".join(worse)
     return words + "."
 

@@ -105,7 +105,7 @@ def compare_response(response: Response) -> ResponseComparison:
             PeakComparison(
                 force, simulated, predicted.peak, float(predicted.linear.max()), "".join(outside)
             )
-        )  # fmt: skip
+        )
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
 

@@ -122,9 +122,9 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
 
 
 def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Scene]:
-    start = load_scene("machine").replace(**{
-        "effects.host": Host(bodies=host.bodies, excitation=excitation).to_plain()
-    })  # fmt: skip
+    start = load_scene("machine").replace(
+        **{"effects.host": Host(bodies=host.bodies, excitation=excitation).to_plain()}
+    )
     for count in _COUNTS:
         bed = float(start.replace(**{"grains.count": 1}).grains.masses().sum()) * count
         for share, drag in itertools.product(_SHARES, _DRAGS):

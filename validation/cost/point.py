@@ -192,8 +192,9 @@ def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
     """
     own = [one for one in points if not one.setting.outside]
     if tolerance < FLOORS * floor:
-        best = min((one for fam in families(own).values() for one in unbiased(fam)),
-                   key=cost, default=None)  # fmt: skip
+        best = min(
+            (one for fam in families(own).values() for one in unbiased(fam)), key=cost, default=None
+        )
         return Advice(tolerance, best, starts_for(floor, tolerance), floor)
     sound = [one for fam in families(own).values() for one in holding(fam, tolerance)]
     return Advice(tolerance, min(sound, key=cost, default=None), 1, floor)

@@ -39,9 +39,10 @@ def problem(speed: float = SPEED, time: float = TIME) -> Problem:
         {"walls": {"left": "none", "right": "none", "bottom": "none"}},
         arrangement={"positions": [["30 D", f"{top - GAP!r} D"]]},
         piston={"height": f"{top!r} D"},
-        protocol=[{"kind": "move", "name": "move", "to": 0.005 * top - speed * time,
-                   "duration": time}],
-    )  # fmt: skip
+        protocol=[
+            {"kind": "move", "name": "move", "to": 0.005 * top - speed * time, "duration": time}
+        ],
+    )
     return Problem(
         "driven-piston", "a piston driven against a grain", scene, time,
         partial(snapshot, scene), fewest=24, conservative=False,
