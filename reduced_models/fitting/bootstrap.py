@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from reduced_models.fitting.autoregression import autoregression
+from reduced_models.fitting.diagnostics import autoregression
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import (
     Loss,

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.autoregression import autoregression, spread_of
-from reduced_models.fitting.diagnostics import autocorrelation_time
+from reduced_models.fitting.diagnostics import autocorrelation_time, autoregression, spread_of
 from reduced_models.least_squares.joint_records import Places
 from reduced_models.least_squares.residuals import Loss, cost_and_weight, sensitivity
 

@@ -47,8 +47,7 @@ from reduced_models.fitting.refinement import SearchResult, fine_grids, judged
 from reduced_models.fitting.search import search_fit
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.law import Law
-from reduced_models.laws.words import law_from_text
+from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, without_walk
 from reduced_models.models.model import ReducedModel

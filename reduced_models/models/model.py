@@ -17,11 +17,15 @@ from granular.shared.messages import visible
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
-from reduced_models.models.exporting import write_code
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLaw
 from reduced_models.models.quality import Direction, Quality
-from reduced_models.models.schema import FORMAT, checked, read_model
-from reduced_models.models.stored import law_from_plain, quality_from_plain
+from reduced_models.models.schema import (
+    FORMAT,
+    checked,
+    law_from_plain,
+    quality_from_plain,
+    read_model,
+)
 from reduced_models.records.envelope import SeenDamping
 from reduced_models.records.inputs import Interpolation
 
@@ -236,7 +240,7 @@ class ReducedModel(FittedLaw):
         InputError
             If the ending is another one, or the file cannot be written.
         """
-        return write_code(self, Path(path))
+        return export.write_code(self, Path(path))
 
     @property
     def text(self) -> str:

@@ -1,4 +1,4 @@
-"""What the plain data of a model must be, checked before anything is made of them.
+"""Plain data of a stored model: checked before anything is made of them, then its parts.
 
 A file of a model may come from anybody. Each check reads one value and gives it back; what does not
 fit is named by the path that leads to it.
@@ -6,6 +6,7 @@ fit is named by the path that leads to it.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +18,9 @@ from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.messages import quoted, visible
+from reduced_models.laws.catalogue import LAWS
+from reduced_models.laws.law import Law
+from reduced_models.models.quality import Quality
 from reduced_models.records.inputs import INTERPOLATIONS
 
 FORMAT = 1
@@ -284,3 +288,33 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) < len(pairs):
         raise ValueError("an entry is there twice; drop one")
     return found
+
+
+def law_from_plain(plain: Mapping[str, Any]) -> Law:
+    """Law of the package, or one of the user's own, from its equation."""
+    own = Law(
+        name=plain["law"],
+        equation=plain["equation"],
+        positive=tuple(plain["positive"]),
+        units=plain["units"],
+        mapped=plain["mapped"],
+        source=plain["source"],
+        inputs=tuple(plain["inputs"]),
+        resolution=plain["resolution"],
+    )
+    if set(own.parameters) != set(plain["parameters"]):
+        raise InputError(
+            "the data are not those of a reduced model: the equation has the parameters "
+            f"{', '.join(own.parameters) or 'none'}, and values are given of "
+            f"{', '.join(map(visible, plain['parameters'])) or 'none'}; correct one of them"
+        )
+    packaged = LAWS.get(own.name)
+    return packaged if packaged is not None and packaged.equation == own.equation else own
+
+
+def quality_from_plain(plain: Mapping[str, Any]) -> Quality:
+    """Quality of a model; an infinite error, which no file holds, is put back."""
+    quality = Quality(**plain)
+    if quality.holdout is None and quality.holdout_from is not None:
+        return dataclasses.replace(quality, holdout=math.inf)
+    return quality

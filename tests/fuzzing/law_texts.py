@@ -16,7 +16,7 @@ from trials import Outcome, Random, a_minute, random_of, refused, tell, wanted
 from granular.formulas import FUNCTIONS
 from granular.shared.errors import InputError
 from reduced_models.laws.equation import compiled_field, compiled_jacobian
-from reduced_models.laws.words import law_from_text
+from reduced_models.laws.law import law_from_text
 
 NAMES = ("z", "z'", "z''", "k", "c", "omega", "λ", "lambda", "w", "rest", "x0", "numpy", "pi", "e")
 NUMBERS = ("0", "1", "2", "3", "0.5", "1e-3", "7.25", "1e99", "1e-120", "64", "100", "1/3", "00.10")

@@ -10,8 +10,7 @@ import pytest
 
 from granular import PistonRecord, load_scene
 from reduced_models import Law, fit, predict
-from reduced_models.fitting.autoregression import autoregression, spread_of
-from reduced_models.fitting.diagnostics import diagnostics
+from reduced_models.fitting.diagnostics import autoregression, diagnostics, spread_of
 from reduced_models.laws.solution import solution
 from reduced_models.least_squares.residuals import with_walk, without_walk
 from reduced_models.records.first_guesses import first_guesses, spectral_peak

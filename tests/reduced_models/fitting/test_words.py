@@ -14,9 +14,9 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import Law, compare, fit
 from reduced_models.fitting.fitting import law_of
+from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solution
 from reduced_models.laws.symmetry import canonical, symmetries
-from reduced_models.laws.words import law_from_text
 
 PENDULUM = "theta'' + 2*lam*theta' + k*sin(theta - rest) = 0"
 TIME = np.linspace(0.0, 40.0, 2000)

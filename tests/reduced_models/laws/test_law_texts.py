@@ -15,7 +15,7 @@ from reduced_models import forced_law
 from reduced_models.jax_setup import jax
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field, parse
-from reduced_models.laws.words import law_from_text
+from reduced_models.laws.law import law_from_text
 
 READ = {
     "z'' + k*z = 0": "-k*z",
@@ -158,7 +158,7 @@ def test_no_text_runs_a_command(tmp_path: Path) -> None:
     """What was done by way of SymPy's parser, in a process of its own."""
     seen = tmp_path / "seen"
     code = (
-        "import sys; from reduced_models.laws.words import law_from_text\n"
+        "import sys; from reduced_models.laws.law import law_from_text\n"
         "try: law_from_text(sys.argv[1])\n"
         "except ValueError as error: print(error)"
     )

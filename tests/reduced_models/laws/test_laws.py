@@ -14,8 +14,8 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models import ReducedModel, fit, load_model
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.equation import compiled_jacobian, parse
+from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solution
-from reduced_models.laws.words import law_from_text
 
 
 def errors(model: ReducedModel, true: dict[str, float]) -> list[float]:

@@ -18,7 +18,7 @@ from granular.shared.errors import InputError
 from reduced_models import ReducedModel, load_model
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.words import law_from_text
+from reduced_models.laws.law import law_from_text
 from reduced_models.models.export_c import c_source
 from reduced_models.models.export_matlab import matlab_source
 from reduced_models.models.export_modelica import modelica_source
