@@ -16,8 +16,9 @@ from granular.studies.measures import OwnMeasure, own_measures
 
 
 class OwnCode(NamedTuple):
-    """What a user's files define, by name; their methods are known to `granular.methods`,
-    their effects and wall laws to scenes.
+    """Measures and observables that a user's files define, by name.
+
+    Their methods are known to `granular.methods`, their effects and wall laws to scenes.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ class Eddy(Effect):
         return strength / (128.0 * math.pi * self.distance**4)
 
     def decay_rate(self, scales: Scales) -> float:
-        """Of a grain of the first species [1/tau]."""
+        """Decay rate of a grain of the first species [1/tau]."""
         return self.coefficient(scales) * scales.time / scales.mass
 
     def law(self, setting: Setting) -> EddyLaw:

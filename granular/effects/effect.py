@@ -1,4 +1,4 @@
-"""How an effect looks: one file that says everything that the scene, the loop and the run need.
+"""Interface of an effect: one file that holds all that the scene, the loop and the run need.
 
 An effect is a section of the scene: its fields are its parameters, with units and limits. Once a
 run it makes its *law*: a named tuple of numbers in natural units, and of arrays with one value for
@@ -82,7 +82,7 @@ class Record(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Setting:
-    """What a law is made from, besides its effect.
+    """Context in which an effect makes its law.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class Effect(Section):
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """What it records, besides its energy and what it takes."""
+        """Series that the effect records, besides its energy and its loss."""
         return ()
 
     @property
@@ -168,7 +168,7 @@ class Effect(Section):
 
     @property
     def is_flow(self) -> bool:
-        """Whether it is a flow that Runge-Kutta methods cannot take."""
+        """True for a flow that Runge-Kutta methods cannot integrate."""
         return False
 
     def law(self, setting: Setting) -> Any:
@@ -181,7 +181,7 @@ class Effect(Section):
         """Raise `FieldError`, with the path from the scene, unless it fits apparatus and others."""
 
     def load_weight(self, setting: Setting) -> np.ndarray | None:
-        """What each grain weighs (m,) in the sums over 1/r^3 that the pairs' pass takes along."""
+        """Weights of the grains (m,) in the sums over 1/r^3 that the pass over pairs also makes."""
         return None
 
     def grain_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""What shakes a host: a force on it, or an acceleration of its base, as a function of time."""
+"""Excitation of a host: a force on it, or an acceleration of its base, as a function of time."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ class Excitation(Section):
 
     @property
     def of_base(self) -> bool:
-        """Whether the base moves; otherwise a force acts."""
+        """True where the base moves; otherwise a force acts."""
         return self.force is None
 
     def highest_frequency(self) -> float:

@@ -78,7 +78,7 @@ class Formula(Parametric):
 
     @property
     def definition(self) -> Definition:
-        """What kernels know it by."""
+        """Definition by which kernels know the formula."""
         kind: Any = type(self)
         found: Definition = _definition(kind, self.energy, tuple(name for name, _ in self.values))
         DEFINITIONS[found.digest] = found

@@ -71,7 +71,7 @@ def sliding(speed: float, loss: float) -> float:
 
 @compiled(inline=True)
 def _length(x: float, y: float) -> float:
-    """Of a vector whose squares neither overflow nor matter where they vanish.
+    """Length of a vector whose squares neither overflow nor matter where they vanish.
 
     ``hypot`` heeds both, and took a third of a step.
     """
@@ -224,7 +224,7 @@ def _kick_with_friction(
 def _sticks(
     law: FrictionLaw, dt: float, speed: float, state: State, i: int, mass: float, load: float
 ) -> bool:
-    """Whether the force, and friction with it, stop the grain within ``dt``, and friction holds it.
+    """Return whether force and friction stop the grain within ``dt``, and friction then holds it.
 
     A grain must not be carried through rest to the other side, where dynamic friction would let go
     of what static friction holds.

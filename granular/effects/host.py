@@ -55,7 +55,7 @@ class Body(Section):
 
 
 class Host(Effect):
-    """What carries the damper, and what shakes it.
+    """Primary structure that carries the damper, and its excitation.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class Host(Effect):
         )
 
     def _reacts(self, setting: Setting) -> bool:
-        """Whether something within the cell dissipates, and its reaction acts on the frame."""
+        """Return whether anything in the cell dissipates, and so reacts on the frame."""
         piston = setting.piston
         rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
         inside = [one for one in setting.effects.values() if one.key != self.key]

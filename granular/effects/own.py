@@ -334,12 +334,12 @@ def define(
 
 
 def built_in(made: type) -> bool:
-    """Whether a class stands in a file of the package's effects."""
+    """Return whether a class is defined in a file of the package's effects."""
     return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
 
 
 def name_of(written: type) -> str:
-    """What scenes call a class: ``LeafSpring`` is ``leaf_spring``."""
+    """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
     words = "".join(f"_{one.lower()}" if one.isupper() else one for one in written.__name__)
     return words.lstrip("_")
 

@@ -1,4 +1,4 @@
-"""What an own effect is made of: functions, and a digest by which its compiled code is known."""
+"""Functions of an own effect, and the digest that identifies its compiled code."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Grain(NamedTuple):
 
 
 class Definition(NamedTuple):
-    """What an own effect, or an own law of a wall, does.
+    """Definition of an own effect, or of an own law of a wall.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def functions_digest(functions: dict[str, Any], fields: list[str]) -> str:
 
 
 def _parts(function: Any, seen: set[int]) -> Iterator[str]:
-    """What a function is made of: its code, and the values and functions that it names."""
+    """Yield the code of a function, and the values and functions that it names."""
     function = getattr(function, "py_func", function)
     if id(function) in seen:
         return

@@ -187,7 +187,7 @@ def _ready(law: OwnLaw, cells: Cells | None, state: State, count: int) -> bool:
 
 @compiled
 def _partners(law: OwnLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
-    """How many partners a grain has: those within reach, or all behind it."""
+    """Number of a grain's partners: those within reach, or all that follow it."""
     if cells is None:
         return count - 1 - i
     return find_partners(cells, state.x, state.y, i, law.reach)

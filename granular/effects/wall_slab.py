@@ -33,7 +33,7 @@ def _pull(w: float, a: float) -> float:
 
 @compiled
 def _steep(w: float, a: float) -> float:
-    """What an end takes off the normal force of an endless wall, times 4; for a > 0."""
+    """Decrease of an endless wall's normal force at an end, times 4; for a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 

@@ -96,7 +96,7 @@ def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
 
 @compiled
 def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
-    """What `over_mass` takes back: of grains of moment 1, for what the walls add such to."""
+    """Undo `over_mass`: for terms of the walls that count a grain's moment as 1."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= value_of(masses, i) / moments[i]

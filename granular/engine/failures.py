@@ -1,4 +1,4 @@
-"""What went wrong with a run, as a typed error with the remedy."""
+"""Errors of a run, each with its remedy."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def record_host(
 
 @compiled
 def _momentum(law: HostLaw, room: HostRoom, grains: float, speed: float) -> float:
-    """Of the whole over the base; ``grains`` is that of the grains in the frame."""
+    """Momentum of the whole over the base; ``grains`` is that of the grains in the frame."""
     last = law.chain.masses.size - 1
     total = grains + law.piston_mass * speed
     for k in range(last):

@@ -28,7 +28,7 @@ begun to move from rest has a large relative error of no consequence."""
 
 @dataclasses.dataclass
 class Ledger:
-    """What the ledger must remember from record to record, in natural units.
+    """Memory of the energy ledger from record to record, in natural units.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Ledger:
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What each record is off by beyond rounding: [F* D], and over the energy turned over."""
+        """Residuals of the records beyond rounding [F* D], and over the energy turned over."""
         potential, total = columns.potentials(rows), columns.energies(rows)
         lost, work = columns.losses(rows), rows[:, columns.WORK]
         moved = np.maximum(rows[:, columns.TURNED], self.moved)

@@ -54,7 +54,7 @@ STIFFEST, LATEST, TURNED = range(3)
 
 
 class Watch(NamedTuple):
-    """What the loop looks out for at every tick.
+    """Criteria that the loop checks at every tick.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ def _anyone_below(y: Array, count: int, height: float) -> bool:
 
 @compiled
 def _resting(watch: Watch, tick: int, row: Array) -> bool:
-    """Whether piston and grains have been at rest for the window."""
+    """Return whether piston and grains have been at rest for the window."""
     height = row[columns.HEIGHT]
     watch.band[LOWEST] = min(watch.band[LOWEST], height)
     watch.band[HIGHEST] = max(watch.band[HIGHEST], height)
@@ -143,7 +143,7 @@ def _resting(watch: Watch, tick: int, row: Array) -> bool:
 
 
 class Window(NamedTuple):
-    """Which ticks to advance by.
+    """Range of ticks to advance by.
 
     Attributes
     ----------

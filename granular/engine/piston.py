@@ -33,7 +33,7 @@ enter_work = sum_over("work", "dt bed time")
 
 @compiled(inline=True)
 def _held_back(room: HostRoom | None, constants: Constants) -> float:
-    """What a free piston feels less of where a host accelerates the cell [F*]."""
+    """Inertial force that a free piston lacks where a host accelerates the cell [F*]."""
     if room is None:
         return 0.0
     return constants.piston_mass * room.present[PUSH] - room.present[PULL]
@@ -78,7 +78,7 @@ def _free_kick(
 
 @compiled
 def _slow(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> bool:
-    """Whether the force and twice the friction would stop the piston within ``dt``."""
+    """Return whether the force and twice the friction would stop the piston within ``dt``."""
     v = state.piston[SPEED]
     against = max(-math.copysign(force, force * v), 0.0)
     return abs(v) * mass < dt * (against + 2.0 * resistance.force)

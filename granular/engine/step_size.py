@@ -98,7 +98,7 @@ class Step:
         return max(1, math.ceil(length * frequency / self.fraction - 1e-9))
 
     def pace(self, record: float, frame: float, frequency: float, tau: float) -> Pace:
-        """How to cut a stage, for records and frames at those distances [tau].
+        """Divide a stage into ticks and steps, for these intervals of records and frames [tau].
 
         A given step stays as it is, and the distances are rounded to whole steps and records; an
         automatic one divides them.
@@ -122,7 +122,7 @@ def _count(ticks: int) -> int:
 
 
 class Pace(NamedTuple):
-    """How a stage is cut into ticks and steps; the compiled loop takes it as it is.
+    """Ticks and steps of a stage, as the compiled loop takes them.
 
     Attributes
     ----------

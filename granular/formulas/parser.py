@@ -180,7 +180,7 @@ class _Parser:
         return _Part(Applied(head, tuple(part.tree for part in parts)), value, terms, size)
 
     def _value(self, head: str, parts: list[_Part], token: Token) -> float | None:
-        """Of what holds numbers alone; None of anything else."""
+        """Value of an operation on numbers alone; None of any other."""
         numbers = [part.value for part in parts if part.value is not None]
         if len(numbers) < len(parts):
             return None

@@ -1,4 +1,4 @@
-"""What a formula is once it is read: numbers and names, and what is applied to them."""
+"""Tree of a parsed formula: numbers and names, and the operations on them."""
 
 from __future__ import annotations
 

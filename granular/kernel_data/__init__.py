@@ -1,1 +1,1 @@
-"""What kernels see: the state that a run changes, its constants, and sums without rounding."""
+"""Data of the kernels: the state of a run, its constants, and sums without rounding."""

@@ -1,4 +1,4 @@
-"""What stays the same during a run, in natural units, as the compiled loop takes it."""
+"""Constants of a run, in natural units, as the compiled loop takes them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Acting(NamedTuple):
 
 
 class Resistance(NamedTuple):
-    """What holds a free piston back.
+    """Resistance to the motion of a free piston.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Resistance(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """What stays the same during a run (but that grains may leave).
+    """Constants of a run (but that grains may leave).
 
     Attributes
     ----------

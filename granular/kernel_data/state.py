@@ -1,4 +1,4 @@
-"""What a run changes: plain padded arrays, in natural units."""
+"""State of a run: plain padded arrays, in natural units."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Method:
 
     @property
     def symplectic(self) -> bool:
-        """Whether it is symplectic where nothing dissipates (variable steps: reversible only)."""
+        """True if it is symplectic where nothing dissipates (variable steps: reversible only)."""
         return self.tableau is None and not self.variable
 
     @property
@@ -98,12 +98,12 @@ class Method:
 
     @property
     def backward(self) -> bool:
-        """Whether some part of the step runs backward in time, where dry friction is undefined."""
+        """True if a part of the step runs backward in time, where dry friction is undefined."""
         return min((*self.kicks, *self.drifts)) < 0.0
 
     @property
     def takes_impulses(self) -> bool:
-        """Whether a force that acts in impulses about its steps leaves it as accurate as it is."""
+        """True if it keeps its order with a force that acts in impulses around its steps."""
         return self.kicks == (0.5, 0.5) and not self.variable
 
     @property

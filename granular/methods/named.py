@@ -49,7 +49,7 @@ def method_of(method: str | Method | Mapping[str, Any]) -> Method:
 
 
 def method_setting(method: Method) -> str | dict[str, Any]:
-    """What a run's settings keep of a method: the name of one that is built in, else the table."""
+    """Entry of a method in a run's settings: the name of a built-in one, else its table."""
     return method.name if _is_built_in(method) else method.to_plain()
 
 

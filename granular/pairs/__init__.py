@@ -1,1 +1,1 @@
-"""How the pairs of grains are summed. The law of a pair itself stands in `granular.effects`."""
+"""Sums over the pairs of grains; the law of a pair itself is in `granular.effects`."""

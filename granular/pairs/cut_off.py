@@ -62,7 +62,7 @@ def _step() -> ir.Constant:
 
 
 class Asked(NamedTuple):
-    """What a sum is asked for: where it reads the places, and what it fills.
+    """Arrays of a sum over pairs: the positions that it reads, and the results that it fills.
 
     Attributes
     ----------

@@ -289,7 +289,7 @@ def find_far_forces(
 
 @compiled
 def has_changed(met: Array, x: Array, y: Array, grains: int, still: float) -> bool:
-    """Whether a grain has moved so far since the forces were found that they are others."""
+    """Return whether a grain has moved so far since the last forces that these have changed."""
     moved = 0
     for i in range(grains):
         dx, dy = x[i] - met[0, i], y[i] - met[1, i]

@@ -18,7 +18,7 @@ _AWAY = 1e100
 
 
 class Sums(NamedTuple):
-    """What pairs add to a grain; None where it is not asked for."""
+    """Contributions of pairs to the sums of a grain; None for a sum that is not computed."""
 
     fx: Any
     fy: Any
@@ -70,7 +70,7 @@ class Smooth(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """Where pairs end, in every lane: the square of that distance, and r^-3 there over `SCALE`.
+    """Cut-off of the pairs, in every lane: its square, and r^-3 there over `SCALE`.
 
     With ``smooth`` the law ends there smoothly: its far part is taken off.
     """
@@ -154,7 +154,7 @@ def interact(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
     lanes: list[bool] | None = None, cut: Cut | None = None, images: Images | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
-    """What the pairs add to the sums of the first grains, and to those of the second ones.
+    """Contributions of the pairs to the sums of the first grains, and to those of the second ones.
 
     Only in the lanes that are given, or in all.
     """

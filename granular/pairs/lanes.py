@@ -61,7 +61,7 @@ def flags(lanes: list[bool]) -> ir.Constant:
 
 
 def has_avx512(context: Any) -> bool:
-    """Whether the processor that Numba compiles for has 512-bit vectors."""
+    """Return whether the processor that Numba compiles for has 512-bit vectors."""
     return "+avx512f" in context.codegen().magic_tuple()[2]
 
 

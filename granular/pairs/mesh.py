@@ -50,7 +50,7 @@ _MARGIN = 48
 
 
 class Table(NamedTuple):
-    """What a point of the mesh feels of another, by the distances along both axes [1/D^3].
+    """Kernel between points of the mesh, by their distances along both axes [1/D^3].
 
     At the finest level; see `granular.pairs.convolution`.
 

@@ -90,7 +90,7 @@ def image_sum(dx: Samples, dy: Samples, width: float, height: float, radius: flo
 
 
 def _numbers(reach: float, side: float) -> range:
-    """Of the images along a side that lie within reach of any point of the cell."""
+    """Numbers of the images along a side that lie within reach of any point of the cell."""
     most = math.ceil(reach / side) + 1
     return range(-most, most + 1)
 

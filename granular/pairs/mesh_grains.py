@@ -1,4 +1,4 @@
-"""What grains put on the finest level of a mesh, and what they find there."""
+"""Spreading of grains on the finest level of a mesh, and interpolation from it."""
 
 from __future__ import annotations
 

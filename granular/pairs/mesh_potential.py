@@ -24,7 +24,7 @@ _ONE, _TWO = np.uintp(1), np.uintp(2)
 # Of numbers alone: arrays that are handed on from line to line are counted, which takes longer.
 @compiled(inline=True)
 def _line_begin(at: int, up: int, begin: int, stride: int, outside: int) -> np.uintp:
-    """Where a line begins, by its place in a window of ``up`` lines; outside, one of zeros."""
+    """Begin of a line, by its index in a window of ``up`` lines; outside, of one of zeros."""
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
 
 
@@ -139,7 +139,7 @@ def _columns(mesh: Mesh, level: int) -> int:
 
 @compiled(inline=True)
 def _cost(mesh: Mesh, level: int) -> int:
-    """Of eight columns of a level: the rest takes more groups of terms, and reaches further."""
+    """Cost of eight columns of a level: the last has more groups of terms, and a longer reach."""
     table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 

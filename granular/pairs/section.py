@@ -1,4 +1,4 @@
-"""How the pairs of grains are summed, as a part of the scene."""
+"""Method for the sums over pairs, as a section of the scene."""
 
 from __future__ import annotations
 

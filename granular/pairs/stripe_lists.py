@@ -1,4 +1,4 @@
-"""Which runs of places hold the partners of which grains, in stripes.
+"""Lists of the runs of entries that hold the partners of a row of grains, in stripes.
 
 The runs are listed for a reach that is longer than the radius by a skin. No pair can be missed
 while no grain has moved by more than half the skin since; that is looked at before every sum, and
@@ -179,7 +179,7 @@ def _limit_skin(periods: Array | None, memory: Array, radius: float) -> None:
 
 @compiled
 def _moved(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
-    """Whether the lists may lack a pair."""
+    """Return whether the lists may lack a pair."""
     if stripes.memory[GRAINS] != grains:
         return True
     most = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)

@@ -37,7 +37,7 @@ def _rows_at_once(context: Any) -> int:
 
 
 class _Ends(NamedTuple):
-    """Where pairs end in a periodic cell; None and None where all pairs are met."""
+    """Cut-off and images of the pairs in a periodic cell; None and None where all pairs count."""
 
     cut: Cut | None
     images: Images | None

@@ -1,4 +1,4 @@
-"""Where a piston that is not free stands, and what pushes one that is: functions of time."""
+"""Position of a driven piston, and outer force on a free one, as functions of time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NONE = np.zeros(2)
 
 
 class Motion(NamedTuple):
-    """How the piston moves during a stage.
+    """Motion of the piston during a stage.
 
     All kinds of a protocol are one type, so that they share one code; only without tables and
     splines there is none for these.

@@ -36,7 +36,7 @@ class Stage(Section):
 
     @property
     def tabled(self) -> bool:
-        """Whether its motion is a table or a spline."""
+        """True if its motion is a table or a spline."""
         return False
 
     @property
@@ -45,11 +45,11 @@ class Stage(Section):
 
     @property
     def limits_force(self) -> bool:
-        """Whether the stage ends at a force on the piston."""
+        """True if the stage ends at a force on the piston."""
         return False
 
     def jump(self, height: float) -> float:
-        """How far the piston is set higher at once, at the stage's start from a height [m]."""
+        """Jump of the piston [m] upwards at the stage's start, from a height [m]."""
         return 0.0
 
     def span(self, height: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Where the grains stand at the start: a jittered grid, or positions one by one."""
+"""Initial positions of the grains: a jittered grid, or a list."""
 
 from __future__ import annotations
 

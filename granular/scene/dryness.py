@@ -1,4 +1,4 @@
-"""What is dry in a scene: what stops at a threshold, and cannot be undone backward in time."""
+"""Dry parts of a scene: they stop at a threshold, which no step backward in time can undo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def dry_parts(scene: Scene) -> tuple[str, ...]:
 
 
 def is_coarse(scene: Scene) -> bool:
-    """Whether grains rub by de Paula's regularised friction, or with its list of pairs."""
+    """Return whether grains rub by de Paula's regularised friction, or with its list of pairs."""
     friction = scene.effects.friction
     return friction is not None and (
         friction.scheme == "regularised" or scene.pair_method == "verlet-list"

@@ -1,4 +1,4 @@
-"""What scene and study files may hold, as a JSON schema: for editors that complete and check.
+"""JSON schema of scene and study files, for editors that complete and check.
 
 A schema holds types, names and limits of single keys. What hangs on two keys at once is checked
 when a scene is read.
@@ -124,7 +124,7 @@ def _object(properties: Schema, required: list[str], section: type[Section]) -> 
 
 @functools.singledispatch
 def _kind(kind: Kind) -> Schema:
-    """What a field may hold; anything where its kind is its own."""
+    """Schema of a field; empty where its kind has none."""
     return {}
 
 
@@ -188,7 +188,7 @@ def _(kind: Many) -> Schema:
 
 
 def _words(section: type[Section]) -> dict[str, str]:
-    """What the docstrings of a section and its bases say of each key."""
+    """Descriptions of the keys, from the docstrings of a section and its bases."""
     found: dict[str, str] = {}
     for one in section.__mro__:
         for match in _ATTRIBUTE.finditer((one.__dict__.get("__doc__") or "") + "\n"):

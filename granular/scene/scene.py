@@ -159,7 +159,7 @@ class Scene(Section):
         self.initial_motion()
 
     def _check_kicks(self) -> None:
-        """Of the effects that are solved together with the forces, one must know the others."""
+        """Check that the last effect that is solved with the forces knows the others."""
         kicks = [effect for effect in self.effects.laws if effect.takes_along is not None]
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].takes_along or ()):
@@ -181,7 +181,7 @@ class Scene(Section):
 
     @property
     def pair_method(self) -> str:
-        """How pairs are summed, where it is left to choose."""
+        """Method by which pairs are summed; the recommended one where the scene says ``"auto"``."""
         return self.pairs.chosen(self.grains.count, closed=self._closed, room=self._room)
 
     @property

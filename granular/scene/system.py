@@ -164,7 +164,7 @@ def own_code_compiles(scene: Scene) -> Iterator[None]:
 def _far_field(
     scene: Scene, scales: Scales, summed: str | None, method: Method | None
 ) -> FarField | None:
-    """What is split off the law of a pair; None where it is summed as a whole."""
+    """Far field that is split off the law of a pair; None where that is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
         every, rubbing = _far_every(scene, method), _rubbing(scene, method)
         if every is None and rubbing is None:

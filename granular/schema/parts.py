@@ -92,7 +92,7 @@ class Grains(Section):
         return plain
 
     def counts(self) -> tuple[int, ...]:
-        """How many grains each species has."""
+        """Number of grains of each species."""
         return tuple(np.bincount(self.assignment(), minlength=len(self.species)).tolist())
 
     def shares(self) -> tuple[float, ...]:
@@ -248,7 +248,7 @@ class Piston(Section):
 
 
 class Output(Section):
-    """What a run records, and how often.
+    """Output of a run: its records, and their intervals.
 
     Attributes
     ----------

@@ -59,7 +59,7 @@ def _number(value: object) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """How a field reads, checks and writes its value."""
+    """Kind of a field: it reads, checks and writes the field's value."""
 
     optional: bool = False
 

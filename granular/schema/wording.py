@@ -9,7 +9,7 @@ from granular.schema.sections import Quantity, Section
 
 
 def words_of(section: Section, *, without: tuple[str, ...] = ()) -> str:
-    """What a section's fields hold, numbers with their units; empty where nothing is given."""
+    """Values of a section's fields as text, with units; empty where none is given."""
     said = []
     for field in dataclasses.fields(section):
         value = getattr(section, field.name)

@@ -155,7 +155,7 @@ def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwi
 
 
 def _swing_with_memory(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | NoSwing:
-    """Of a law with hidden states: its slowest pair of complex eigenvalues that moves z."""
+    """Small swing of a law with hidden states, by its slowest complex eigenvalues that move z."""
     size = len(state)
     full = np.zeros((size, size))
     full[0, 1] = 1.0

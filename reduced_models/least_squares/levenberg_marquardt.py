@@ -143,7 +143,7 @@ def search(
 
 
 def _over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
-    """Whether all that are waited for have come to rest, or nine tenths at the same least cost."""
+    """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
     agreeing = resting & (cost <= agreement(cost, samples))
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
 
@@ -175,7 +175,7 @@ def _scaled(
 
 
 def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
-    """What optimistix wants to know of a place."""
+    """Cost, slope and matrix at a point, as optimistix takes them."""
     operator = lineax.MatrixLinearOperator(matrix, lineax.positive_semidefinite_tag)
     return optimistix.FunctionInfo.EvalGradHessian(half_cost, slope, operator)
 
@@ -214,7 +214,7 @@ def _judged(
     total: jax.Array,
     trial_total: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Whether steps are taken, and how long the next ones may be."""
+    """Decide whether steps are accepted, and return the size of the next ones."""
     slope, matrix, scale = _scaled(best, start, precision)
     here = _quadratic(0.5 * total, slope, matrix)
     there = optimistix.FunctionInfo.Eval(0.5 * trial_total)

@@ -1,4 +1,4 @@
-"""What a fit searches: the parameters of a law, the map of the height, and the initial state."""
+"""Unknowns of a fit: the parameters of a law, the map of the height, and the initial state."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Unknowns:
 
     @property
     def logarithmic(self) -> tuple[bool, ...]:
-        """Which parameters are searched for by their logarithms."""
+        """True for each parameter that is searched for by its logarithm."""
         return tuple(name in self.law.positive for name in self.law.parameters)
 
     @property

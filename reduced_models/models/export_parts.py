@@ -1,4 +1,4 @@
-"""What every export of a model as code is made of: safe names, expressions, and plain comments."""
+"""Parts that all exports of a model as code share: safe names, expressions, and plain comments."""
 
 from __future__ import annotations
 

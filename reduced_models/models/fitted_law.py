@@ -65,7 +65,7 @@ class EquivalentDamping:
 
 @dataclasses.dataclass(frozen=True)
 class AtRest:
-    """What a law says of small motions about its level of rest, with intervals.
+    """Small motions by a law about its level of rest, with intervals.
 
     Attributes
     ----------
@@ -168,21 +168,21 @@ class FittedLaw:
 
     @property
     def unit(self) -> str:
-        """Of the coordinate."""
+        """Unit of the coordinate."""
         return "rad" if self.angle else "m"
 
     @property
     def coordinate(self) -> str:
-        """What the coordinate is called."""
+        """Name of the coordinate."""
         return "angle" if self.angle else "height"
 
     def unit_of(self, name: str) -> str:
-        """Of a parameter, of ``shift`` or of ``scale``."""
+        """Unit of a parameter, of ``shift`` or of ``scale``."""
         found = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
         return _METRE.sub("rad", found) if self.angle else found
 
     def map_text(self, digits: int) -> str:
-        """How z follows from the coordinate."""
+        """Map from the coordinate to z, as text."""
         return self.map.text(digits, self.coordinate, self.unit)
 
     @property
@@ -223,7 +223,7 @@ class FittedLaw:
         return next(enough, MOST_DIGITS)
 
     def _tells(self, digits: int) -> bool:
-        """Whether so many digits say where the piston rests and how it swings there."""
+        """Return whether so many digits give rest level and small swing within their intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         z = self.map.to_law(rest.height)

@@ -248,7 +248,7 @@ class ReducedModel(FittedLaw):
         return export.equations_text(self)
 
     def outside(self, motion: PistonRecord) -> str:
-        """Where a motion leaves the heights that the model was fitted to, in words; or nothing."""
+        """Warn in words of a motion that leaves the range of the fit; empty where none does."""
         low, high = self.domain.get("height", (-math.inf, math.inf))
         margin = _MARGIN * (high - low)
         least, most = float(motion.height.min()), float(motion.height.max())

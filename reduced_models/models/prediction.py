@@ -1,4 +1,4 @@
-"""How sure a model's predictions are, and what it leaves over of a record."""
+"""Uncertainty of a model's predictions, and residuals of a record."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def prediction(
 def _change(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
-    """What one standard deviation along a direction changes, as if the motion were linear in it.
+    """Change by one standard deviation along a direction, as if the motion were linear in it.
 
     Along a direction that the data leave open a standard deviation is far, and only the first bit
     of it is straight: steps are shortened until they are. A motion that does not change by more
@@ -140,7 +140,7 @@ def plot(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax
 
 
 def plot_left_over(motion: PistonRecord, record: PistonRecord, ax: Axes) -> None:
-    """What a motion leaves over of a record."""
+    """Plot the residuals of a record from a motion."""
     from granular.shared.plotting import COLOURS
 
     unit, factor = ("rad", 1.0) if record.angle else ("mm", 1e3)

@@ -1,4 +1,4 @@
-"""How well a model describes its data, and what these leave open."""
+"""Quality of a model's fit, and the directions that the data leave open."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Direction:
 
     @property
     def open(self) -> bool:
-        """Whether nothing at all is known along it."""
+        """True if the data determine nothing along it."""
         return self.spread >= _ANYTHING
 
     def __str__(self) -> str:
@@ -45,7 +45,7 @@ class Direction:
 
 @dataclasses.dataclass(frozen=True)
 class Quality:
-    """How well a model describes the data.
+    """Quality of a model's fit to the data.
 
     Attributes
     ----------
@@ -107,5 +107,5 @@ class Quality:
 
     @property
     def structured(self) -> bool:
-        """Whether the residuals are surely not white noise, so that the law is not right."""
+        """True if the residuals are surely not white noise, so that the law is not right."""
         return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE

@@ -1,4 +1,4 @@
-"""What a model says of decays, cycles and drives.
+"""Decays, cycles and driven responses of a model.
 
 Forces are per kilogram of what moves: multiply by the piston's mass for newtons and joules. Cycles
 are harmonic ones; see `reduced_models.laws.harmonic_balance`.
@@ -211,7 +211,7 @@ def _rates(model: FittedLaw) -> Rates:
 
 
 def _crossings(place: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Where a function passes zero."""
+    """Arguments at which a function passes zero."""
     good = np.isfinite(value)
     place, value = place[good], value[good]
     at = np.flatnonzero(np.sign(value[1:]) != np.sign(value[:-1]))

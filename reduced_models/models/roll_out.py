@@ -22,7 +22,7 @@ START_PERIODS = 1.0
 
 
 class RollOut(NamedTuple):
-    """What a model predicts of a record.
+    """Prediction of a record by a model.
 
     Attributes
     ----------

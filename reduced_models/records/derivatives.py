@@ -150,7 +150,7 @@ def _local_polynomials(
 
 
 def is_even(time: np.ndarray) -> bool:
-    """Whether times are evenly spaced, to a thousandth of a step."""
+    """Return whether times are evenly spaced, to a thousandth of a step."""
     steps = np.diff(time)
     return bool(np.ptp(steps) < 1e-3 * steps.mean())
 

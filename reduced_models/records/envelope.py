@@ -42,7 +42,7 @@ class SeenDamping:
     noise: float
 
     def contradicts(self, ratio: float) -> bool:
-        """Whether a ratio is below half of the least or above twice the greatest one."""
+        """Return whether a ratio is below half of the least or above twice the greatest one."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high

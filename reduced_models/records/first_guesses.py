@@ -24,7 +24,7 @@ _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 
 @dataclasses.dataclass(frozen=True)
 class FirstGuesses:
-    """What a glance at a record tells.
+    """First guesses of the parameters of a record's motion.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class FirstGuesses:
 
     @property
     def poor(self) -> bool:
-        """Whether the record is too short to tell frequency and rest level at a glance."""
+        """True if the record is too short to guess its frequency and rest level well."""
         return self.crossings < LEAST_CROSSINGS
 
     @property
@@ -72,12 +72,12 @@ class FirstGuesses:
 
     @property
     def period(self) -> float:
-        """Of the swing [s]."""
+        """Period of the swing [s]."""
         return 2.0 * math.pi / self.frequency
 
     @property
     def shortest_period(self) -> float:
-        """Of all motions that a search may start from [s]."""
+        """Shortest period of all motions that a search may start from [s]."""
         return self.quickest * math.exp(-self.frequency_spread)
 
     @property

@@ -73,7 +73,7 @@ def column_names(record: PistonRecord) -> tuple[str, ...]:
 
 
 def driving(names: Sequence[str]) -> bool:
-    """Whether there are inputs other than the time, which is known between samples too."""
+    """Return whether there are inputs other than the time, which is known between samples too."""
     return any(name != TIME for name in names)
 
 

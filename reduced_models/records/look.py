@@ -1,4 +1,4 @@
-"""What was understood of a record's file, in figures and words."""
+"""Overview of a record's file, in figures and words."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def _square(times: np.ndarray, levels: np.ndarray) -> float:
 
 
 def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
-    """Whether a height is straight, as far as noise lets see, where the motion is so curved."""
+    """Return whether a height is straight within noise, where the motion has that curvature."""
     if len(time) < 4:
         return False
     x = (time - time.mean()) / (span := float(np.ptp(time)))
@@ -181,7 +181,7 @@ def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], e
 
 
 def _drives(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
-    """Whether a column is a drive, by its name, and acts well before the release."""
+    """Return whether a column is a drive, by its name, and acts well before the release."""
     span = float(np.ptp(values))
     if early == 0 or span == 0.0 or not any(word in name.lower() for word in _DRIVES):
         return False

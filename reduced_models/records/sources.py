@@ -1,4 +1,4 @@
-"""Where a record comes from: a scene to be run, a run, a CSV or Parquet file, or an object."""
+"""Sources of a record: a scene to be run, a run, a CSV or Parquet file, or an object."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ METHOD, STEP = "stormer-verlet", "auto"
 
 
 class RunOptions(NamedTuple):
-    """How a scene is run, as for `granular.simulate`."""
+    """Options for the run of a scene, as of `granular.simulate`."""
 
     changes: Mapping[str, Any]
     dt: float | str
@@ -117,14 +117,14 @@ def read_record(
 
 
 def has_times(path: Path, said: Reading) -> bool:
-    """Whether the user says which part of a file is the record."""
+    """Return whether the user states which part of a file is the record."""
     if is_description(path):
         said = read_description(path)[1].and_then(said)
     return said.between is not None
 
 
 def opened(source: str | Path, said: Reading | None = None) -> Scene | Trajectory | PistonRecord:
-    """What a path or a scene's name stands for; of a record's file the motion in it.
+    """Open a path or a scene's name; of a record's file return the motion in it.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _simulated(scene: Scene, out: Path | None, options: RunOptions) -> Trajector
 
 
 def run_notes(run: Trajectory) -> tuple[str, ...]:
-    """What is to be doubted in a run as the source of a record."""
+    """Warnings about a run as the source of a record."""
     if run.complete:
         return ()
     last = run.stages[-1] if run.stages else None
