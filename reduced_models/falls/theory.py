@@ -42,7 +42,7 @@ from granular.shared.messages import quoted
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.laws.small_swing import NoSwing, small_swing
+from reduced_models.laws.linearization import NoSwing, small_swing
 from reduced_models.models.fitted_law import AtRest, FittedLaw
 from reduced_models.records.inputs import Interpolation
 

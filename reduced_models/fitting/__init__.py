@@ -1,7 +1,7 @@
 """Fits of a law to records, through the law's differential equation.
 
 `fitting.fit` reads what is asked into a `problem.FitProblem`; `search` follows many starts over
-horizons that double (`start_vectors`, `start_values`), and `refinement` brings the best one on fine
+horizons that double (`start_values`), and `refinement` brings the best one on fine
 grids, as a `refinement.SearchResult`. `assessment` makes a model of it: with `covariance` and
 `uncertainty`, `bootstrap` or `profile` for intervals, and `diagnostics` of what is left over.
 """

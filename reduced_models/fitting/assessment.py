@@ -12,8 +12,13 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import quoted, times
-from reduced_models.fitting.bootstrap import REPLICATES, replicates
-from reduced_models.fitting.covariance import Information, joint_covariance, marginal
+from reduced_models.fitting.covariance import (
+    REPLICATES,
+    Information,
+    joint_covariance,
+    marginal,
+    replicates,
+)
 from reduced_models.fitting.diagnostics import autocorrelation_time, diagnostics
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult
@@ -26,7 +31,7 @@ from reduced_models.fitting.uncertainty import (
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
-from reduced_models.laws.small_swing import NoSwing
+from reduced_models.laws.linearization import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_walk
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import ReducedModel

@@ -1,25 +1,39 @@
-"""Covariance of a joint search vector: what the data say of fitted parameters.
+"""Covariance and bootstrap of a joint search vector: what the data say of fitted parameters.
 
 Residuals that follow each other, because the noise does or because the law is not quite right, say
 less of some parameters and more of others than white ones. The covariance is the sandwich estimate
 with the autoregression of the residuals between two linearisations (Huber 1967; White 1980,
 doi:10.2307/1912934), which holds for the losses that spare outliers too.
+
+The sieve bootstrap needs no linearisation: the innovation of each residual, beyond what follows
+from the ones before it, is drawn with replacement; the autoregression makes residuals of the draws,
+which are laid on the fitted motion, and each such record is fitted again from the fit (Buehlmann
+1997, doi:10.2307/3318584). Intervals are the percentiles of the replicates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from reduced_models.fitting.diagnostics import autocorrelation_time, autoregression, spread_of
-from reduced_models.least_squares.joint_records import Places
-from reduced_models.least_squares.residuals import Loss, cost_and_weight, sensitivity
+from reduced_models.least_squares.joint_records import JointRecords, Places
+from reduced_models.least_squares.residuals import (
+    Loss,
+    cost_and_weight,
+    sensitivity,
+    with_walk,
+    without_walk,
+)
 
 LEAST_DOF = 2.0
 _AS_NOISY = 1.5  # times the variance of another record
 _RESOLVED = 1e-12  # share of the greatest strength, a thousand times the rounding of an eigenvalue
+REPLICATES = 200
+_ROUNDS = 10  # of reweighting, for a middle
 
 
 class Information(NamedTuple):
@@ -155,3 +169,65 @@ def marginal(normal: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.nda
     cross = normal[np.ix_(places, others)]
     inner = np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
     return np.asarray(normal[np.ix_(places, places)] - cross @ inner @ cross.T)
+
+
+def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Search vectors (count, p) fitted to resampled records."""
+    random = np.random.default_rng(seed)
+    residuals = joint.residuals(theta)
+    lengths = [len(each) for each in residuals]
+    amplitude = joint.unknowns.amplitude
+    # A residual is solution minus data.
+    fitted = [
+        grid.record.height + each * amplitude
+        for grid, each in zip(joint.grids, residuals, strict=True)
+    ]
+    draws = [
+        _resampler(each, grid.gain, grid.loss)
+        for each, grid in zip(residuals, joint.grids, strict=True)
+    ]
+    found = np.empty((count, len(theta)))
+    for k in range(count):
+        heights = [
+            motion - amplitude * draw(random) for motion, draw in zip(fitted, draws, strict=True)
+        ]
+        grids = tuple(
+            grid.with_heights(each) for grid, each in zip(joint.grids, heights, strict=True)
+        )
+        trial = dataclasses.replace(joint, grids=grids)
+        found[k] = trial.refit(theta, lengths, tolerance=1e-6)
+    return found
+
+
+def _resampler(
+    residuals: np.ndarray, gain: float, loss: Loss
+) -> Callable[[np.random.Generator], np.ndarray]:
+    """Draws of residuals that follow each other as these do, about their middle."""
+    from scipy.signal import lfilter
+
+    count = len(residuals)
+    if gain > 0.0:
+        left = without_walk(residuals, gain)
+        left = left - middle(left, loss)
+        return lambda random: with_walk(random.choice(left, count), gain)
+    centred = residuals - middle(residuals, loss)
+    series = autoregression(centred)
+    new = series.new(centred)
+    new = new - middle(new, loss)
+    # What comes first has nothing before it: as much again, and more, is drawn and left out.
+    ahead = count if len(series.weights) else 0
+
+    def draw(random: np.random.Generator) -> np.ndarray:
+        drawn = random.choice(new, count + ahead)
+        return np.asarray(lfilter([1.0], series.filter, drawn)[ahead:])
+
+    return draw
+
+
+def middle(values: np.ndarray, loss: Loss) -> float:
+    """Where the loss of values is least, which outliers do not move as they move the mean."""
+    found = 0.0
+    for _ in range(_ROUNDS):
+        _, weight = cost_and_weight(values - found, loss.numbers, np)
+        found = float(np.average(values, weights=weight))
+    return found

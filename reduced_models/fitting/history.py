@@ -19,11 +19,11 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.fitting.options import Initial
 from reduced_models.fitting.refinement import SearchResult
-from reduced_models.fitting.smoothing import smoothed
 from reduced_models.fitting.start_values import along
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds
+from reduced_models.records.derivatives import local_cubics
 from reduced_models.records.inputs import TIME, column, column_names, drive_at
 
 _NODES_A_SWING = 128
@@ -114,7 +114,7 @@ def _at_the_end(
     start = float(history.time[0])
     nodes = np.linspace(start, 0.0, max(_NODES_A_SWING, round(-_NODES_A_SWING * start / period)))
     mapped = history.mapped(shift, scale)
-    motion = smoothed(mapped.time, mapped.height, period, nodes)
+    motion = local_cubics(mapped.time, mapped.height, period, nodes)
     motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else column(history, name) for name in law.inputs]
     drive = drive_at(history.time, columns, motion[3])

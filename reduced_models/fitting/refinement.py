@@ -16,8 +16,7 @@ import numpy as np
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.start_values import matched_values
-from reduced_models.fitting.start_vectors import free_entries, with_initial_state
+from reduced_models.fitting.start_values import free_entries, matched_values, with_initial_state
 from reduced_models.laws.solution import Solution, solution
 from reduced_models.laws.symmetry import canonical
 from reduced_models.least_squares.joint_records import JointRecords, merged

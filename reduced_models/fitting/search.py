@@ -23,7 +23,7 @@ from reduced_models.fitting.refinement import (
     fine_grids,
     refined,
 )
-from reduced_models.fitting.start_vectors import (
+from reduced_models.fitting.start_values import (
     free_entries,
     start_vectors,
     swing_draws,

@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from reduced_models.fitting.covariance import Information, marginal
-from reduced_models.laws.harmonic_balance import cycles, rates_of
-from reduced_models.laws.small_swing import JUMPS, NoSwing, small_swing
+from reduced_models.laws.linearization import JUMPS, NoSwing, cycles, rates_of, small_swing
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.quality import Direction

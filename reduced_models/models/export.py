@@ -17,11 +17,9 @@ from granular.formulas import MAX_CHARACTERS
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.messages import quoted, visible
-from reduced_models.models.export_c import c_source
-from reduced_models.models.export_matlab import matlab_source
-from reduced_models.models.export_modelica import modelica_source
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.fmu import write_fmu
+from reduced_models.models.source_code import c_source, matlab_source, modelica_source
 
 _TEMPLATE = '''"""The law {name}, fitted: {equation}
 

@@ -15,11 +15,17 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.laws.harmonic_balance import cycles, rates_of, rates_of_equation
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
+from reduced_models.laws.linearization import (
+    NoSwing,
+    cycles,
+    rates_of,
+    rates_of_equation,
+    small_swing,
+    swing_of_equation,
+)
 from reduced_models.laws.printing import latex, rounded, rounded_equation, rounded_expression
-from reduced_models.laws.small_swing import NoSwing, small_swing, swing_of_equation
 from reduced_models.records.envelope import SeenDamping
 from reduced_models.records.inputs import TIME, Interpolation, column
 

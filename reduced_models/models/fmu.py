@@ -20,9 +20,8 @@ from xml.sax.saxutils import quoteattr
 from granular.shared.errors import InputError
 from granular.shared.files import replacing
 from granular.shared.version import __version__
-from reduced_models.models.export_c import c_source
-from reduced_models.models.export_parts import ExportParts, export_parts
 from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.source_code import ExportParts, c_source, export_parts
 
 NAME = "damper_model"
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}

@@ -1,7 +1,7 @@
 """Decays, cycles and driven responses of a model.
 
 Forces are per kilogram of what moves: multiply by the piston's mass for newtons and joules. Cycles
-are harmonic ones; see `reduced_models.laws.harmonic_balance`.
+are harmonic ones; see `reduced_models.laws.linearization`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted
-from reduced_models.laws.harmonic_balance import Rates, centred, cycles, harmonics, rates_of
 from reduced_models.laws.law import Law
+from reduced_models.laws.linearization import Rates, centred, cycles, harmonics, rates_of
 from reduced_models.models.fitted_law import FittedLaw
 
 _AMPLITUDES = 240

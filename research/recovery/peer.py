@@ -14,7 +14,7 @@ from granular.run.record import PistonRecord
 from granular.shared.result_cache import digest
 from reduced_models.fitting.options import HOLDOUT, STARTS
 from reduced_models.fitting.problem import training_data
-from reduced_models.fitting.start_vectors import start_vectors, unknowns_of
+from reduced_models.fitting.start_values import start_vectors, unknowns_of
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law

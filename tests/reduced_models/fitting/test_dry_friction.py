@@ -13,7 +13,7 @@ import pytest
 from granular import PistonRecord
 from reduced_models import fit, load_model
 from reduced_models.fitting.assessment import structure_words
-from reduced_models.laws.harmonic_balance import cycles, rates_of
+from reduced_models.laws.linearization import cycles, rates_of
 
 TIME = np.linspace(0.0, 40.0, 2000)
 OMEGA, AMPLITUDE = 1.05, 0.6

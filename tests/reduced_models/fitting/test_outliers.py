@@ -8,7 +8,7 @@ import numpy as np
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.bootstrap import middle
+from reduced_models.fitting.covariance import middle
 from reduced_models.fitting.problem import without_outliers
 from reduced_models.least_squares.residuals import Loss
 

@@ -10,7 +10,7 @@ import pytest
 from reduced_models.laws.annealing_bed import HARDENING, PLASTIC, STIFFENING, TIME
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
-from reduced_models.laws.small_swing import SmallSwing, small_swing
+from reduced_models.laws.linearization import SmallSwing, small_swing
 from reduced_models.laws.solution import solution
 
 LAW = LAWS["annealing-bed"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.small_swing import SmallSwing, small_swing
+from reduced_models.laws.linearization import SmallSwing, small_swing
 from reduced_models.laws.solution import solution
 
 LAW = LAWS["elastoplastic-bed"]

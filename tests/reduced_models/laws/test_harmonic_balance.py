@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reduced_models.laws.harmonic_balance import cycles, rates_of, rates_of_equation
 from reduced_models.laws.law import Law
+from reduced_models.laws.linearization import cycles, rates_of, rates_of_equation
 
 SIZES = np.array([0.5, 0.1])
 OMEGA, LAM, FRICTION, LEVEL = 1.3, 0.05, 0.02, 0.7

@@ -12,7 +12,7 @@ from scipy.optimize import newton
 
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
-from reduced_models.laws.small_swing import SmallSwing, small_swing
+from reduced_models.laws.linearization import SmallSwing, small_swing
 
 WEIGHT, REST, POWER = 9.8, 0.06, 2.5
 OMEGA = math.sqrt(POWER * WEIGHT / REST)

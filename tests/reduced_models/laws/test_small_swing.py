@@ -10,7 +10,7 @@ import pytest
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.law import Law
-from reduced_models.laws.small_swing import NoSwing, SmallSwing, small_swing
+from reduced_models.laws.linearization import NoSwing, SmallSwing, small_swing
 
 MAXWELL = Law("maxwell", "z'' + k*z + f*w = g; w' = z' - w/tau")
 CASES = {

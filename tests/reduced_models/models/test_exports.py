@@ -19,10 +19,13 @@ from reduced_models import ReducedModel, load_model
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import law_from_text
-from reduced_models.models.export_c import c_source
-from reduced_models.models.export_matlab import matlab_source
-from reduced_models.models.export_modelica import modelica_source
-from reduced_models.models.export_parts import comment, safe_names
+from reduced_models.models.source_code import (
+    c_source,
+    comment,
+    matlab_source,
+    modelica_source,
+    safe_names,
+)
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 TIMES = np.linspace(0.0, 2.0, 101)

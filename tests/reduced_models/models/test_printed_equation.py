@@ -15,9 +15,17 @@ from granular import PistonRecord
 from reduced_models import HeightMap, ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
-from reduced_models.laws.harmonic_balance import Rates, cycles, rates_of, rates_of_equation
+from reduced_models.laws.linearization import (
+    NoSwing,
+    Rates,
+    SmallSwing,
+    cycles,
+    rates_of,
+    rates_of_equation,
+    small_swing,
+    swing_of_equation,
+)
 from reduced_models.laws.printing import mathml, mathml_of_rate, rounded
-from reduced_models.laws.small_swing import NoSwing, SmallSwing, small_swing, swing_of_equation
 from reduced_models.models.fitted_law import AtRest
 
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
